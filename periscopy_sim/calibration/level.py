@@ -42,9 +42,8 @@ class Look:
         (P + K,) derivatives of half of either.
     information, precision
         (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
-    motions, beyond
-        (P + K, M, C) how photographs change with the point, over σ; and what of that no image can
-        follow.
+    beyond
+        (P + K, M, C) what no image can follow of how photographs change with the point, over σ.
     temperature
         κ, by which the evidence is divided.
     """
@@ -139,7 +138,7 @@ class Level:
         """Return a point's parameters, (P,)."""
         return np.asarray(point[: len(self.centers)])
 
-    def gain(self, point: Array) -> Array:
+    def gain(self, point: Array) -> Matrix:
         """Return g, (M,), in single precision."""
         return np.exp(point[len(self.centers) :] @ self.terms).astype(np.float32)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info, threadpool_limits
 
 import periscopy_sim as ps
-from periscopy_sim.calibration import calibrate as calibration
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED
@@ -127,16 +126,13 @@ def test_a_second_calibration_starts_from_the_measured_values(small: Small, tmp_
     assert [p.start for p in found.parameters] == [0.001]
 
 
-def test_linear_algebra_has_one_thread_while_a_search_lasts(
-    small: Small, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def threads(*_: Any) -> set[int]:
-        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+@pytest.mark.usefixtures("quick")
+def test_progress_may_interrupt(small: Small) -> None:
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(calibration, "_calibrated", threads)
-    with threadpool_limits(2):
-        assert calibrated(small.photograph(0)) == {1}
-        assert threads() == {2}
+    with pytest.raises(KeyboardInterrupt):
+        calibrated(small.photograph(0), progress=interrupt)
 
 
 @pytest.mark.parametrize(
@@ -178,14 +174,32 @@ def test_photographs_that_show_nothing_are_rejected(
         calibrated(photograph, **options)
 
 
-SPHERE = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>
-    <float name="radius" value="0.05"/><bsdf type="diffuse"/></shape></scene>"""
+BALL = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>
+    <float name="radius" value="0.05"/></shape></scene>"""
+WALL = '<shape type="rectangle" id="wall">'
+CURVED = """<shape type="sphere" id="wall"><boolean name="flip_normals" value="true"/>
+    <point name="center" x="0" y="-20" z="0"/><float name="radius" value="21"/>"""
+WHITE_PAINT = '<rgb name="reflectance" value="0.8"/>'
+CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ("</scene>", BALL, "ball"),
+        (WALL, CURVED, "wall"),
+        (WHITE_PAINT, CHECKERS, "wall"),
+    ],
+)
 @pytest.mark.usefixtures("jit", "quick")
-def test_a_shape_without_a_closed_form_is_named(tmp_path: Path) -> None:
-    text = with_defaults(find_scene("chair"), {}, tmp_path).replace("</scene>", SPHERE)
-    scene = tmp_path / "ball.xml"
-    scene.write_text(text)
-    with pytest.raises(SceneError, match="ball"):
+def test_shapes_without_a_closed_form_are_named(
+    tmp_path: Path, old: str, new: str, name: str
+) -> None:
+    text = with_defaults(find_scene("chair"), {}, tmp_path)
+    assert old in text
+    if new == CURVED:  # the rectangle's transformation is none of a sphere
+        text = re.sub(rf"({WALL})\s*<transform.*?</transform>", r"\1", text, flags=re.DOTALL)
+    scene = tmp_path / "scene.xml"
+    scene.write_text(text.replace(old, new, 1))
+    with pytest.raises(SceneError, match=name):
         ps.calibrate(np.ones((SIDE, SIDE, 3)), scene, HIDDEN, ERRORS, parameters=SIZE)

@@ -38,21 +38,6 @@ def test_only_the_value_changes_beside_the_scene(scene: Path) -> None:
     assert copied == SCENE.replace("""value = "0\"""", """value = "0.25\"""")
 
 
-def test_elsewhere_a_folder_to_search_is_all_that_is_added(scene: Path, tmp_path: Path) -> None:
-    copied = with_defaults(scene, {}, tmp_path / "elsewhere")
-    assert copied.replace(f'\n    <path value="{tmp_path}"/>', "", 1) == SCENE != copied
-
-
-def test_above_the_scene_its_folder_is_named_relatively(scene: Path, tmp_path: Path) -> None:
-    assert f'<path value="{tmp_path.name}"/>' in with_defaults(scene, {}, tmp_path.parent)
-
-
-def test_a_scene_of_one_file_stays_as_it_is_anywhere(tmp_path: Path) -> None:
-    path = tmp_path / "scene.xml"
-    path.write_text('<scene version="3.0.0"></scene>')
-    assert with_defaults(path, {}, tmp_path / "elsewhere") == path.read_text()
-
-
 @pytest.mark.usefixtures("scene")
 def test_a_default_of_an_included_file_is_declared_before_it(tmp_path: Path) -> None:
     outer = tmp_path / "outer.xml"

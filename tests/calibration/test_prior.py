@@ -15,7 +15,6 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
 CHAIR = find_scene("chair")
@@ -131,21 +130,3 @@ def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name: str) -> None:
     for parameter, error in errors.items():
         least, most = likely[parameter.split("_")[1]]
         assert least <= error <= most, parameter
-
-
-def test_the_chair_is_known_by_its_sizes() -> None:
-    """A factor of its size, too, would be the same number again."""
-    errors = declared_errors(CHAIR, {})
-    assert len(errors) == 24
-    assert not any(name.startswith("occluder_stretch") for name in errors)
-    assert {errors[f"{name}_thickness"] for name in ("back", "crossbar")} == {0.002}  # assumed
-
-
-def test_an_error_may_be_given_and_changes_nothing_that_is_seen() -> None:
-    size = {"resolution": 8}
-    plain, told = (
-        load_scenario("chair", (2, 2), size | more) for more in ({}, {"occluder_dx_error": 0.1})
-    )
-    np.testing.assert_array_equal(plain.wall_points, told.wall_points)
-    with pytest.raises(SceneError, match="declares no parameter 'sofa_error'"):
-        load_scenario("chair", (2, 2), {"sofa_error": 0.1})

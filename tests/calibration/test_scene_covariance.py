@@ -71,12 +71,6 @@ def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance() 
     np.testing.assert_allclose(np.abs(twice.directions), np.abs(ROOT[:, :1]), rtol=1e-9)
 
 
-def test_independent_errors_are_directions_of_their_own() -> None:
-    alone = replace(KNOWN, covariance=np.diag([1.0, 4.0, 9.0]))
-    np.testing.assert_allclose(np.sort(alone.directions.sum(axis=0)), [1, 2, 3])
-    assert np.count_nonzero(alone.directions) == 3
-
-
 def test_values_that_are_set_otherwise_are_named(tmp_path: Path) -> None:
     values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
     scene = carrying(tmp_path, KNOWN.text(), **values)
