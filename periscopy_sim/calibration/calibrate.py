@@ -220,7 +220,7 @@ def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
     return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
 
-def _picture(level: Level, values: Array) -> Array:
+def _picture(level: Level, values: Image) -> Array:
     """Return values of a level's pixels, (M, ...), as (rows, columns, ...) of those it has."""
     pixels = level.scene.pixels
     picture = np.zeros((*pixels.shape, *values.shape[1:]))

@@ -112,6 +112,8 @@ class Explanation:
         (J, C) x̂, and (N, C) the light of the patches, S x̂.
     residual
         (M, C) y⊥ − A⊥ S x̂.
+    ratios
+        (C,) α_c.
     """
 
     evidence: float
@@ -119,11 +121,11 @@ class Explanation:
     coefficients: Array
     lights: Array
     residual: Array
+    ratios: Array
     _basis: Any
     _columns: Array  # (M, J) X⊥
     _background: Array  # (M, r) orthonormal basis of range(B)
     _modes: tuple[Array, Array]  # μ (J,), W (J, J)
-    _ratios: Array  # (C,) α_c
 
     @property
     def unexplained(self) -> float:
@@ -135,7 +137,7 @@ class Explanation:
     def volume(self) -> Matrix:
         """(M, N) derivative of Σ_c Σ log(1 + μ/α_c) / 2 by the entries of A."""
         μ, W = self._modes
-        weights = (1 / (μ[:, None] + self._ratios)).sum(axis=1)
+        weights = (1 / (μ[:, None] + self.ratios)).sum(axis=1)
         volume = self._columns.astype(np.float32) @ ((W * weights) @ W.T).astype(np.float32)
         return np.asarray((self._basis @ volume.T).T, np.float32)
 
@@ -159,7 +161,7 @@ class Explanation:
         of one's J̃ and the other's `motion` (Kaufman, BIT 15, 1975).
         """
         (μ, W), beyond = self._modes, np.empty_like(motion)
-        for c, α in enumerate(self._ratios):
+        for c, α in enumerate(self.ratios):
             J = motion[:, :, c].T
             modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
             beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
@@ -193,11 +195,11 @@ def explain(A: Matrix, background: Array, y: Array, images: Images) -> Explanati
         coefficients=coefficients,
         lights=np.asarray(images.basis @ coefficients),
         residual=y_free - X @ coefficients,
+        ratios=ratios,
         _basis=images.basis,
         _columns=X,
         _background=Q,
         _modes=(μ, W),
-        _ratios=ratios,
     )
 
 

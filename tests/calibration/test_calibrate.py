@@ -102,17 +102,24 @@ def test_units_masked_pixels_and_projected_light_change_nothing(small: Small) ->
 
 
 @pytest.mark.usefixtures("quick")
-def test_uncertain_parameters_enlarge_errors_alone(small: Small) -> None:
-    y, shown = small.photograph(0), small.pictures[:1]
-    free = {"occluder_dx": 0.005}
-    alone = calibrated(y, shown=shown, free=free)
-    held = calibrated(y, shown=shown, free=free, uncertain={"occluder_dy": 0.005})
+def test_uncertain_parameters_move_values_as_when_all_is_found_again(small: Small) -> None:
+    """They change no value, only its error."""
+    y, error = small.photograph(0), 0.004
+    options: dict[str, Any] = {"shown": small.pictures[:1], "free": {"occluder_dz": 0.05}}
+    alone = calibrated(y, **options)
+    held = calibrated(y, **options, uncertain={"monitor_dz": error})
     (one,), (other,) = alone.parameters, held.parameters
     assert other.value == one.value
     assert other.statistical_error == pytest.approx(one.statistical_error)
-    expected = np.hypot(one.statistical_error, held.moves[0, 0])
-    assert other.standard_error == pytest.approx(expected)
-    assert other.standard_error > 1.05 * one.standard_error
+    (move,) = held.moves[0]
+    assert other.standard_error == pytest.approx(np.hypot(one.statistical_error, move))
+    ends = [
+        calibrated(y, **options, parameters={**SIZE, "monitor_dz": str(side)})
+        for side in (error, -error)
+    ]
+    change = (ends[0].parameters[0].value - ends[1].parameters[0].value) / 2
+    assert abs(change) > one.statistical_error
+    assert move == pytest.approx(change, rel=0.3)
 
 
 @pytest.mark.usefixtures("quick")

@@ -123,7 +123,7 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(wall: Wall, images: 
     for A in (wall.A, other):
         found = explained(wall, images, A)
         assert found.evidence == pytest.approx(evidence(wall, A, images), abs=2e-2)
-    for c, ratio in enumerate(explanation._ratios):
+    for c, ratio in enumerate(explanation.ratios):
         S, beyond = covariance(wall, wall.A, images, ratio)
         rest = beyond.T @ wall.y[:, c]
         noise = np.sqrt(rest @ np.linalg.solve(S, rest) / len(rest))
@@ -138,7 +138,7 @@ def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: Images
         slope = explanation.slope(explanation.motion(light), volume)
         sides = [
             sum(density(wall, wall.A + step * change, images, c, ratio) / 2
-                for c, ratio in enumerate(explanation._ratios))
+                for c, ratio in enumerate(explanation.ratios))
             for step in (h, -h)
         ]  # fmt: skip
         assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=1e-4, abs=1e-3)
@@ -149,7 +149,7 @@ def test_information_is_of_what_no_image_can_follow(wall: Wall, images: Images) 
     motion = explanation.motion(np.array([change @ explanation.lights for change in wall.changes]))
     information = np.einsum("imc,jmc->ij", explanation.beyond_image(motion), motion)
     expected = np.zeros((2, 2))
-    for c, ratio in enumerate(explanation._ratios):
+    for c, ratio in enumerate(explanation.ratios):
         S, beyond = covariance(wall, wall.A, images, ratio)
         moves = motion[:, :, c] @ beyond
         expected += moves @ np.linalg.solve(S, moves.T)

@@ -9,7 +9,7 @@ import periscopy_sim as ps
 from periscopy_sim.calibration import uncertain_scene
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.calibration.uncertain_scene import calibrated_transport
-from periscopy_sim.errors import PeriscopyError, SceneError, VariantError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Scenario
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -72,20 +72,6 @@ def test_errors_without_a_meaning_are_rejected(
 ) -> None:
     with pytest.raises(SceneError, match=name):
         ps.uncertain_transport(chair, errors, samples=4)
-
-
-def test_more_errors_than_memory_holds_are_rejected(
-    chair: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(uncertain_scene, "has_memory", lambda _: False)
-    with pytest.raises(PeriscopyError):
-        ps.uncertain_transport(chair, {"occluder_dx": 0.1})
-
-
-def test_scalar_variants_are_rejected(chair: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uncertain_scene, "is_vectorized", lambda: False)
-    with pytest.raises(VariantError):
-        ps.uncertain_transport(chair, {"occluder_dx": 0.1})
 
 
 def test_a_calibrated_scene_is_held_and_loses_what_nobody_sees(chair: Scenario) -> None:
