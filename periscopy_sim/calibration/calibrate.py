@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.level import Level, Look
 from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
-from periscopy_sim.calibration.problem import Problem
+from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
@@ -118,7 +118,7 @@ def calibrate(
     size, off = scenario.photograph_shape, named(backgrounds)
     checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
     deviations = np.array(list(errors.values()))
-    problem = Problem(scenario, names, centers, deviations, held, checked, shown)
+    problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
@@ -139,7 +139,7 @@ def _check(scenario: Scenario) -> None:
         )
 
 
-def _calibrated(problem: Problem, seed: int, progress: Report) -> Calibration:
+def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
@@ -184,7 +184,7 @@ def _calibrated(problem: Problem, seed: int, progress: Report) -> Calibration:
 class _Path:
     """Points at which a search looks, of the coarse level and of the fine one."""
 
-    def __init__(self, problem: Problem, progress: Report) -> None:
+    def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
         coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
         self._expected = STEPS * (coarse + FINE_LOOK * len(FINE_COOLING))
         self._count, self._progress = len(problem.names), progress

@@ -74,7 +74,7 @@ class Averaged:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class CalibrationProblem:
     """Photographs of a scene, P parameters to find, and U that are held at uncertain values.
 
     Attributes

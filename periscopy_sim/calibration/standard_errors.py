@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from periscopy_sim.calibration.level import Look
-from periscopy_sim.calibration.problem import Problem
+from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.scenario import Array
 
 MARGIN = 1.3
@@ -37,7 +37,7 @@ class StandardErrors:
     moves: Array
 
 
-def standard_errors(problem: Problem, joint: Look) -> StandardErrors:
+def standard_errors(problem: CalibrationProblem, joint: Look) -> StandardErrors:
     """Return standard errors from a look at the parameters, the uncertain ones and the gain.
 
     The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered. Were an uncertain parameter

@@ -13,7 +13,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration import problem, search
 from periscopy_sim.calibration.level import Level
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.problem import Problem
+from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
@@ -66,9 +66,9 @@ class Small:
         composite = ps.composite(light.reshape(SIDE, SIDE, 3), AMBIENT, 1.0)
         return np.asarray(ps.add_noise(composite, snr, index))
 
-    def problem(self, shown: int = 0, count: int = 1) -> Problem:
+    def problem(self, shown: int = 0, count: int = 1) -> CalibrationProblem:
         """Return the problem of so many photographs, of the first of which pictures are known."""
-        return Problem(
+        return CalibrationProblem(
             self.scenario,
             tuple(ERRORS),
             np.zeros(len(ERRORS)),
