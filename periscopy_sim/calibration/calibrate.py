@@ -1,205 +1,228 @@
-"""Find the parameters of a scene that explain a photograph best, coarse to fine."""
+"""Find the parameters of a scene that explain photographs best."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.calibrate_levels import calibrate_levels
-from periscopy_sim.calibration.consider_analysis import (
-    uncertain_parameters,
-)
-from periscopy_sim.calibration.constraints import InFront
-from periscopy_sim.calibration.explanation.resolution_level import (
-    Rays,
-    Resolution,
-    ResolutionLevel,
-    fitted,
-)
-from periscopy_sim.calibration.prior import Free, Prior, free_parameters
-from periscopy_sim.calibration.result import Calibration
+from periscopy_sim.calibration.level import Level, Look
+from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
+from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
-from periscopy_sim.calibration.search.image_shift import ImageShift
-from periscopy_sim.errors import PhotographError, SceneError, VariantError
-from periscopy_sim.model.observation import (
-    Backgrounds,
-    named,
-    observation_of,
-)
+from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
+from periscopy_sim.calibration.standard_errors import standard_errors
+from periscopy_sim.calibration.trust import doubts, is_significant, learned
+from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.rendering.variant import install_llvm, is_vectorized
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
-LEVELS = (
-    Resolution(32, 24, 1, Rays(4, 9), Rays(4, 9)),
-    Resolution(63, 36, 2, Rays(9, 16), Rays(4, 9)),
-)
-"""Coarse and fine: looked over, and descended on. Larger photographs and hidden images are averaged
-down to the last. Patches of the coarse one are nearly as small as an image's details: with 12 along
-a side, wrong places explained images of 20 and 36 by 200 to 1200 in evidence more than the true one
-did. With fewer rays, where areas do not serve, the last has dips that hold a descent, millimetres
-from the best; slopes, of wide differences, need fewer."""
+Image = NDArray[np.floating[Any]]
+Report = Callable[[float], None]
+
+FINE_LOOK = 4
+"""Times as long as a coarse look takes."""
 
 
 def calibrate(
-    photograph: NDArray[np.floating[Any]],
+    photograph: Image | Sequence[Image],
     scene: str | Path,
     hidden: tuple[int, int],
     free: Free | None = None,
     *,
+    shown: Sequence[Image] = (),
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
     backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
-    samples: int = 144,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Report | None = None,
 ) -> Calibration:
-    """Find the values of a scene's parameters that explain a photograph best.
+    """Find the values of a scene's parameters that explain photographs best.
 
-    Nothing is known of the hidden image but that it is smooth rather than not, nothing of the
-    ambient light but that it comes from afar, see `evidence`, nor of a smooth gain over the wall,
-    see `SmoothGain`. Of the parameters is known what the ruler says, see `Prior`: descents begin
-    there and at places within its errors, at a low resolution, and another goes on from the best of
-    their ends. Where the ruler knows nothing of one, the best of many points of a box is looked for
-    instead.
+    The ambient light comes from afar, a gain over the wall is smooth (`Level`), and the parameters
+    have a normal prior about the measured values. A hidden image that is not known is smooth
+    (`evidence`).
 
     Parameters
     ----------
     photograph
-        (rows, columns, 3), linear, of any unit.
+        (rows, columns, 3), linear, of any unit; or several such photographs of one laboratory.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
-        (R, C) of the hidden image; of finer ones than 36 patches along a side, or 0.6 patches a
-        pixel of the search, a coarser one serves.
+        (R, C) of the hidden image; the search uses at most 36 patches along a side.
     free
-        Names of the ``<default>``s to find, or a mapping of them to the ruler's errors: standard
-        deviations of where they start, None for the one that the scene declares, if it does. By
-        default, all whose error the scene declares as the ``<default>`` ``NAME_error``, but for
-        those in `uncertain`. Those that shift the monitor in its plane are found but for whole
-        patches, see `image_shift`: how well they are known stays the ruler's word.
+        Names of the ``<default>``s to find, or a mapping of them to the standard deviations of
+        their measured values, None for the one that the scene declares. By default, all whose error
+        the scene declares as the ``<default>`` ``NAME_error``, except those in `uncertain`.
+    shown
+        (R, C, 3) pictures that the monitor showed, linear, one for each of the first photographs.
+        A known picture determines the place of the scene, and a `colour_matrix`.
     parameters
-        Values of ``<default>``s: where free ones start, where others are held.
+        Values of ``<default>``s: measured values of free ones; others keep them.
     uncertain
-        Standard errors of ``<default>``s that are held, independent of each other. They change no
-        value, but its error: see `consider_analysis`.
+        Standard errors of ``<default>``s that keep their value, independent of each other. They
+        only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
+        Methods for Discrete Sequential Estimation, 1977, chapter 8).
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
-        their names to them: their light joins that from afar.
+        their names to them: their light is projected out.
     mask
         (rows, columns) pixels to use; None for all.
-    samples
-        Rays from a pixel to a patch, where the matrix cannot be had by areas, see `area_transport`.
     seed
-        Of the draws and the rays.
+        Of the draws.
     progress
-        Called with the fraction done, 1 at last; what ends early leaps.
+        Called with the fraction done, 1 at last.
 
     Returns
     -------
     Calibration
-        See there; look at `Calibration.trusted` first.
+        Look at `Calibration.trusted` first.
 
     Raises
     ------
     SceneError
-        If a parameter is unknown or unseen, no shadow is in view where the search starts, or where
-        it starts or leads to is not physical.
+        If a parameter or its error is unknown, no shadow is in view where the search starts, the
+        scene has no closed form (`analytic_transport`), or the measured values make no scene.
     PhotographError
-        If the photograph is not of the camera's size, or holds nothing.
-    VariantError
-        In scalar variants, which would take days.
+        If photographs are not of the camera's size, show nothing, are fewer than the shown
+        pictures, or a shown picture is black.
     """
     from threadpoolctl import threadpool_limits
 
-    path = find_scene(scene)
-    given = {name: str(value) for name, value in (parameters or {}).items()}
-    uncertain = dict(uncertain or {})
-    errors = free_parameters(path, free, given, uncertain)
-    names = tuple(errors)
-    start = ruled_values(path, names, given)
-    ruled = given | {name: f"{value:.17g}" for name, value in zip(names, start, strict=True)}
-    first = load_scenario(path, hidden, ruled)
-    prior = Prior(start, np.array(list(errors.values())))
-    held = uncertain_parameters(path, names, given, uncertain)
-    if not is_vectorized():
-        raise VariantError("calibration renders thousands of photographs; " + install_llvm())
-    y = Photograph.of(photograph, first.photograph_shape, mask=mask).values
-    if hidden_fraction(first) < LEAST:
-        raise SceneError(
-            f"scene '{path}': {shadow_doubt(first)}; calibration starts from shadows: add an "
-            "occluder, or move those there are"
+    several = isinstance(photograph, Sequence) or np.ndim(photograph) == 4
+    photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
+    if not 0 < len(photographs) >= len(shown):
+        raise PhotographError(
+            f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
+            "each"
         )
-    in_front = InFront(first)
-    resolutions = [*LEVELS[:-1], finest(samples)]
+    path = find_scene(scene)
+    defaults = {name: str(value) for name, value in (parameters or {}).items()}
+    errors = free_parameters(path, free, defaults, uncertain or {})
+    names = tuple(errors)
+    centers = ruled_values(path, names, defaults)
+    defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
+    held = uncertain_parameters(path, names, defaults, uncertain or {})
+    scenario = load_scenario(path, hidden, defaults)
+    _check(scenario)
+    size, off = scenario.photograph_shape, named(backgrounds)
+    checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
+    deviations = np.array(list(errors.values()))
+    problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
-    # machine; and how many cores there are does not change what is found.
+    # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
-        off = []
-        if backgrounds is not None and len(backgrounds):
-            small = load_scenario(path, fitted(hidden, 12), ruled)
-            off = _monitor_off(backgrounds, y, small, mask, seed)
+        return _calibrated(problem, seed, progress or (lambda _: None))
 
-        def level(resolution: Resolution) -> ResolutionLevel:
-            return ResolutionLevel(
-                path,
-                given,
-                names,
-                prior,
-                y,
-                off,
-                mask,
-                hidden,
-                resolution,
-                seed,
-                in_front.check,
-                by_area=True,
+
+def _check(scenario: Scenario) -> None:
+    """Raise a SceneError unless the scene is one that can be calibrated."""
+    if scenario.wall_texture is not None:  # it moves in the photograph as the camera does
+        raise SceneError(
+            f"scene '{scenario.path}': calibrate does not support a textured wall; mask what is "
+            "drawn there, and give the wall one reflectance"
+        )
+    if hidden_fraction(scenario) < LEAST:
+        raise SceneError(
+            f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
+            "add an occluder, or move one into the view"
+        )
+
+
+def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Calibration:
+    """Search, estimate the errors, and keep the measured values unless others explain more."""
+    coarse, fine, names = problem.coarse(), problem.fine(), problem.names
+    path = _Path(problem, progress)
+    search = Search(coarse, fine, problem.whole(), seed, path.add)
+    end = search.best() if problem.has_unknown_images else search.followed(fine.center)
+    gain, κ = end.point[len(names) :], end.temperature
+    measured = fine.look(np.append(problem.centers, gain), κ)
+    values = np.append(fine.values(end.point), problem.uncertain.values)
+    joint = problem.joint().look(np.append(values, gain), κ)
+    known = learned(joint, len(names))
+    moved = is_significant(measured.objective - end.objective, known)
+    best = end if moved else measured
+    values = fine.values(best.point)
+    distances = (values - problem.centers) / problem.errors
+    reasons = doubts(names, distances, known, end)
+    errors = standard_errors(problem, joint)
+    columns = problem.centers, values, errors.statistical, errors.total, problem.errors
+    scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
+    before, after = ([each.noise for each in look.explanations] for look in (measured, best))
+    progress(1.0)
+    return Calibration(
+        parameters=tuple(
+            Parameter(name, *(float(number) for number in row), trusted=not reasons)
+            for name, *row in zip(names, *columns, strict=True)
+        ),
+        uncertain=problem.uncertain,
+        moves=errors.moves,
+        correlation=errors.correlation,
+        path=path.visited((coarse, fine)),
+        noise_before=np.concatenate(before) / scale,
+        noise=np.concatenate(after) / scale,
+        residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
+        residual=_picture(fine, best.explanations[0].residual[:, :3] / scale),
+        gain=_picture(fine, fine.gain(best.point) - 1) + 1,
+        overdispersion=κ,
+        moved=moved,
+        colour_matrix=_colour_matrix(end) if problem.pictures else None,
+        doubts=reasons,
+    )
+
+
+class _Path:
+    """Points at which a search looks, of the coarse level and of the fine one."""
+
+    def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
+        coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
+        self._expected = STEPS * (coarse + FINE_LOOK * len(FINE_COOLING))
+        self._count, self._progress = len(problem.names), progress
+        self._points: tuple[list[tuple[Array, float]], ...] = ([], [])
+
+    def add(self, level: int, look: Look) -> None:
+        """Add a look at the coarse level, 0, or the fine one, 1, and report how far this is."""
+        self._points[level].append((look.point[: self._count], look.evidence))
+        looks = len(self._points[0]) + FINE_LOOK * len(self._points[1])
+        self._progress(min(0.99, looks / self._expected))
+
+    def visited(self, levels: Sequence[Level]) -> tuple[Visited, ...]:
+        """Return the points by level."""
+        return tuple(
+            Visited(
+                _lattice_shape(level.scene.pixels),
+                level.scene.scenario.hidden_shape,
+                np.array([point for point, _ in points]).reshape(-1, self._count),
+                np.array([evidence for _, evidence in points]),
             )
-
-        levels = [level(resolution) for resolution in resolutions]
-        if not all(each.has_areas(start) for each in levels):
-            levels = [each.by_rays() for each in levels]
-        levels[0].background(start)  # too few pixels are told of before anything is rendered
-        shift = ImageShift.of(path, levels[-1].hidden_shape, ruled, names, prior)
-        return calibrate_levels(levels, start, held, progress, shift=shift)
+            for level, points in zip(levels, self._points, strict=True)
+        )
 
 
-def finest(samples: int) -> Resolution:
-    """Return the last level with so many rays from a pixel to a patch, a few of them for slopes."""
-    last = LEVELS[-1]
-    of_patch = -(-samples // last.rays.pixel_samples)
-    slope_rays = replace(last.slope_rays, samples=min(last.slope_rays.samples, of_patch))
-    return replace(last, rays=replace(last.rays, samples=of_patch), slope_rays=slope_rays)
+def _colour_matrix(look: Look) -> Array:
+    """Return the colour matrix, (3, 3), of the first picture that is known."""
+    M = look.explanations[0].coefficients.T
+    return np.asarray(M / M.sum(axis=1).mean())
 
 
-def _monitor_off(
-    backgrounds: Backgrounds,
-    photograph: Array,
-    scenario: Scenario,
-    mask: NDArray[np.bool_] | None,
-    seed: int,
-) -> list[Array]:
-    """Return photographs with the monitor off; a PhotographError names one that is none.
+def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return how many rows and columns have a pixel."""
+    return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
-    The scenario's hidden image is as coarse as one that tells whether they show the monitor.
-    """
-    shape, hidden = scenario.photograph_shape, scenario.hidden_shape
-    A = render_transport(scenario, seed=seed)
-    try:
-        given = named(backgrounds)
-        off = Photograph.of(photograph, shape, mask=mask, monitor_off=given).monitor_off
-        observation = observation_of(A, hidden, scenario.channel_gain, mask, shape, off)
-        observation.vectorized(photograph)  # which is none of them
-    except ValueError as error:
-        raise PhotographError(str(error)) from None
-    return list(off.values())
+
+def _picture(level: Level, values: Image) -> Array:
+    """Return values of a level's pixels, (M, ...), as (rows, columns, ...) of those it has."""
+    pixels = level.scene.pixels
+    picture = np.zeros((*pixels.shape, *values.shape[1:]))
+    picture[pixels] = values
+    return picture[pixels.any(axis=1)][:, pixels.any(axis=0)]

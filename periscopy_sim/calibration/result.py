@@ -1,4 +1,4 @@
-"""What a calibration found, and how far it is to be believed."""
+"""What a calibration found, and how far to believe it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
-WELL = 0.7
-"""Part of the ruler's error below which the photograph, not the ruler, determines a parameter: it
-then tells as much as the ruler, or more."""
+DETERMINED = 0.7
+"""Fraction of the prior's standard deviation below which the photograph rather than the ruler
+determines a parameter: it then tells as much as the ruler, or more."""
 
 
 @dataclass(frozen=True)
@@ -24,21 +24,13 @@ class Parameter:
     name
         Of the scene's ``<default>``.
     start, value
-        Before and after.
+        The measured value, and the calibrated one.
     statistical_error
-        Standard error of the value in a scene that is otherwise right: from the evidence's
-        curvature and the spread of what stays unexplained, or the ruler's where that is less, or
-        all that is known, see `trust.bounded`.
+        Standard error of the value in a scene that is otherwise right.
     standard_error
         The same in a scene some of whose other parameters are uncertain.
-    scale
-        How far it must move to change the light transport by a twentieth, to a factor of 2.
-    spread
-        Half width of the box that was searched, about the start or, where a search without a ruler
-        went on, about where it had ended: where shadows have moved by about their own size,
-        or move no further, or where no ruler errs so far.
     ruler_error
-        Standard deviation of the start, as the ruler has it; infinite where none is known.
+        Standard deviation of the measured value.
     trusted
         Whether the calibration is to be believed.
     """
@@ -48,19 +40,17 @@ class Parameter:
     value: float
     statistical_error: float
     standard_error: float
-    scale: float
-    spread: float
-    ruler_error: float = np.inf
+    ruler_error: float
     trusted: bool = field(default=True, kw_only=True)
 
     @property
     def determined(self) -> bool:
-        """Whether the photograph determines it: to less than its scale, better than the ruler."""
-        return self.trusted and self.standard_error < min(self.scale, WELL * self.ruler_error)
+        """Whether the photograph determines the parameter better than the ruler does."""
+        return self.trusted and self.standard_error < DETERMINED * self.ruler_error
 
     @property
     def ruler_errors_off(self) -> float:
-        """How many of the ruler's errors it ended above its start; 0 where no ruler knows it."""
+        """How many standard deviations of the ruler the value ended above its start."""
         return (self.value - self.start) / self.ruler_error
 
 
@@ -68,10 +58,10 @@ class Parameter:
 class Visited:
     """Points at which a level was looked at, in order."""
 
-    photograph_shape: tuple[int, int]
-    hidden_shape: tuple[int, int]
+    photograph_shape: tuple[int, int]  # rows and columns of the pixels used
+    hidden_shape: tuple[int, int]  # of the images
     values: Array  # (K, P) of the parameters
-    evidence: Array  # (K,) infinite where they were not physical
+    evidence: Array  # (K,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,26 +80,26 @@ class Calibration:
     correlation
         (P, P) of the free parameters' standard errors.
     path
-        What was visited, coarse to fine.
+        The points that the search visited, coarse to fine.
     noise_before, noise
-        (3,) standard deviation of what the scene leaves unexplained of the photograph, over the
-        photograph's root mean square, at the start and at the end.
+        (C,) standard deviation of the residual over the root mean square of the photographs, at the
+        start and at the end, for each channel of each photograph.
     residual_before, residual
-        (rows, columns, 3) what is left, in the same unit; zero where masked.
+        (rows, columns, 3) residual of the first photograph, in the same unit; 0 in pixels that the
+        search does not use.
     gain
-        (rows, columns) what the monitor's light was multiplied by, see `SmoothGain`; 1 where
-        masked.
-    discrepancy
-        How much stronger what is left is than white noise at the scale where it is strongest; about
-        1 if it is noise. See the module `discrepancy`.
+        (rows, columns) what the monitor's light was multiplied by; 1 in pixels not used.
     overdispersion
-        By how much the photograph counts for less, that being made white, since it still varies
-        more from place to place; see `Curvature.overdispersion`.
+        By how much the photographs count for less than white noise would let them: what is
+        unexplained varies more from place to place.
     moved
-        Whether the values explain the photograph better than the start does, by more than chance;
-        where they do not, and a ruler knows all of them, they are left as they were.
+        Whether the values explain the photographs better than the start does, by more than chance;
+        otherwise they are those of the start.
+    colour_matrix
+        (3, 3) M, y_c = Σ_k M_ck A f_k, where a picture was known: from the monitor's primaries to
+        the camera's channels, its rows' mean sum 1.
     doubts
-        Why the values are not to be believed, a sentence each.
+        Why not to believe the values, a sentence each.
     """
 
     parameters: tuple[Parameter, ...]
@@ -122,19 +112,19 @@ class Calibration:
     residual_before: Array
     residual: Array
     gain: Array
-    discrepancy: float = 1.0
     overdispersion: float = 1.0
     moved: bool = True
+    colour_matrix: Array | None = None
     doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return the values with their errors, what is unexplained, and if it is trusted."""
-        found = ", ".join(
+        values = ", ".join(
             f"{each.name}={each.value:.4g}±{each.standard_error:.2g}" for each in self.parameters
         )
         before, after = percentages(*self.unexplained)
         trust = "trusted" if self.trusted else "not trusted"
-        return f"Calibration({found}, unexplained {before} -> {after} %, {trust})"
+        return f"Calibration({values}, unexplained {before} -> {after} %, {trust})"
 
     @property
     def trusted(self) -> bool:
@@ -143,7 +133,7 @@ class Calibration:
 
     @property
     def unexplained(self) -> tuple[float, float]:
-        """What is left of the photograph, in all channels together: at the start, at the end."""
+        """Root mean square of `noise_before` and of `noise`."""
         before, after = (
             float(np.sqrt(np.mean(noise**2))) for noise in (self.noise_before, self.noise)
         )

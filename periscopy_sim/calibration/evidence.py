@@ -1,0 +1,223 @@
+"""How well a transport matrix explains photographs, whatever the monitor showed.
+
+    y_c = A S x_c + B b_c + n_c,   x_c ~ N(0, σ_c²/α_c K⁻¹),   n_c ~ N(0, σ_c² I),   b_c free
+
+The columns of S, (N, J), are what the monitor may have shown: patches or hat functions, of which K
+prefers smooth images, or the three colours of a known picture, which a camera mixes. All but A is
+eliminated (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973), x by integration
+(the evidence: MacKay, Neural Comput. 4, 1992): a best fit alone would favour the A that bends to
+any photograph. One number remains for each channel,
+
+    E_c = F log S_c + Σ log(1 + μ/α_c),   S_c = ‖y⊥‖² − Σ z_c²/(μ + α_c) = F σ_c²,
+
+twice the negative logarithm of the evidence up to a constant. F is M less the rank of B, μ and W
+are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = Wᵀ X⊥ᵀ y⊥, and ⊥ projects
+range(B) out. Each α_c minimizes E_c. The mean is x̂ = W z/(μ + α).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+
+from periscopy_sim.errors import PhotographError
+
+Array = NDArray[np.float64]
+Matrix = NDArray[np.floating[Any]]
+
+BRIGHTNESS = 0.01
+"""ε: weight of how bright an image is, beside how rough."""
+
+RATIOS = np.geomspace(1e-10, 1e2, 73)
+"""Values of α that are tried, over the mean energy of a column."""
+
+ROUNDING = 1e-7
+"""Of single precision, in which A is computed."""
+
+RIDGE = 1e-6
+"""Fraction of a known picture's energy added to its colours', which may depend on each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """What the monitor may have shown: f = S x, x ~ N(0, K⁻¹/α)."""
+
+    basis: Any  # (N, J) S, sparse or dense
+    precision: Array  # (J, J) K
+
+    @classmethod
+    def hats(cls, shape: tuple[int, int], coarse: tuple[int, int]) -> Images:
+        """Return smooth sums of (r, c) bilinear hat functions, at (R, C) patches.
+
+        As many hats as patches are the patches. Images of patches cannot follow a shift by half a
+        patch, so the evidence has a minimum at each whole one. Wider hats can.
+        """
+        down, across = (_hats_along(size, count) for size, count in zip(shape, coarse, strict=True))
+        return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
+
+    @classmethod
+    def shown(cls, picture: Matrix) -> Images:
+        """Return a known picture, (R, C, 3), in any mixture of its colours.
+
+        A PhotographError says that it is black.
+        """
+        colours = np.asarray(picture, np.float64).reshape(-1, 3)
+        gram = colours.T @ colours
+        if not np.trace(gram) > 0:
+            raise PhotographError("the shown picture is black: give one that lights the wall")
+        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(3))
+
+
+def smoothness(shape: tuple[int, int]) -> Array:
+    """Return K for images of (R, C) patches, (R C, R C), row-major.
+
+    fᵀ K f = Σ (difference of neighbours)² + ε ‖f‖². Beyond the monitor all is dark: else an
+    image moved until it touches the border would be smoother than one that does not, and the
+    evidence would favour a place whole patches from the right one.
+    """
+    down, across = (_differences(size) for size in shape)
+    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
+    K[np.diag_indices_from(K)] += BRIGHTNESS
+    return K
+
+
+def _differences(size: int) -> Array:
+    """Return the squared differences' matrix, (size, size), of a row of patches in the dark."""
+    differences = np.diff(np.eye(size + 2)[:, 1:-1], axis=0)
+    return differences.T @ differences
+
+
+def _hats_along(size: int, count: int) -> Any:
+    """Return the heights, (size, count), of a row of hats at the middles of patches."""
+    places = (np.arange(size) + 0.5) * count / size - 0.5
+    return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Photographs explained by a transport matrix, images of one kind and ambient light.
+
+    Attributes
+    ----------
+    evidence
+        Σ E_c: a difference of 2 is a likelihood ratio of e. Less is better.
+    noise
+        (C,) σ_c.
+    coefficients, lights
+        (J, C) x̂, and (N, C) the light of the patches, S x̂.
+    residual
+        (M, C) y⊥ − A⊥ S x̂.
+    ratios
+        (C,) α_c.
+    """
+
+    evidence: float
+    noise: Array
+    coefficients: Array
+    lights: Array
+    residual: Array
+    ratios: Array
+    _basis: Any
+    _columns: Array  # (M, J) X⊥
+    _background: Array  # (M, r) orthonormal basis of range(B)
+    _modes: tuple[Array, Array]  # μ (J,), W (J, J)
+
+    @property
+    def unexplained(self) -> float:
+        """Fraction of y⊥, root mean square, that stays unexplained."""
+        whole = self.residual + self._columns @ self.coefficients
+        return float(np.linalg.norm(self.residual) / np.linalg.norm(whole))
+
+    @cached_property
+    def volume(self) -> Matrix:
+        """(M, N) derivative of Σ_c Σ log(1 + μ/α_c) / 2 by the entries of A."""
+        μ, W = self._modes
+        weights = (1 / (μ[:, None] + self.ratios)).sum(axis=1)
+        volume = self._columns.astype(np.float32) @ ((W * weights) @ W.T).astype(np.float32)
+        return np.asarray((self._basis @ volume.T).T, np.float32)
+
+    def motion(self, light: Matrix) -> Array:
+        """Return how photographs change with more light on the wall, (..., M, C), over σ."""
+        Q = self._background
+        return np.asarray((light - Q @ (Q.T @ light)) / self.noise)
+
+    def slope(self, motion: Array, volume: float) -> float:
+        """Return the derivative of half the evidence along a change dA of the matrix, (M, N).
+
+        dE/2 = Σ_c −r_cᵀ dA S x̂_c / σ_c² + ⟨volume, dA⟩, α_c fixed. `motion` is that of dA S x̂, and
+        `volume` is ⟨self.volume, dA⟩.
+        """
+        return float(volume - np.einsum("mc,mc,c->", self.residual, motion, 1 / self.noise))
+
+    def beyond_image(self, motion: Array) -> Array:
+        """Return what no hidden image can follow of motions, (P, M, C).
+
+        J̃ = J⊥ − X⊥ H⁻¹ X⊥ᵀ J⊥, H = X⊥ᵀX⊥ + α K. The information on two parameters is the product
+        of one's J̃ and the other's `motion` (Kaufman, BIT 15, 1975).
+        """
+        (μ, W), beyond = self._modes, np.empty_like(motion)
+        for c, α in enumerate(self.ratios):
+            J = motion[:, :, c].T
+            modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
+            beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
+        return beyond
+
+
+def explain(A: Matrix, background: Array, y: Array, images: Images) -> Explanation:
+    """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
+
+    The background is an orthonormal basis of range(B), (M, r).
+    """
+    Q = background
+    # In single precision weak patterns would explain more than there is.
+    X = np.ascontiguousarray((images.basis.T @ A.T).T, np.float64)
+    X -= Q @ (Q.T @ X)
+    y_free = y - Q @ (Q.T @ y)
+    gram = X.T @ X
+    unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
+    μ, W = linalg.eigh(gram / unit, images.precision, check_finite=False)
+    μ = np.maximum(μ, 0) * unit
+    z = W.T @ (X.T @ y_free)
+    freedom = len(y) - Q.shape[1]
+    # A photograph without noise still has finite precision.
+    energy = np.einsum("mc,mc->c", y_free, y_free) + freedom * ROUNDING**2 * float(np.mean(y**2))
+    best = [_best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)]
+    ratios = unit * np.array([α for α, _, _ in best])
+    coefficients = W @ (z / (μ[:, None] + ratios))
+    return Explanation(
+        evidence=sum(E for _, _, E in best),
+        noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
+        coefficients=coefficients,
+        lights=np.asarray(images.basis @ coefficients),
+        residual=y_free - X @ coefficients,
+        ratios=ratios,
+        _basis=images.basis,
+        _columns=X,
+        _background=Q,
+        _modes=(μ, W),
+    )
+
+
+def _best_ratio(
+    μ: Array, squares: Array, energy: float, freedom: int
+) -> tuple[float, float, float]:
+    """Return the α at which a channel's E_c is least, S_c and E_c there."""
+
+    def misfit_and_evidence(ratios: Array) -> tuple[Array, Array]:
+        sums = (squares / (μ + ratios[:, None])).sum(axis=1)
+        misfit = np.maximum(energy - sums, ROUNDING**2 * energy)
+        return misfit, freedom * np.log(misfit) + np.log1p(μ / ratios[:, None]).sum(axis=1)
+
+    _, evidence = misfit_and_evidence(RATIOS)
+    least = int(np.clip(np.argmin(evidence), 1, len(RATIOS) - 2))
+    a, b, c = evidence[least - 1 : least + 2]  # the parabola through neighbours in log α
+    bend = a - 2 * b + c
+    move = np.clip((a - c) / (2 * bend), -1, 1) if bend > 0 else np.sign(a - c)
+    α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
+    misfit, refined = misfit_and_evidence(np.array([α]))
+    return float(α), float(misfit[0]), float(refined[0])

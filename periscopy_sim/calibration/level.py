@@ -1,0 +1,219 @@
+"""Photographs in some of their pixels, and how well a scene's parameters explain them there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from periscopy_sim.calibration.evidence import Explanation, Images, explain
+from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import Array
+
+DEGREE, SPREAD = 2, 0.07
+"""Of the gain over the wall: the degree of its polynomial, the deviation of each coefficient."""
+
+BLOCKS = (10, 5)
+"""Along each side of the photograph: residuals are independent between blocks of either size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Photographs of one kind of image: (M, C) light of C channels in the pixels used."""
+
+    light: Array
+    images: Images
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What photographs say at a point: the objective and its derivatives.
+
+    Attributes
+    ----------
+    point, explanations
+        (P + K,), and the photographs explained there, a group each.
+    evidence, penalty
+        Of the photographs, and of the prior: each twice a negative logarithm, less a constant.
+    slope, prior_slope
+        (P + K,) derivatives of half of either.
+    information, precision
+        (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
+    beyond
+        (P + K, M, C) what no image can follow of how photographs change with the point, over σ.
+    temperature
+        κ, by which the evidence is divided.
+    """
+
+    point: Array
+    explanations: tuple[Explanation, ...]
+    evidence: float
+    penalty: float
+    slope: Array
+    prior_slope: Array
+    information: Array
+    precision: Array
+    beyond: Array
+    temperature: float = 1.0
+
+    @property
+    def objective(self) -> float:
+        """Twice the negative logarithm of the tempered posterior density, less a constant."""
+        return self.evidence / self.temperature + self.penalty
+
+    @property
+    def downhill(self) -> Array:
+        """(P + K,) derivatives of half the objective."""
+        return self.slope / self.temperature + self.prior_slope
+
+    def curvature(self, damping: float = 0.0) -> Array:
+        """Return half the objective's, (P + K, P + K), a fraction of the information added."""
+        information = self.information / self.temperature
+        extra = damping * np.maximum(np.diag(information), 0)
+        return np.asarray(information + np.diag(extra + self.precision))
+
+    @property
+    def predicted_gain(self) -> float:
+        """Decrease of the objective that a whole Newton step promises."""
+        return float(self.downhill @ np.linalg.solve(self.curvature(), self.downhill))
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Photographs in M pixels, explained by P parameters of a scene and a gain over the wall.
+
+    A point is (P + K,) numbers: the parameters, then the coefficients of the gain
+
+        g = exp(Σ_k a_k p_k),   a_k ~ N(0, SPREAD²),   y_c = g (A f_c) + B b_c + n_c,
+
+    p_k the polynomials of degree 1 and 2 over the wall. A lens, bounced light and the monitor's
+    falloff make such a gain: without it, a scene moves until its shadows are as bright as the gain
+    makes them.
+
+    Attributes
+    ----------
+    scene
+        The scene, seen by the pixels used.
+    centers, errors
+        (P,) means and standard deviations of the parameters before the photographs are looked at.
+    background
+        (M, r) orthonormal basis of the ambient light.
+    groups
+        The photographs, by what is known of their images.
+    """
+
+    scene: MovingScene
+    centers: Array
+    errors: Array
+    background: Array
+    groups: tuple[Group, ...]
+
+    @cached_property
+    def _places(self) -> Array:
+        """(2, M) row and column of the pixels used, between -1 and 1."""
+        shape = np.array(self.scene.pixels.shape)[:, None]
+        return np.asarray((2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1)
+
+    @cached_property
+    def terms(self) -> Array:
+        """(K, M) p_k, between -1 and 1."""
+        y, x = (legendre.legvander(each, DEGREE).T for each in self._places)
+        orders = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 1 - j) if j + k]
+        return np.array([y[j] * x[k] for j, k in orders])
+
+    @cached_property
+    def precision(self) -> Array:
+        """(P + K,) of the prior."""
+        return np.append(self.errors**-2.0, np.full(len(self.terms), SPREAD**-2))
+
+    @cached_property
+    def center(self) -> Array:
+        """(P + K,) the prior's mean: no gain."""
+        return np.concatenate([self.centers, np.zeros(len(self.terms))])
+
+    def values(self, point: Array) -> Array:
+        """Return a point's parameters, (P,)."""
+        return np.asarray(point[: len(self.centers)])
+
+    def gain(self, point: Array) -> Matrix:
+        """Return g, (M,), in single precision."""
+        return np.exp(point[len(self.centers) :] @ self.terms).astype(np.float32)
+
+    def penalty(self, point: Array) -> float:
+        """Return twice the negative logarithm of the prior's density, less a constant."""
+        return float(self.precision @ (point - self.center) ** 2)
+
+    def bright_transport(self, point: Array) -> Matrix:
+        """Return g A, (M, N); a SceneError says that the point is no scene."""
+        return self.gain(point)[:, None] * self.scene.transport(self.values(point))
+
+    def objective(self, point: Array, temperature: float = 1.0) -> float:
+        """Return the objective, infinite where there is no scene."""
+        try:
+            A = self.bright_transport(point)
+        except SceneError:
+            return np.inf
+        evidence = sum(each.evidence for each in self._explain(A))
+        return evidence / temperature + self.penalty(point)
+
+    def _explain(self, A: Matrix) -> tuple[Explanation, ...]:
+        return tuple(explain(A, self.background, g.light, g.images) for g in self.groups)
+
+    def look(self, point: Array, temperature: float = 1.0) -> Look:
+        """Return what the photographs say at a point; a SceneError says that it is no scene."""
+        A, changes = self.scene.linearized(self.values(point))
+        gain = self.gain(point)[:, None]
+        bright = gain * A
+        explanations = self._explain(bright)
+        slope = np.zeros(len(point))
+        motions, beyond = [], []
+        for each in explanations:
+            lights = each.lights.astype(np.float32)
+            by_gain = self.terms[:, :, None] * (bright @ lights)
+            motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
+            volume = gain * each.volume
+            volumes = [float(np.vdot(volume, dA)) for dA in changes]
+            volumes += (self.terms @ np.einsum("mn,mn->m", volume, A)).tolist()
+            slope += [each.slope(*pair) for pair in zip(motion, volumes, strict=True)]
+            motions.append(motion)
+            beyond.append(each.beyond_image(motion))
+        free = np.concatenate(beyond, axis=2)
+        crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
+        return Look(
+            point=point,
+            explanations=explanations,
+            evidence=sum(each.evidence for each in explanations),
+            penalty=self.penalty(point),
+            slope=slope,
+            prior_slope=self.precision * (point - self.center),
+            information=(crossed + crossed.T) / 2,
+            precision=self.precision,
+            beyond=free,
+            temperature=temperature,
+        )
+
+    def temperature(self, look: Look) -> float:
+        """Return the temperature κ that the residual of a look asks for.
+
+        It is how many times more the slope varies from place to place than white noise makes it, in
+        the mean over what the photographs tell of the parameters, tr(H⁻¹J)/tr(H⁻¹I), at least 1
+        (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012): J is the spread of the scores, I
+        the information, H both that and the prior's.
+        """
+        look = replace(look, temperature=1.0)
+        H = look.curvature()
+        informed = np.trace(np.linalg.solve(H, look.information))
+        errors = np.concatenate([each.residual / each.noise for each in look.explanations], axis=1)
+        pull = np.linalg.solve(H, np.einsum("pmc,mc->p", look.beyond, errors))
+        errors = errors - np.einsum("p,pmc->mc", pull, look.beyond)
+        by_pixel = np.einsum("pmc,mc->mp", look.beyond, errors)
+        spreads = []
+        for count in BLOCKS:
+            row, column = ((self._places + 1) / 2 * count).astype(int)
+            scores = np.zeros((count**2, len(H)))
+            np.add.at(scores, row * count + column, by_pixel)
+            spreads.append(np.trace(np.linalg.solve(H, scores.T @ scores)))
+        return max(1.0, float(max(spreads) / informed)) if informed > 0 else 1.0

@@ -1,1 +1,0 @@
-"""From the values of a ruler to those that explain a photograph best."""
