@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.photograph import Photograph
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.averaged import LARGEST, Averaged, fitted
 from periscopy_sim.calibration.evidence import Images
 from periscopy_sim.calibration.level import Group, Level, Look
 from periscopy_sim.calibration.moving_scene import MovingScene
@@ -26,15 +27,12 @@ from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
-from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.pictures import area_average
-
-LARGEST = 126
-"""Rows and columns to which photographs are averaged, and wall points along them, at least."""
 
 MOST_PATCHES = 36
 """Along a side of the hidden image: of more, a coarser image serves."""
@@ -44,9 +42,6 @@ COARSE_PIXELS, COARSE_HATS = 1000, 24
 
 PIXELS_A_PATCH = 1.7
 """Of the fine level, at least."""
-
-COVERED = 0.5
-"""Fraction of an averaged pixel that the mask must leave."""
 
 MARGIN = 1.3
 """Of standard errors over those of the linear theory: valleys of the evidence are curved."""
@@ -128,13 +123,17 @@ def calibrate(
     first = load_scenario(path, hidden, given)
     held = uncertain_parameters(path, names, given, uncertain)
     _check(first)
-    light = [np.asarray(each) for each in ([photograph] if np.ndim(photograph) == 3 else photograph)]
+    light = [
+        np.asarray(each) for each in ([photograph] if np.ndim(photograph) == 3 else photograph)
+    ]
     if not 0 < len(light) >= len(shown):
         raise PhotographError(
             f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each"
         )
     off = named(backgrounds)
-    read = [Photograph.of(each, first.photograph_shape, mask=mask, monitor_off=off) for each in light]
+    read = [
+        Photograph.of(each, first.photograph_shape, mask=mask, monitor_off=off) for each in light
+    ]
     problem = _Problem(first, names, start, np.array(list(errors.values())), read, list(shown))
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and how many cores there are does not change what is found.
@@ -172,8 +171,9 @@ class _Problem:
 
         Unknown images are sums of so many hats along the longer side, or of patches.
         """
-        used, light, off = self._averaged
-        hidden = _fitted(self.scenario.hidden_shape, MOST_PATCHES)
+        averaged = Averaged.of(self.photographs)
+        used, light, off = averaged.used, averaged.light, averaged.monitor_off
+        hidden = fitted(self.scenario.hidden_shape, MOST_PATCHES)
         stride = max(1, round(np.sqrt(used.sum() / pixels)))
         every = np.zeros_like(used)
         every[stride // 2 :: stride, stride // 2 :: stride] = True
@@ -194,7 +194,7 @@ class _Problem:
             for y, picture in zip(light, self.shown, strict=False)
         ]
         if light[known:]:
-            coarse = hidden if hats is None else _fitted(hidden, hats)
+            coarse = hidden if hats is None else fitted(hidden, hats)
             images = Images.patches(hidden) if hats is None else Images.hats(hidden, coarse)
             groups.append(Group(np.hstack([y[some] for y in light[known:]]), images))
         if len(Q) <= 2 * Q.shape[1]:
@@ -204,33 +204,11 @@ class _Problem:
             )
         return Level(scene, self.centers, self.errors, Q, tuple(groups))
 
-    @property
-    def _averaged(self) -> tuple[NDArray[np.bool_], list[Array], list[Array]]:
-        """Return pixels used and photographs, (rows, columns, ...), averaged to `LARGEST`."""
-        one = self.photographs[0]
-        shape = _fitted(one.shape, LARGEST)
-        mask = np.ones(one.shape, bool) if one.mask is None else one.mask
-        covered = area_average(mask[..., None], shape)
-        used = covered[..., 0] > COVERED + 1e-6  # ties are decided alike in mirror images
-
-        def averaged(values: Array) -> Array:
-            return area_average(blackened(values, mask), shape) / np.maximum(covered, COVERED)
-
-        light = [averaged(each.values) for each in self.photographs]
-        return used, light, [averaged(each) for each in one.monitor_off.values()]
-
-
-def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
-    factor = min(1.0, longest / max(size))
-    rows, columns = (max(1, round(factor * n)) for n in size)
-    return rows, columns
-
 
 def _calibration(
     problem: _Problem, held: UncertainParameters, seed: int, progress: Callable[[float], None]
 ) -> Calibration:
-    patches = np.prod(_fitted(problem.scenario.hidden_shape, MOST_PATCHES))
+    patches = np.prod(fitted(problem.scenario.hidden_shape, MOST_PATCHES))
     fine = problem.level(max(COARSE_PIXELS, PIXELS_A_PATCH * patches))
     coarse = problem.level(COARSE_PIXELS, COARSE_HATS)
     whole = problem.level(LARGEST**2)
@@ -262,9 +240,7 @@ def _calibration(
     )
     values = fine.values(end.point)
     joint = errors_at.look(np.concatenate([values, held.values, end.point[count:]]), κ)
-    gained = is_significant(
-        without.objective - end.objective, learned(joint, count)
-    )
+    gained = is_significant(without.objective - end.objective, learned(joint, count))
     point = end.point if gained else without.point
     seen = end if gained else without
     alone, moves = _errors(joint, count, len(held.names), held.standard_errors)
@@ -274,7 +250,9 @@ def _calibration(
     covariance *= np.outer(shrink, shrink)
     deviations = np.sqrt(np.diag(covariance))
     values = fine.values(point)
-    why = doubts(problem.names, (values - problem.centers) / problem.errors, learned(joint, count), end)
+    why = doubts(
+        problem.names, (values - problem.centers) / problem.errors, learned(joint, count), end
+    )
     progress(1.0)
     columns = (
         problem.centers, values, np.minimum(np.sqrt(np.diag(alone)), problem.errors), deviations, problem.errors,

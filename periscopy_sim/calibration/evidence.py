@@ -57,9 +57,7 @@ class Images:
         Images of patches cannot follow a shift by half a patch, so that the evidence has a minimum
         at each whole one. Wider hats can.
         """
-        down, across = (
-            _hats_along(size, count) for size, count in zip(shape, coarse, strict=True)
-        )
+        down, across = (_hats_along(size, count) for size, count in zip(shape, coarse, strict=True))
         return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
 
     @classmethod

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.calibration.calibrate_levels import calibrate_levels
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.image_fit import fit_image
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
+
+from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario

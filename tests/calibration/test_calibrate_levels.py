@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.calibration.calibrate_levels import ATTEMPTS, UNEVEN, WIDER, calibrate_levels
 from periscopy_sim.calibration.explanation.discrepancy import STRUCTURED
 from periscopy_sim.calibration.explanation.evidence import Explanation
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.search.image_shift import ImageShift
+
+from periscopy_sim.calibration import calibrate_levels as search
 from periscopy_sim.errors import PhotographError, SceneError
 from tests.calibration.conftest import (
     ERRING,

@@ -2,16 +2,16 @@ from copy import copy
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.consider_analysis import (
     UncertainParameters,
     require_effect,
     sensitivity,
     uncertain_parameters,
 )
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.fisher_information import Curvature
 from periscopy_sim.calibration.search.levenberg_marquardt import descend
+
+from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import NEAREST, TRUTH, SlatLevel

@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.constraints import InFront
+
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Occluder

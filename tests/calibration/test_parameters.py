@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
+from periscopy_sim.calibration.parameters import BOX, SPREAD, STEP, scales_and_spreads
 
 from periscopy_sim.calibration import parameters
 from periscopy_sim.calibration.calibrated_scene import with_defaults
-from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
-from periscopy_sim.calibration.parameters import BOX, SPREAD, STEP, scales_and_spreads
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene

@@ -4,7 +4,6 @@ import itertools
 from types import SimpleNamespace
 
 import numpy as np
-
 from periscopy_sim.calibration.progress import Progress
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.consider_analysis import UncertainParameters
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.scene_covariance import (

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.search.image_shift import ImageShift
 
 from periscopy_sim.calibration import calibrate_levels as search
-from periscopy_sim.calibration.search.image_shift import ImageShift
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import ERRING, TRUTH, calibrated
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from periscopy_sim.calibration.search.fisher_information import Curvature
 from scipy.stats import chi2
 
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.fisher_information import Curvature
 from periscopy_sim.calibration.trust import bounded, doubts, is_significant, learned
 
 NAMES = ("dx", "dy")

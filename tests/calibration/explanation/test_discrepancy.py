@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy import fft
-from scipy.ndimage import gaussian_filter
-
 from periscopy_sim.calibration.explanation.discrepancy import Whitening, WhiteNoise
 from periscopy_sim.calibration.explanation.evidence import explain
+from scipy import fft
+from scipy.ndimage import gaussian_filter
 
 SHAPE, HIDDEN = (32, 40), (3, 4)
 USED = np.ones(SHAPE, bool)

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-from scipy import linalg, optimize
-
 from periscopy_sim.calibration.explanation.evidence import Explanation, explain
 from periscopy_sim.calibration.explanation.image_prior import BRIGHTNESS
 from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
+from scipy import linalg, optimize
 
 SHAPE = (3, 4)
 PIXELS, LIGHTS = 60, 4

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from scipy import optimize
-
 from periscopy_sim.calibration.explanation.image_fit import fit_image, nonnegative_fit
+from scipy import optimize
 
 SHAPE = (3, 4)
 

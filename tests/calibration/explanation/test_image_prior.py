@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.explanation.evidence import explain
 from periscopy_sim.calibration.explanation.image_prior import BRIGHTNESS, image_precision
 

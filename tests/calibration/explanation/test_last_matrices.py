@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.explanation.last_matrices import KEPT, LastMatrices
 
 

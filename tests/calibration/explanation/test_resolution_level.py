@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-
-from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.calibrate_levels import _evened
 from periscopy_sim.calibration.explanation import resolution_level
 from periscopy_sim.calibration.explanation.discrepancy import Whitening
 from periscopy_sim.calibration.explanation.resolution_level import Rays, Resolution, ResolutionLevel
+
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.errors import SceneError
 from periscopy_sim.shipped import find_scene

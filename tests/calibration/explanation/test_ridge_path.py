@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from scipy import linalg
-
 from periscopy_sim.calibration.explanation.ridge_path import RidgePath, inverse
+from scipy import linalg
 
 
 @pytest.fixture(params=[1, 2, 40])

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.explanation.evidence import Explanation, explain
+from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from scipy import optimize, stats
 from scipy.ndimage import gaussian_filter
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.explanation.evidence import Explanation, explain
-from periscopy_sim.calibration.explanation.smooth_gain import SmoothGain
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.wall_gain import SPREAD
 from periscopy_sim.rendering.scene.load import load_scenario

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.fisher_information import (
     BLOCKS,
     LARGER,
@@ -15,6 +13,8 @@ from periscopy_sim.calibration.search.fisher_information import (
     differences,
 )
 from periscopy_sim.calibration.search.levenberg_marquardt import descend, settle
+
+from periscopy_sim.calibration.prior import Prior
 from tests.calibration.conftest import NEAREST, PIXELS, TRUTH, transport
 
 STEPS = np.array([0.01, 0.01])

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.search.global_search import explore, first_generation, points_visited
 
 

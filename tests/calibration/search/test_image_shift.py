@@ -3,11 +3,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.search.image_shift import ImageShift, shifts_image
 
 from periscopy_sim.calibration.calibrated_scene import with_defaults
 from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search import image_shift
-from periscopy_sim.calibration.search.image_shift import ImageShift, shifts_image
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene

@@ -4,8 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.fisher_information import (
     Curvature,
     Jacobian,
@@ -13,6 +11,8 @@ from periscopy_sim.calibration.search.fisher_information import (
     differences,
 )
 from periscopy_sim.calibration.search.image_warp import displacements, undone, warped
+
+from periscopy_sim.calibration.prior import Prior
 
 SHAPE = (5, 6)
 EVERY = np.ones(3, bool)

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.search.fisher_information import curvature, differences
 from periscopy_sim.calibration.search.levenberg_marquardt import (
     DAMPING,
@@ -17,6 +16,7 @@ from periscopy_sim.calibration.search.levenberg_marquardt import (
     descend,
     settle,
 )
+
 from periscopy_sim.errors import SceneError
 from tests.calibration.conftest import TRUTH
 

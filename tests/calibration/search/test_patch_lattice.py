@@ -3,10 +3,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.search.patch_lattice import REACH, TOGETHER, PatchLattice
 from scipy.optimize import minimize
 
 from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search.patch_lattice import REACH, TOGETHER, PatchLattice
 
 INFORMATION = np.array([[90.0, 60.0, 5.0], [60.0, 50.0, 0.0], [5.0, 0.0, 2.0]])
 RULER = Prior(np.array([0.2, -0.4, 1.0]), np.array([0.5, 0.3, 1.0]))

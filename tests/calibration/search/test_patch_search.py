@@ -4,9 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search import patch_search
 from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE, ImageShift
 from periscopy_sim.calibration.search.levenberg_marquardt import Descent
 from periscopy_sim.calibration.search.patch_search import (
@@ -18,6 +15,9 @@ from periscopy_sim.calibration.search.patch_search import (
 )
 from periscopy_sim.calibration.search.patch_walk import Walked
 from periscopy_sim.calibration.search.telling import CERTAIN
+
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search import patch_search
 from periscopy_sim.errors import SceneError
 
 START, PATCH, FOLLOWED = np.array([[0.3, 0.0, 0.0], [0.0, 1.0, 0.0], [0.01, 0.0, 0.0]])

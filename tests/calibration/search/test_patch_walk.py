@@ -3,9 +3,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search import patch_walk
 from periscopy_sim.calibration.search.fisher_information import (
     Curvature,
     Jacobian,
@@ -25,6 +22,9 @@ from periscopy_sim.calibration.search.patch_walk import (
     _likeliest,
     walk,
 )
+
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search import patch_walk
 from periscopy_sim.errors import SceneError
 
 MOVED = np.full((1, 4, 3), 30.0)

@@ -2,8 +2,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.search.physical_step import PARTS, physical_step
+
 from periscopy_sim.errors import SceneError
 
 HERE = np.zeros(5)

@@ -2,9 +2,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
-from periscopy_sim.calibration.search import ruled_starts
 from periscopy_sim.calibration.search.ruled_starts import (
     DESCENTS,
     MOST_PLACES,
@@ -12,6 +9,9 @@ from periscopy_sim.calibration.search.ruled_starts import (
     ends_from_ruler,
     places_looked_at,
 )
+
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.search import ruled_starts
 from periscopy_sim.errors import SceneError
 
 RULER, ERRORS = np.array([1.0, -2.0]), np.array([0.1, 2.0])

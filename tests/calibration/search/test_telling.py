@@ -2,8 +2,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.search.image_shift import BETWEEN_PATCHES, NEGLIGIBLE
 from periscopy_sim.calibration.search.telling import (
     CERTAIN,
@@ -11,6 +9,8 @@ from periscopy_sim.calibration.search.telling import (
     least_gain,
     standard_error,
 )
+
+from periscopy_sim.calibration.prior import Prior
 
 ROWS, COLUMNS, PIXELS = 40, 60, 2400
 DRAWS = 300

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
 from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.rendering.scene.load import load_scenario
 

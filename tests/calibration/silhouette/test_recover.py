@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+from periscopy_sim.calibration.silhouette.search.mask_moves import resized, shifted
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.silhouette import recover
 from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 from periscopy_sim.calibration.silhouette.result import overlap
-from periscopy_sim.calibration.silhouette.search.mask_moves import resized, shifted
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.load import load_scenario

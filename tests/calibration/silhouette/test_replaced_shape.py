@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from periscopy_sim.calibration.scene_covariance import is_calibrated, scene_covariance
 from periscopy_sim.calibration.silhouette.masked_scene import local_coordinates, write_masked_scene
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+
+from periscopy_sim.calibration.scene_covariance import is_calibrated, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette

@@ -2,11 +2,11 @@ import json
 
 import numpy as np
 import pytest
+from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
+from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.silhouette import recover
-from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
 from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.load import load_scenario

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.silhouette.cells.cell_mesh import cell_mesh, rectangles
+
 from tests.calibration.silhouette.conftest import FLAG
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
+
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from tests.calibration.silhouette.conftest import FLAG, HIDDEN

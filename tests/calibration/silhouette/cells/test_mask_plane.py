@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.silhouette.cells.cell_size import fitted_cells, require_coarse
 from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
+
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import HIDDEN

@@ -1,5 +1,4 @@
 import numpy as np
-
 from periscopy_sim.calibration.silhouette.search.binary_search import _unlike
 
 

@@ -2,10 +2,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import optimize
-
 from periscopy_sim.calibration.silhouette.cells.cell_shadows import CellShadows
 from periscopy_sim.calibration.silhouette.search.mask_evidence import MaskEvidence
+from scipy import optimize
 
 pytestmark = pytest.mark.usefixtures("jit")
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
-
 from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
+from scipy.optimize import approx_fprime
 
 
 def test_the_gradient_of_the_prior_is_that_of_its_value():

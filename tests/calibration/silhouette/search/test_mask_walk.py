@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
-from scipy.ndimage import shift
-
 from periscopy_sim.calibration.explanation.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.prior import Prior
 from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
-from periscopy_sim.calibration.silhouette.recover import FINE
 from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
-from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.calibration.silhouette.search.mask_level import NOTHING, MaskLevel
 from periscopy_sim.calibration.silhouette.search.mask_moves import patch_steps
 from periscopy_sim.calibration.silhouette.search.mask_walk import walk
 from periscopy_sim.calibration.silhouette.search.opacity_descent import ONWARD, descend
+from scipy.ndimage import shift
+
+from periscopy_sim.calibration.prior import Prior
+from periscopy_sim.calibration.silhouette.recover import FINE
+from periscopy_sim.calibration.silhouette.result import overlap
 from periscopy_sim.measurement import add_noise
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport

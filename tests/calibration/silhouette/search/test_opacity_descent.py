@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.silhouette.search.mask_level import opaque, usual_opacity
 from periscopy_sim.calibration.silhouette.search.mask_prior import improbability
 from periscopy_sim.calibration.silhouette.search.opacity_descent import descend, smooth_mask
