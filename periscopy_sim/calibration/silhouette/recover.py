@@ -339,7 +339,7 @@ def _silhouette(
         rows, columns = (max(2, int(n * np.sqrt(told / seen.sum()))) for n in level.cells)
         raise SceneError(
             f"the photograph tells about {told:.0f} numbers of the {seen.sum()} cells of '{name}' "
-            f"that it shows; ask for fewer, such as --cells {rows}x{columns}"
+            f"that it shows; ask for fewer, such as {rows}x{columns}"
         )
     whole = level.level.scale
     return Silhouette(

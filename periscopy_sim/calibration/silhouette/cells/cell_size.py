@@ -31,10 +31,10 @@ def require_coarse(scenario: Scenario, plane: MaskPlane, cells: tuple[int, int])
     pixel = _pixel_on_mask(scenario, plane)
     rows, columns = (max(1, int(side / pixel)) for side in plane.sides)
     if min(cells) < 1 or max(cells) < 2:
-        raise SceneError("--cells: a mask needs two cells at least")
+        raise SceneError("a mask needs two cells at least")
     if cells[0] > rows or cells[1] > columns:
         raise SceneError(
-            f"--cells {cells[0]}x{cells[1]}: these are more than the photograph can tell, whose "
+            f"{cells[0]}x{cells[1]} cells are more than the photograph can tell, whose "
             f"pixels are {1e3 * pixel:.2g} mm wide at the mask; ask for {rows}x{columns} at most"
         )
 
