@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
+from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file

@@ -11,7 +11,7 @@ def main() -> None:
         except KeyboardInterrupt:
             import sys
 
-            print("periscopy: error: interrupted; nothing was written", file=sys.stderr)
+            print("periscopy: error: interrupted; no file is half-written", file=sys.stderr)
             raise SystemExit(130) from None
         command()
     finally:

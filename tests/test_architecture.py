@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -10,8 +11,10 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+import typer
 
 import periscopy_sim
+from periscopy_sim.cli import app
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "periscopy_sim"
@@ -190,6 +193,22 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
         "periscopy_sim.dataset.make",
         "periscopy_sim.storage.ambient_library",
     }
+
+
+def test_only_the_command_line_writes_of_its_options():
+    """Other rooms state facts; `cli.messages` gives advice about options."""
+    commands = typer.main.get_command(app).commands.values()
+    names = {name for each in commands for option in each.params for name in option.opts}
+    flags = re.compile(rf"(^|[\s('])({'|'.join(n for n in names if n.startswith('--'))})\b")
+    mentions = [
+        f"{module}: {node.value}"
+        for module in SOURCES
+        if module.startswith("periscopy_sim.") and part(module) != "cli"
+        for node in ast.walk(tree_of(module))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if " " in node.value and "\n" not in node.value and flags.search(node.value)
+    ]
+    assert not mentions, "\n".join(mentions)
 
 
 def test_only_the_variant_module_sets_the_variant():

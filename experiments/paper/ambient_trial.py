@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.setting import AMBIENT_ERROR, SNR, Setting
-from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
-from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
+from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search
 from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.ambient import background_basis, joined_basis
@@ -213,15 +213,17 @@ def _calibration(
     coarse = problem.level(COARSE_PIXELS, COARSE_HATS)
     whole = problem.level(LARGEST**2)
     known = len(problem.shown) == len(problem.photographs)
-    visits: tuple[list[Look], list[Look]] = ([], [])
-    # A fine look takes four times as long as a coarse one.
-    expected = STEPS * (4 * len(FINE_COOLING) + (0 if known else len(COOLING) * (DRAWS + 1)))
+    middle = problem.level(COARSE_PIXELS)
+    visits: tuple[list[Look], ...] = ([], [], [])
+    # A fine look takes three times as long as others.
+    expected = 25 if known else 50 + STEPS * len(COOLING) * (DRAWS + 1) + 40
 
     def visit(level: int, look: Look) -> None:
-        visits[level].append(replace(look, beyond=look.beyond[:, :0], explanations=()))
-        progress(min(0.99, (len(visits[0]) + 4 * len(visits[1])) / expected))
+        none = look.beyond[:, :0]
+        visits[level].append(replace(look, beyond=none, motions=none, explanations=()))
+        progress(min(0.99, sum(w * len(v) for w, v in zip((1, 1, 3), visits, strict=True)) / expected))
 
-    search = Search(coarse, fine, whole, seed, visit)
+    search = Search(coarse, middle, fine, whole, seed, visit)
     end = search.followed(fine.center) if known else search.best()
     count, κ = len(problem.names), end.temperature
     without = fine.look(np.append(problem.centers, end.point[count:]), κ)
@@ -273,7 +275,8 @@ def _calibration(
                 np.array([look.point[:count] for look in looks]).reshape(-1, count),
                 np.array([look.evidence for look in looks]),
             )
-            for level, looks in zip((coarse, fine), visits, strict=True)
+            for level, looks in zip((coarse, middle, fine), visits, strict=True)
+            if looks
         ),
         noise_before=np.concatenate([e.noise for e in without.explanations]) / scale,
         noise=np.concatenate([e.noise for e in seen.explanations]) / scale,

@@ -57,7 +57,10 @@ class Images:
         Images of patches cannot follow a shift by half a patch, so that the evidence has a minimum
         at each whole one. Wider hats can.
         """
-        down, across = (_hats_along(size, count) for size, count in zip(shape, coarse, strict=True))
+        down, across = (
+            hats_at((np.arange(size) + 0.5) * count / size - 0.5, count)
+            for size, count in zip(shape, coarse, strict=True)
+        )
         return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
 
     @classmethod
@@ -90,10 +93,27 @@ def _differences(size: int) -> Array:
     return differences.T @ differences
 
 
-def _hats_along(size: int, count: int) -> Any:
-    """Return the heights, (size, count), of a row of hats at the middles of patches."""
-    places = (np.arange(size) + 0.5) * count / size - 0.5
+def hats_at(places: Array, count: int) -> Any:
+    """Return the heights, (size, count), of hats about 0, 1, ... at (size,) places."""
     return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
+
+
+def warps(shape: tuple[int, int], patches: float = 1.0) -> list[Any]:
+    """Return shifts and stretches of (R, C) images, sparse (N, N), by so many patches.
+
+    A stretch moves opposite borders apart by as much.
+    """
+
+    def along(size: int, shift: float, stretch: float) -> Any:
+        middle = (size - 1) / 2
+        return hats_at((np.arange(size) - middle) * (1 + stretch / size) + middle + shift, size)
+
+    moves = [(1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1), (0, 1, 0, 1)]
+    return [
+        sparse.kron(along(shape[0], *q[:2]), along(shape[1], *q[2:]), format="csr")
+        for sign in (-patches, patches)
+        for q in sign * np.array(moves)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -57,6 +58,7 @@ class Look:
     prior_slope: Array
     information: Array
     precision: Array
+    motions: Array
     beyond: Array
     temperature: float = 1.0
 
@@ -181,8 +183,8 @@ class Level:
             slope += [each.slope(*pair) for pair in zip(motion, volumes, strict=True)]
             motions.append(motion)
             beyond.append(each.beyond_image(motion))
-        free = np.concatenate(beyond, axis=2)
-        crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
+        moved, free = np.concatenate(motions, axis=2), np.concatenate(beyond, axis=2)
+        crossed = np.einsum("imc,jmc->ij", free, moved, optimize=True)
         return Look(
             point=point,
             explanations=seen,
@@ -192,9 +194,23 @@ class Level:
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,
             precision=self.precision,
+            motions=moved,
             beyond=free,
             temperature=temperature,
         )
+
+    def undo(self, look: Look, warp: Any, temperature: float) -> Array:
+        """Return the point from which the photographs look as before, the images being warped.
+
+        min_δ ‖J δ + t‖²/κ + ‖point + δ‖²_prior, J the motions by the parameters and t that by the
+        warp, a sparse (N, N): at a high temperature κ only what the light shows beyond doubt counts.
+        """
+        A = self.bright_transport(look.point)
+        moved = [e.motion(A @ (warp @ e.lights - e.lights)) for e in look.explanations]
+        J = look.motions.reshape(len(look.point), -1)
+        pull = J @ np.concatenate(moved, axis=1).ravel() / temperature
+        curvature = J @ J.T / temperature + np.diag(self.precision)
+        return np.asarray(look.point - np.linalg.solve(curvature, pull))
 
     def temperature(self, look: Look) -> float:
         """Return the temperature κ that the residual of a look asks for.

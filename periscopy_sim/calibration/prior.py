@@ -56,7 +56,7 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
     if not free:
         raise SceneError(
-            f"no parameter is free; name some by --free, or declare how well the ruler knows them, "
+            f"no parameter is free; name some, or declare how well the ruler knows them, "
             f'such as <default name="NAME{RULER_ERROR}" value="0.005"/>; scene \'{path}\' declares '
             f"{known}"
         )

@@ -12,10 +12,12 @@ negative, and of little variation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from periscopy_sim.calibration.evidence import warps
 from periscopy_sim.calibration.level import Level, Look
 from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -24,13 +26,16 @@ from periscopy_sim.scenario import Array
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of a coarse descent: colder starts end in the nearest minimum."""
 
-FINE_COOLING = 10.0, 3.0, 1.0, 1.0, 1.0
+FINE_COOLING = 10.0, 3.0, 1.0, 1.0
 """Temperatures of a fine descent."""
 
 STEPS = 2
 """Of a descent at each temperature."""
 
-DRAWS = 5
+JUMP = 1000.0
+"""Temperature of a jump by a patch."""
+
+DRAWS = 3
 """Centres drawn from the prior, beside its own."""
 
 DAMPING = 1e-3
@@ -92,13 +97,17 @@ def _step(level: Level, here: Look, damping: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Levels of the same photographs: `coarse` and `fine` to descend on, `whole` to judge by."""
+    """Levels of the same photographs: `coarse`, `middle` and `fine` to descend, `whole` to judge.
+
+    The images of the coarse level are hats, those of the others patches.
+    """
 
     coarse: Level
+    middle: Level
     fine: Level
     whole: Level
     seed: int
-    visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one
+    visit: Callable[[int, Look], None]  # with the number of the level, from 0
 
     def best(self) -> Look:
         """Return the fine look that the noise-aware image favours.
@@ -110,33 +119,37 @@ class Search:
         for _ in range(DRAWS):
             deviation = random.standard_normal(len(self.coarse.centers))
             centers = self.coarse.centers + self.coarse.errors * deviation
-            try:
+            with suppress(SceneError):
                 ends.append(self._coarse_end(replace(self.coarse, centers=centers)))
-            except SceneError:
-                continue
-        judged = [self.judge(end) for end in ends]
-        # The prior's own end is followed whatever the judge says: it is the most likely before.
-        starts = {0, int(np.argmin(judged))}
-        looks = [self.followed(ends[k]) for k in sorted(starts)]
-        return min(looks, key=lambda look: self.judge(look.point)) if looks[1:] else looks[0]
+        look = self.followed(min(ends, key=self.judge))
+        # An image of patches follows by whole patches: each is a minimum of the evidence.
+        others = [look.point]
+        for warp in warps(self.fine.scene.scenario.hidden_shape):
+            point = self.fine.undo(look, warp, JUMP)
+            with suppress(SceneError):
+                others.append(self._cooled(1, self.middle, point, (10.0, 1.0), 1).point)
+        best = min(others, key=self.judge)
+        return look if best is look.point else self.followed(best)
 
     def _coarse_end(self, level: Level) -> Array:
-        return self._cooled(0, level, level.center, COOLING).point
+        return self._cooled(0, level, level.center, COOLING, STEPS).point
 
     def followed(self, point: Array) -> Look:
         """Return the look where the fine level leads from a point, at its own temperature."""
-        look = self._cooled(1, self.fine, point, FINE_COOLING)
+        look = self._cooled(2, self.fine, point, FINE_COOLING, STEPS)
         temperature = self.fine.temperature(look)
-        return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(1, look))
+        return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(2, look))
 
-    def _cooled(self, number: int, level: Level, point: Array, cooling: Sequence[float]) -> Look:
+    def _cooled(
+        self, number: int, level: Level, point: Array, cooling: Sequence[float], steps: int
+    ) -> Look:
         def visit(look: Look) -> None:
             self.visit(number, look)
 
         look = level.look(point)
         visit(look)
         for temperature in cooling:
-            look = descend(level, look, STEPS, temperature, visit)
+            look = descend(level, look, steps, temperature, visit)
         return look
 
     def judge(self, point: Array) -> float:

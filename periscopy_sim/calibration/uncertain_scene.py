@@ -132,8 +132,8 @@ class _Renderer:
             raise PeriscopyError(
                 f"{count} matrices of {pixels} pixels x {patches} patches, of what errors "
                 f"of {len(self._names)} parameters do, need {size / 1e9:.1f} GB of memory, where "
-                f"{(available_memory() or 0) / 1e9:.1f} GB can be had; name fewer by --uncertain "
-                "(or none), or average pixels by periscopy prepare --bin"
+                f"{(available_memory() or 0) / 1e9:.1f} GB can be had; name fewer "
+                "uncertain parameters, or average pixels"
             )
         changes = np.empty((count, pixels, patches), np.float32)
         for k, direction in enumerate(directions.T):

@@ -20,11 +20,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import RENAMED, GroupedCommand
-from periscopy_sim.cli.output import INTERRUPTED, fail, warn
+from periscopy_sim.cli.options import RENAMED, GroupedCommand, with_options_of_groups
+from periscopy_sim.cli.output import INTERRUPTED, fail, interrupt, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
-from periscopy_sim.storage.outputs.staging import OUT_OF_SPACE
 
 MODULES = {
     "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial",
@@ -50,7 +49,8 @@ class _Commands(Mapping[str, Any]):
         commands = getattr(module, "app", None)
         if commands is None:
             commands = typer.Typer(add_completion=False, rich_markup_mode=None)
-            commands.command(name, cls=GroupedCommand)(getattr(module, name))
+            command = with_options_of_groups(getattr(module, name))
+            commands.command(name, cls=GroupedCommand)(command)
         return typer.main.get_command(commands)
 
 
@@ -88,23 +88,22 @@ def main() -> None:
     warnings.showwarning = lambda message, *_, **__: warn(" ".join(str(message).split()))
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as batch queues send it
+    for number in (signal.SIGINT, signal.SIGTERM):  # batch queues send SIGTERM
+        signal.signal(number, interrupt)
     sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
-        code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
-        sys.stdout.flush()
-    except (Exception, KeyboardInterrupt) as error:
-        if _is_interrupt(error):
-            code = INTERRUPTED
-        elif isinstance(error, OSError) and error.errno in OUT_OF_SPACE:
-            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115  Python flushes it at its end
-            fail(f"cannot print: {error.strerror}; free some space", 2)
-        elif reason := _reason(error):
+        try:
+            code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
+        except (Exception, KeyboardInterrupt) as error:
+            if _is_interrupt(error):
+                fail("interrupted; no file is half-written", INTERRUPTED)
+            if not (reason := _reason(error)):
+                raise
             fail(reason, 2)
-        else:
-            raise
+    except SystemExit as end:
+        code = end.code
     if code == INTERRUPTED:
-        fail("interrupted; nothing was written", INTERRUPTED)
+        os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
@@ -116,16 +115,13 @@ def _reason(error: BaseException) -> str:
         return missing(error.name)
     if isinstance(error, MemoryError):
         return f"not enough memory: {error}; take fewer pixels or patches"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'the system'}: {error.strerror}"
     # The option parser's errors: an unknown option, a missing argument.
     message = getattr(error, "format_message", None)
-    if message is None:
-        return ""
-    reason = str(message())
-    form = getattr(getattr(error, "param", None), "metavar", None)
-    if form and type(error).__name__ == "MissingParameter":
-        reason += f" Its form: {form}."
     context = getattr(error, "ctx", None)
-    return reason + (f" Try '{context.command_path} --help'." if context else "")
+    more = f" Try '{context.command_path} --help'." if context else ""
+    return f"{message()}{more}" if message else ""
 
 
 def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:

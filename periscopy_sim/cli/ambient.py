@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from periscopy_sim.cli.options import Define, ResumedFolder, SceneOption, Seed, option
-from periscopy_sim.cli.output import progress, say, to_be_continued
+from periscopy_sim.cli.output import progress, say
 from periscopy_sim.cli.session import Session
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.formats.exr import read_exr
 
 
 def ambient(
@@ -34,29 +33,10 @@ def ambient(
 
     The command path traces each condition and writes NAME.exr.
     """
-    from periscopy_sim.storage.formats.exr import read_exr
-
     chosen = names or [*REALISTIC, *ADVERSARIAL]
-    session = Session(scene, define=define, seed=seed)
-    files = [out / f"{Path(name).stem}.exr" for name in chosen]
-    held_before = {file for file in files if file.is_file()}
-    scenario = session.scenario
-    with to_be_continued():
-        ambient_photographs(chosen, scenario, out, seed, target=target)
-    for file in files:
+    scenario = Session(scene, "1x1", define).scenario
+    ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
+    for file in (out / f"{Path(name).stem}.exr" for name in chosen):
         held = read_exr(file)[1]
-        error, common = (float(held[key]) for key in ("relative_error", "brightness_error"))
-        done = "kept" if file in held_before else "wrote"
-        say(
-            f"{done} {file}  relative error of a pixel {np.hypot(error, common):.1e}, of which "
-            f"{common:.1e} is common to all"
-        )
-
-
-def ambient_photographs(
-    names: Sequence[str], scenario: Scenario, folder: Path, seed: int, *, target: float = 3e-4
-) -> dict[str, NDArray[np.float64]]:
-    """Photograph ambient conditions with a bar of progress; see `storage.ambient_library`."""
-    from periscopy_sim.storage.ambient_library import ambient_photographs as photographs
-
-    return photographs(names, scenario, folder, seed, target=target, progress=progress)
+        error = np.hypot(float(held["relative_error"]), float(held["brightness_error"]))
+        say(f"wrote {file}  relative error of a pixel {error:.1e}")

@@ -7,10 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
-from periscopy_sim.cli.options import Model, option, parse_bounces
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import Session, pixel_record
+from periscopy_sim.cli.session import Session, check_memory, pixel_record
+from periscopy_sim.figures import panels
+from periscopy_sim.model.observation import observation_of
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
@@ -28,62 +30,43 @@ MEANINGS = {
 
 
 def analyze(
-    scene: options.SceneArgument,
-    hidden: options.Hidden,
+    session: Session,
+    light: Light,
     out: options.Out,
-    samples: options.Samples = 16,
-    model: options.ModelOption = Model.rendered,
-    bounces: options.BouncesOption = "direct",
     rank_tolerance: Annotated[
         float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
     ] = 1e-10,
     monitor_off: options.MonitorOffOption = None,
-    light_model: options.LightModelOption = None,
     mask: options.MaskOption = None,
-    seed: options.Seed = 0,
-    define: options.Define = None,
 ) -> None:
     """Report how well a scene determines its hidden image.
 
     The report has condition numbers, angles, residual background and Cramer-Rao bounds.
     """
     from periscopy_sim.evaluation import diagnostics
-    from periscopy_sim.figures import panels
-    from periscopy_sim.model.observation import observation_of
-    from periscopy_sim.rendering.transport.bounced import channels_mean
 
-    request = TransportRequest(samples, seed, model, parse_bounces(bounces), strata="gauss")
-    lights = LightModel.of(light_model, seed)
-    session = Session(scene, hidden, define, seed)
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
         used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
-        A = channels_mean(request.matrix(scenario))
-        columns = lights.matrix(scenario)
+        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario, session.seed)
         shapes = scenario.photograph_shape, scenario.hidden_shape
-        with fixable(f"scene '{scenario.path}'", off), progress("analyzing") as report:
+        with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
-            B = observed.joined(columns)
+            B = observed.joined(B)
             used = observed.mask  # dark spots of a textured wall are left out, too
             result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
-            report(0.4)
-            table = []
-            for number, tolerance in enumerate(TOLERANCES, 1):
-                table.append(diagnostics.rank_row(seen, modelled, tolerance))
-                report(0.4 + 0.6 * number / len(TOLERANCES))
+            table = [diagnostics.rank_row(seen, modelled, each) for each in TOLERANCES]
         np.save(folder / "bounds.npy", result.bounds)
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(seen.sum(axis=1).mean())
+        maps = {"A alone": result.bounds_without_background, "[A, B]": result.bounds}
         panels.draw_maps(
             folder / "bounds.png",
-            [
-                ("A alone", noise * result.bounds_without_background),
-                ("[A, B]", noise * result.bounds),
-            ],
+            [(title, noise * bounds) for title, bounds in maps.items()],
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
@@ -92,8 +75,7 @@ def analyze(
         session.write_summary(
             folder / "summary.json",
             {
-                **request.origin,
-                **lights.origin,
+                **light.origin(),
                 "rank_tolerance": rank_tolerance,
                 **pixel_record(mask, used, off),
                 **numbers,
@@ -102,10 +84,3 @@ def analyze(
         )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")
-    say("rank of B at each tolerance, residual background of P, noise gain:")
-    say("     tolerance  rank  largest |P B_i|/(|P||B_i|)   trace(P P')")
-    for row in table:
-        say(
-            f"{row['tolerance']:14.0e}  {row['rank']:4d}  {row['residual_background']:26.1e}  "
-            f"{row['noise_gain']:12.6e}"
-        )

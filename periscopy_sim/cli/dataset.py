@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import signal
+import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+import periscopy_sim as ps
+from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option, parse_indices
-from periscopy_sim.cli.output import progress, say, to_be_continued, warn
+from periscopy_sim.cli.output import progress, say, warn
+from periscopy_sim.dataset.export import export_samples
+from periscopy_sim.dataset.reading import describe, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
+from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
     Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
@@ -28,13 +31,12 @@ class _MakesByDefault(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] != "--help":
             args = ["make", *args]
-        return super().parse_args(ctx, args)
+        return super().parse_args(ctx, args or ["--help"])
 
 
 app = typer.Typer(
     cls=_MakesByDefault,
     help="Make, check and export a data set of photographs.",
-    no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -57,49 +59,23 @@ def make(
     ] = False,
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
-    from periscopy_sim.dataset.configuration import EXAMPLE, load_configuration
-    from periscopy_sim.dataset.make import make_dataset
+    from periscopy_sim.dataset.configuration import EXAMPLE
 
     if example:
         print(EXAMPLE.read_text("utf-8"), end="")
         return
     if configuration is None or out is None:
-        raise PeriscopyError(
-            "name a configuration and --out; 'periscopy dataset --example' prints a configuration"
-        )
+        raise PeriscopyError("name CONFIG.yaml and --out; --example prints a configuration")
     require_all()
-    settings = load_configuration(configuration)
+    settings = ps.load_configuration(configuration)
     start = time.perf_counter()
-    with (
-        to_be_continued(),
-        progress("making samples", "samples") as show_blocks,
-        _between_blocks() as check,
-    ):
-
-        def block_done(done: int, total: int) -> None:
-            show_blocks(done, total)
-            check()
-
-        @contextmanager
-        def rendering(name: str) -> Iterator[Callable[[float], None]]:
-            with progress(name, lines=False) as show:
-
-                def fraction_done(fraction: float) -> None:
-                    show(fraction)
-                    check()
-
-                yield fraction_done
-
-        made = make_dataset(
-            settings, out, count=count, scheduler=scheduler, progress=block_done,
-            rendering=rendering,
-        )  # fmt: skip
+    with progress("making samples", "samples") as report:
+        made = ps.make_dataset(
+            settings, out, count=count, scheduler=scheduler, progress=report, rendering=progress
+        )
     seconds = time.perf_counter() - start
     if made.empty_splits:
-        warn(
-            f"no geometry is for {' or '.join(made.empty_splits)}: make more samples, or choose a "
-            "smaller samples_per_geometry"
-        )
+        warn(sentence("empty_splits", splits=" or ".join(made.empty_splits)))
     if not made.made:
         say(f"{out} is complete: {made.count} samples")
         return
@@ -115,23 +91,17 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
     """Print the size and the contents of a data set."""
-    import json
-
-    from periscopy_sim.dataset.reading import describe
-
     description = describe(data)
     if as_json:
         print(json.dumps(description, indent=2))
         return
     for name, value in description.items():
-        say(f"{name.replace('_', ' '):13} {_in_words(name, value)}")
+        say(f"{name.replace('_', ' '):13} {value}")
 
 
 @app.command("verify", cls=GroupedCommand)
 def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
-    from periscopy_sim.dataset.reading import verify_dataset
-
     with progress("verifying", "blocks") as report:
         damaged = verify_dataset(data, report)
     for first, after in damaged:
@@ -150,51 +120,9 @@ def export(
     samples: Annotated[str, option("NUMBERS", "Numbers and ranges, such as 0,4-7.")] = "0-11",
 ) -> None:
     """Write samples as EXR and PNG files, with a contact sheet."""
-    from periscopy_sim.dataset.export import export_samples
-    from periscopy_sim.dataset.reading import open_dataset
-    from periscopy_sim.storage.outputs.staging import staged_folder
-
     count = open_dataset(data, incomplete=True).sizes["sample"]
     if data.resolve() in (out.resolve(), *out.resolve().parents):
         raise OutputError(f"{out} lies within the data set; name another folder")
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")
-
-
-def _in_words(name: str, value: Any) -> str:
-    if name == "bytes":
-        return f"{value / 1e6:.1f} MB"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {number}" for key, number in value.items())
-    if name in ("photograph", "hidden"):
-        return "x".join(map(str, value))
-    if isinstance(value, list):
-        return " to ".join(f"{number:.4g}" for number in value)
-    return str(value)
-
-
-@contextmanager
-def _between_blocks() -> Iterator[Callable[[], None]]:
-    """Delay Ctrl-C until the work can stop; a second Ctrl-C stops it anywhere.
-
-    Dr.Jit and Zarr's threads print long complaints if interrupted elsewhere. Yield a function that
-    raises KeyboardInterrupt if Ctrl-C was pressed.
-    """
-    pressed: list[int] = []
-
-    def press(number: int, _: Any) -> None:
-        pressed.append(number)
-        if len(pressed) > 1:
-            raise KeyboardInterrupt
-
-    def check() -> None:
-        if pressed:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, press) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
+import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
+from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import LightModel, check_memory
-from periscopy_sim.cli.options import Model, number, option, parse_list, parse_ranges
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import (
-    check_folder,
     progress,
+    resumed_folder,
     say,
     say_written,
-    to_be_continued,
     warn,
     write_json,
 )
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.storage.outputs.resume import alone_in, write_settings
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.evaluation.design import Design, Row
-    from periscopy_sim.evaluation.merit import Comparison
-    from periscopy_sim.scenario import Scenario
+    from periscopy_sim.evaluation.design import Row
 
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
@@ -57,7 +58,7 @@ NUMBER = {By.bound: "bound", By.told: "told_error", By.time: "exposure_time"}
 
 
 class Equal(StrEnum):
-    """Quantity that all scenes share, see `periscopy_sim.evaluation.merit`."""
+    """Quantity that all scenes share, see `Comparison`."""
 
     level = "level"
     time = "time"
@@ -68,12 +69,12 @@ _EQUAL = "Scenes share SNR and SBR (level), or exposure and the room's light (ti
 
 
 def design(
-    scene: options.SceneArgument,
+    session: Annotated[Session, {"hidden": "15x18"}],
+    light: Annotated[Light, {"samples": 36}],
     vary: Annotated[
         str, option("NAME=LOW:HIGH,...", "Scene <default>s to vary: occluder_dx=-0.05:0.05.")
     ],
     out: options.ResumedFolder,
-    hidden: options.Hidden = "15x18",
     grid: Annotated[
         int | None,
         option("NUMBER", "Values of each parameter, all combined.", min=1, max=MOST_POINTS),
@@ -91,11 +92,6 @@ def design(
     images: Annotated[
         str, option("LIST", "Images that noise-aware recovers, by comma, or none.")
     ] = "mushroom,still_life,letters",
-    samples: options.Samples = 36,
-    model: options.ModelOption = Model.rendered,
-    light_model: options.LightModelOption = None,
-    seed: options.Seed = 0,
-    define: options.Define = None,
 ) -> None:
     """Find where to look, which occluder to take, and how long.
 
@@ -106,10 +102,13 @@ def design(
     from periscopy_sim.evaluation.merit import Comparison
     from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.figures.design import draw_design
+    from periscopy_sim.rendering.transport.bounced import channels_mean
 
-    session = Session(scene, hidden, define, seed)
-    path, given, size = session.path, session.definitions, options.parse_size(hidden)
-    ranges = _ranges(vary, path, given)
+    path, given, seed = session.path, session.definitions, session.seed
+    ranges = options.parse_ranges(vary, "--vary")
+    if fixed := ranges.keys() & read_document(path).errors.keys():
+        raise SceneError(f"--vary {', '.join(fixed)}: a measurement error cannot vary")
+    start_values(path, list(ranges), given)
     if grid is not None and draws is not None:
         raise PeriscopyError("--grid and --draws both set the points; give one of them")
     if draws is None and grid is None:
@@ -117,25 +116,23 @@ def design(
     if grid is not None and grid ** len(ranges) > MOST_POINTS:
         raise PeriscopyError(f"--grid {grid}: more than {MOST_POINTS} points; give --draws instead")
     comparison = Comparison(snr, sbr, equal_time=equal is Equal.time)
-    shown = [] if images == "none" else parse_list("--images", images)
+    shown = [] if images == "none" else options.parse_list("--images", images)
     if by is By.told and not shown:
         raise PeriscopyError("--by told needs images; leave --images out")
-    prototypes = LightModel.of(light_model, seed)
     whole = Design(
         path=path,
-        hidden=size,
+        hidden=session.size,
         parameters=given,
         points=points_of(ranges, grid, draws or 64, seed),
         comparison=comparison,
-        transport=lambda scenario: _transport(scenario, samples, model, seed),
-        prototypes=prototypes.matrix,
+        transport=lambda scenario: channels_mean(light.transport(scenario, seed, "gauss")),
+        prototypes=lambda scenario: light.backgrounds(scenario, seed),
         images={name: session.hidden_image(name) for name in shown},
     )
     check_memory(session.scenario)
     provenance = session.provenance
     settings = {
-        **{name: value for name, value in provenance.items() if name not in ("command", "scene")},
-        "hidden_shape": list(size),
+        "hidden_shape": list(session.size),
         "ranges": {name: list(ends) for name, ends in ranges.items()},
         "grid": grid,
         "seed": seed,
@@ -143,30 +140,29 @@ def design(
         "sbr": str(sbr),
         "equal": equal.value,
         "images": [[name, image_sha256(image)] for name, image in whole.images.items()],
-        "samples": samples,
-        "model": model.value,
-        **prototypes.origin,
+        **{name: value for name, value in light.origin().items() if name != "transport"},
     }
-    check_folder(out, settings, "design", FILES)
+    origin = {name: held for name, held in provenance.items() if name not in ("command", "scene")}
     whole.scenario({})
-    with to_be_continued(), alone_in(out):
-        check_folder(out, settings, "design", FILES)
-        write_settings(out, settings)
+    with resumed_folder(out, {**origin, **settings}, "design", FILES):
         with progress("designing", "scenes") as report:
             rows = run_design(whole, out / TABLE, report)
         order = ranked(rows, NUMBER[by])
         best = order[0] if order else None
-        caption = _caption(comparison, hidden)
+        room = f"SBR {sbr:g}" if comparison.has_ambient_light else "no ambient light"
+        fair = "in equal time" if comparison.equal_time else "at an equal level"
+        caption = f"{session.hidden} patches, {snr:g} dB, {room}, {fair}"
         with staged_file(out / PICTURE) as file:
             draw_design(file, rows, best, grid, caption=caption, metadata=session.metadata)
-        if best is None:
-            (out / BEST).unlink(missing_ok=True)  # of another --by
-        else:
+        (out / BEST).unlink(missing_ok=True)  # of another --by
+        if best is not None:
             remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
-            _write_best(out / BEST, whole, best, remark)
+            with staged_file(out / BEST) as staged:
+                write_copy(path, {**given, **best["values"]}, staged, remark)
+                ps.load_scenario(staged, session.size)
         edges = [] if best is None else _at_border(ranges, best)
         record = {
-            **{name: value for name, value in settings.items() if name not in provenance},
+            **settings,
             "by": by.value,
             "as_it_stands": _finite(rows[0]),
             "best": best and _finite(best),
@@ -179,47 +175,7 @@ def design(
         with staged_file(out / RECORD) as file:
             write_json(file, record)
     _say(rows, order, edges)
-    names = (RECORD, TABLE, PICTURE, *([] if best is None else [BEST]))
-    say_written(*(out / name for name in names))
-
-
-def _ranges(vary: str, path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read ``--vary``, whose names are those of numbers of the scene."""
-    from periscopy_sim.calibration.prior import start_values
-    from periscopy_sim.rendering.scene.document import read_document
-
-    ranges, errors = parse_ranges(vary, "--vary"), read_document(path).errors
-    for name in ranges.keys() & errors.keys():
-        raise SceneError(f"--vary {name}: a measurement error cannot vary; vary {errors[name]}")
-    start_values(path, list(ranges), given)
-    return ranges
-
-
-def _transport(scenario: Scenario, samples: int, model: Model, seed: int) -> Any:
-    """Return A, rendered without random rays, whose noise would look like information."""
-    if model is Model.analytic:
-        from periscopy_sim.analytic.area_transport import analytic_transport
-
-        return analytic_transport(scenario)
-    from periscopy_sim.rendering.transport.shadow_rays import render_transport
-
-    return render_transport(scenario, samples=samples, strata="gauss", seed=seed)
-
-
-def _caption(comparison: Comparison, hidden: str) -> str:
-    light = f"SBR {comparison.sbr:g}" if comparison.has_ambient_light else "no ambient light"
-    equal = "in equal time" if comparison.equal_time else "at an equal level"
-    return f"{hidden} patches, {comparison.snr:g} dB, {light}, {equal}"
-
-
-def _write_best(path: Path, design: Design, best: Row, remark: str) -> None:
-    """Write the scene of a point; check that it loads."""
-    from periscopy_sim.calibration.calibrated_scene import write_copy
-    from periscopy_sim.rendering.scene.load import load_scenario
-
-    with staged_file(path) as staged:
-        write_copy(design.path, {**design.parameters, **best["values"]}, staged, remark)
-        load_scenario(staged, design.hidden)
+    say_written(*(out / name for name in FILES if name != BEST or best is not None))
 
 
 def _at_border(ranges: Mapping[str, tuple[float, float]], row: Row) -> list[str]:
@@ -236,26 +192,18 @@ def _finite(row: Row) -> Row:
 
 def _say(rows: list[Row], order: list[Row], edges: list[str]) -> None:
     """Print the given scene, the best points and warnings."""
-    failed = [row for row in rows if row["failure"]]
-    for row in failed[:LISTED]:
-        warn(f"{_place(row)}: {row['failure']}")
-    if len(failed) > LISTED:
-        warn(f"{len(failed) - LISTED} more points failed, see {TABLE}")
-    has_errors = rows[0]["told_error"] is not None
-    names = ("bound", *(("told_error", "error") if has_errors else ()))
-    say("bound" + "  stderr error" * has_errors + "  time    point (errors in % of white)")
+    names = ("bound", *(("told_error", "error") if rows[0]["told_error"] is not None else ()))
+    say("bound" + "  stderr error" * (len(names) > 1) + "  time    point (errors in % of white)")
     for row in [rows[0], *(row for row in order[:LISTED] if row["point"])]:
         errors = "  ".join(f"{100 * row[name]:<5.3g}" for name in names)
-        time = row["exposure_time"]
-        say(f"{errors}  {'-' if time is None else f'{time:.3g}':<6}  {_place(row)}")
-        if row["remark"]:
-            warn(f"{_place(row)}: {row['remark']}")
+        say(f"{errors}  {row['exposure_time'] or math.nan:<6.3g}  {_place(row)}")
+    for row in rows:
+        if complaint := row["failure"] or (row in order[:LISTED] and row["remark"]):
+            warn(f"{_place(row)}: {complaint}")
     if not order:
-        warn("no point is best: no scene determines all patches; choose fewer (--hidden)")
-    elif order[0]["point"] == 0:
-        say("no point is better than the given scene")
-    elif edges:
-        say(f"the best point is at the limit of {', '.join(edges)}: widen that range")
+        warn(sentence("no_best"))
+    if edges:
+        say(f"the best point is at the limit of {', '.join(edges)}")
 
 
 def _place(row: Row) -> str:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.cli.options import Model
+import periscopy_sim as ps
+from periscopy_sim.cli.options import (
+    BouncesOption,
+    LightModelOption,
+    Model,
+    ModelOption,
+    OptionGroup,
+    Samples,
+)
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.shipped import find_scene
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from periscopy_sim.rendering.transport.kernel import Strata
-    from periscopy_sim.scenario import Array, Scenario
     from periscopy_sim.storage.transport_matrix import Transport
 
 GRID = "grid"
@@ -25,142 +31,93 @@ GRID = "grid"
 
 
 @dataclass(frozen=True)
-class TransportRequest:
-    """Where A comes from: a file, or a rendering.
+class Light(OptionGroup):
+    """The options of A and B, checked before anything is rendered.
 
-    Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
+    B has the columns of all sources that `light_model` names, in this order.
     """
 
-    samples: int
-    seed: int
-    model: Model = Model.rendered
-    bounces: int | None = 1
-    file: Path | None = None
-    strata: Strata = "jittered"
+    samples: Samples = 16
+    model: ModelOption = Model.rendered
+    bounces: BouncesOption = "direct"
+    light_model: LightModelOption = None
+
+    def __post_init__(self) -> None:
+        _ = self.most_bounces
+        for source in self.sources:
+            if source != GRID and not _is_file(source):
+                find_scene(source)
 
     @property
-    def is_direct(self) -> bool:
-        """Whether A holds direct light only."""
-        return self.bounces == 1
+    def most_bounces(self) -> int | None:
+        """The most reflections of a path: 1 of direct light, None of any number."""
+        from periscopy_sim.rendering.transport.bounced import bounces_of_words
+
+        with fixable("--bounces"):
+            return bounces_of_words(self.bounces)
 
     @property
-    def is_rendered(self) -> bool:
-        """Whether `render_transport` gives A."""
-        return self.file is None and self.model is Model.rendered and self.is_direct
+    def sources(self) -> list[str]:
+        """The sources of ambient light."""
+        return self.light_model or [GRID]
 
-    @property
-    def origin(self) -> dict[str, Any]:
-        """The entries of a summary."""
+    def origin(self, matrix: Path | None = None) -> dict[str, Any]:
+        """Return the entries of a summary, where a file may hold A."""
         from periscopy_sim.rendering.transport.bounced import bounces_in_words
 
         return {
-            "model": "file" if self.file else self.model.value,
-            "transport": self.file,
-            "samples": None if self.file else self.samples,
-            "bounces": bounces_in_words(self.bounces),
+            "model": "file" if matrix else self.model.value,
+            "transport": matrix,
+            "samples": None if matrix else self.samples,
+            "bounces": bounces_in_words(self.most_bounces),
+            "ambient_prototypes": self.sources,
         }
 
-    def matrix(self, scenario: Scenario) -> Transport:
-        """Read A, or compute it with a progress bar."""
-        if self.file is not None:
-            from periscopy_sim.storage.transport_matrix import read_transport
-
-            return read_transport(self.file, scenario, self.bounces)
-        if self.is_direct:
-            return self._direct(scenario)
-        from periscopy_sim.rendering.transport.bounced import add_bounces, check_bouncing_wall
-
-        check_bouncing_wall(scenario)
-        direct = self._direct(scenario)
-        with progress("tracing light that bounces") as report:
-            return add_bounces(scenario, direct, self.bounces, seed=self.seed, progress=report)
-
-    def _direct(self, scenario: Scenario) -> NDArray[np.float32]:
-        if self.model is Model.analytic:
-            from periscopy_sim.analytic.area_transport import analytic_transport
-
-            return analytic_transport(scenario)
-        from periscopy_sim.rendering.transport import shadow_rays
-
-        with progress("rendering the transport matrix") as report:
-            return shadow_rays.render_transport(
-                scenario,
-                samples=self.samples,
-                strata=self.strata,
-                seed=self.seed,
-                progress=report,
-            )
-
-
-@dataclass(frozen=True)
-class LightModel:
-    """Where B comes from: the sources of ambient light, in this order."""
-
-    sources: tuple[str, ...]
-    seed: int
-
-    @classmethod
-    def of(cls, sources: Sequence[str] | None, seed: int, methods: Sequence[str] = ()) -> Self:
-        """Check the values of ``--light-model`` for methods, before anything is rendered.
-
-        A PeriscopyError names a source that does not exist, or a method that takes no B.
-        """
-        from periscopy_sim.reconstruction.registry import METHODS
-        from periscopy_sim.shipped import find_scene
-
-        chosen = list(sources or ())
-        for source in chosen:
-            if chosen.count(source) > 1:
-                raise PeriscopyError(f"--light-model {source} is given twice")
-            if source != GRID and not _is_file(source):
-                find_scene(source)
-        for name in methods:
-            if chosen and name in METHODS and not METHODS[name].backgrounds:
+    def check_methods(self, *names: str) -> None:
+        """Reject a light model for a method that takes no B."""
+        for name in names:
+            if self.light_model and name in METHODS and not METHODS[name].backgrounds:
                 raise PeriscopyError(
                     f"--light-model: the method {name} models no ambient light; leave one out"
                 )
-        return cls(tuple(chosen or (GRID,)), seed)
 
-    @property
-    def origin(self) -> dict[str, Any]:
-        """The entries of a summary."""
-        return {"ambient_prototypes": list(self.sources)}
+    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
+        """Compute A, (M, N), with a progress bar.
 
-    def matrix(self, scenario: Scenario) -> Array:
+        Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
+        """
+        from periscopy_sim.rendering.transport import bounced
+
+        bounces = self.most_bounces
+        if bounces != bounced.DIRECT:
+            bounced.check_bouncing_wall(scenario)
+        if self.model is Model.analytic:
+            A = ps.analytic_transport(scenario)
+        else:
+            with progress("rendering the transport matrix") as report:
+                A = ps.render_transport(
+                    scenario, samples=self.samples, strata=strata, seed=seed, progress=report
+                )
+        if bounces == bounced.DIRECT:
+            return A
+        with progress("tracing light that bounces") as report:
+            return bounced.add_bounces(scenario, A, bounces, seed=seed, progress=report)
+
+    def backgrounds(self, scenario: ps.Scenario, seed: int) -> Any:
         """Return B, (M, L): read, or computed with a progress bar."""
-        return np.hstack([self._columns(source, scenario) for source in self.sources])
+        return np.hstack([self._columns(source, scenario, seed) for source in self.sources])
 
-    def _columns(self, source: str, scenario: Scenario) -> Array:
+    def _columns(self, source: str, scenario: ps.Scenario, seed: int) -> Any:
         if source == GRID:
-            from periscopy_sim.analytic.point_light import point_light_backgrounds
-
-            return point_light_backgrounds(scenario)
+            return ps.point_light_backgrounds(scenario)
         if _is_file(source):
             from periscopy_sim.storage.transport_matrix import read_prototypes
 
             return read_prototypes(Path(source), scenario.transport_shape[0])
-        from periscopy_sim.rendering.ambient.emitter_backgrounds import emitter_backgrounds
-
         label = f"rendering the emitters of {Path(source).stem}"
         with fixable(f"--light-model {source}"), progress(label) as report:
-            return emitter_backgrounds(source, scenario, seed=self.seed, progress=report)
+            return ps.emitter_backgrounds(source, scenario, seed=seed, progress=report)
 
 
 def _is_file(source: str) -> bool:
     return source.lower().endswith(".npy")
-
-
-def check_memory(scenario: Scenario, method: str | None = None) -> None:
-    """Reject a scene whose A and method need more memory than there is."""
-    from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
-    from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-
-    pixels, patches = scenario.transport_shape
-    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
-    needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
-    if not has_memory(needed):
-        raise PeriscopyError(
-            f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{(available_memory() or 0) / 1e9:.1f} GB; average pixels (prepare --bin) or choose "
-            "fewer patches (--hidden)"
-        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.numerics.percentages import percentages
 
@@ -34,19 +34,53 @@ SENTENCES = {
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
         "much better. Export linear values from the camera's raw file"
     ),
+    "border": (
+        "{name}: left out border lines that are far too dark or bright ({lines}); --mask replaces "
+        "this choice"
+    ),
+    "border_stays": (
+        "{name}: border lines are far too dark or bright ({lines}); leave them out by --mask"
+    ),
+    "defects": "{name}: {defects}; leave them out by --mask, such as mask.png beside the results",
+    "no_record": "{file} has no JSON file beside it: it may be of another scene",
+    "grainy": (
+        "{file}: the path tracing's own noise is {own:.2g} % of the photograph, more than the "
+        "{added:.2g} % added; take more --samples"
+    ),
+    "no_silhouette": "{scene}: its silhouette did not converge, so the image is unreliable",
+    "uncounted": (
+        "{scene}: the standard errors ignore the calibration's ({reason}); pass --uncertain"
+    ),
+    "untrusted": (
+        "{scene}: its calibration is unreliable, and so are the image's place and its standard "
+        "errors"
+    ),
+    "no_best": "no point is best: no scene determines all patches; choose fewer (--hidden)",
+    "empty_splits": (
+        "no geometry is for {splits}: make more samples, or choose a smaller samples_per_geometry"
+    ),
 }
-"""By the code of a `Note` or the diagnosis of a `Residual`."""
+"""By the code of a `Note`, the diagnosis of a `Residual`, or the code that a command gives."""
+
+
+def sentence(code: str, **values: Any) -> str:
+    """Return the sentence of a code."""
+    return SENTENCES[code].format(**values)
 
 
 def sentences(notes: Iterable[Note]) -> list[str]:
     """Return the sentence of each note."""
-    return [SENTENCES[note.code].format(**note.values) for note in notes]
+    return [sentence(note.code, **note.values) for note in notes]
+
+
+def warnings_of(report: Report) -> list[str]:
+    """Return the warnings of a report, with that of its residual."""
+    return [*sentences(report.warnings), *filter(None, [residual_warning(report.residual)])]
 
 
 def report_sentences(report: Report) -> list[str]:
     """Return the sentences of a report, warnings first."""
-    warning = residual_warning(report.residual)
-    return [*sentences(report.warnings), *filter(None, [warning]), *sentences(report.notes)]
+    return [*warnings_of(report), *sentences(report.notes)]
 
 
 def residual_summary(residual: Residual) -> str:
@@ -64,7 +98,7 @@ def residual_warning(residual: Residual | None) -> str:
         return ""
     by_any = residual.unexplained_by_any or 0.0
     unexplained, alone = percentages(by_any, residual.noise_alone or 0.0, 4)
-    return SENTENCES[residual.diagnosis].format(unexplained=unexplained, noise_alone=alone)
+    return sentence(residual.diagnosis, unexplained=unexplained, noise_alone=alone)
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
-from typing import Annotated, Any, TypeVar
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any
 
-from periscopy_sim.cli.options import EXPERT, SOLVER, number, option
+from periscopy_sim.cli.options import EXPERT, SOLVER, OptionGroup, number, option
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
 
-Command = TypeVar("Command", bound=Callable[..., None])
 Offered = Mapping[str, tuple[Option, ...]]
 """The options that each method takes, by the method's name."""
 
@@ -22,48 +21,21 @@ FOR_VIDEOS: Offered = {
 COUPLINGS = tuple(dict.fromkeys(each for taken in _COUPLINGS.values() for each in taken))
 
 
-def method_help(offered: Offered) -> str:
-    """Return the help of ``--method``: each method's help, and its certainty for stills."""
-    words = []
-    for name in offered:
-        entry = METHODS[name]
-        certainty = entry.certainty if offered is FOR_STILLS else ""
-        words.append(f"{name}: {entry.help}" + (f" (with {certainty})" if certainty else ""))
-    return "; ".join(words)
-
-
-def _name_of(words: str, names: Collection[str]) -> Any:
+def _one_of(words: str, names: Collection[str]) -> Any:
     """Return an option that takes one of some names, which the shell completes."""
     return option("NAME", f"{words}.", group=SOLVER, autocompletion=lambda: list(names))
 
 
+def _listed(offered: Offered) -> str:
+    return "; ".join(f"{name}: {METHODS[name].help}" for name in offered)
+
+
 _OWN = "yours as module:callable or file.py:callable"
-StillMethod = Annotated[str, _name_of(f"{method_help(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
-VideoMethod = Annotated[str, _name_of(method_help(FOR_VIDEOS), FOR_VIDEOS)]
+StillMethod = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+VideoMethod = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
 Coupling = Annotated[
-    str, _name_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
+    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
 ]
-
-
-def takes_options_of(offered: Offered) -> Callable[[Command], Command]:
-    """Give a command's ``**numbers`` the names, bounds and help of the methods' options."""
-
-    def decorate(command: Command) -> Command:
-        signature = inspect.signature(command, eval_str=True)
-        own = list(signature.parameters.values())[:-1]
-        options = [
-            inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_argument(taken)
-            )
-            for name, taken in _by_name(offered).items()
-        ]
-        described: Any = command
-        described.__signature__ = signature.replace(parameters=[*own, *options])
-        annotations = {p.name: p.annotation for p in [*own, *options]}
-        described.__annotations__ = annotations | {"return": None}
-        return command
-
-    return decorate
 
 
 def settings_for(
@@ -72,35 +44,29 @@ def settings_for(
     """Return the values of a method's options: the user's, else the defaults.
 
     A user's own method has no options. A PeriscopyError names an option that belongs to another
-    method or coupling of a video's frames.
+    method or coupling of a video's frames, or is out of bounds.
     """
-    options = {
-        option.name: option
-        for option in offered.get(method, ())
-        if option.coupling in ("", coupling)
-    }
+    taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
-        owners = _by_name(offered)[name]
-        if name not in options:
+        if name not in taken:
+            owners = _by_name(offered)[name]
             belongs = next(iter(owners.values())).coupling
             other = f"--coupling {belongs}" if belongs else f"--method {' or '.join(owners)}"
+            raise PeriscopyError(f"{flag} belongs to {other}; leave it out")
+        if not taken[name].least <= value <= taken[name].most:
             raise PeriscopyError(
-                f"{flag} belongs to {other}, not to {coupling if belongs else method}; leave it out"
+                f"{flag} {value:g}: --method {method} takes {taken[name].least:g} to "
+                f"{taken[name].most:g}"
             )
-        if not options[name].least <= value <= options[name].most:
-            raise PeriscopyError(
-                f"{flag} {value:g}: --method {method} takes {options[name].least:g} to "
-                f"{options[name].most:g}"
-            )
-    return {name: values.get(name, option.default) for name, option in options.items()}
+    return {name: values.get(name, each.default) for name, each in taken.items()}
 
 
 def check_coupling(method: str, coupling: str) -> None:
     """Check that a method recovers videos and knows a coupling."""
-    if method not in FOR_VIDEOS:
-        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(FOR_VIDEOS)}")
+    if method not in _COUPLINGS:
+        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(_COUPLINGS)}")
     if coupling not in _COUPLINGS[method]:
         raise PeriscopyError(
             f"--coupling {coupling}: method {method} takes {' or '.join(_COUPLINGS[method])}"
@@ -119,20 +85,40 @@ def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
 def _argument(taken: Mapping[str, Option]) -> Any:
     """Return the annotation of an option that some methods take."""
     first = next(iter(taken.values()))
-    methods: dict[tuple[float, str], list[str]] = {}
-    for method, entry in taken.items():
-        methods.setdefault((entry.default, entry.unit), []).append(method)
-    defaults = "; ".join(
-        f"{default:g} by {', '.join(names)}" + (f" ({unit})" if unit else "")
-        for (default, unit), names in methods.items()
+    defaults: dict[str, list[str]] = {}
+    for method, each in taken.items():
+        unit = f" ({each.unit})" if each.unit else ""
+        defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
+    listed = "; ".join(f"{default} by {', '.join(names)}" for default, names in defaults.items())
+    words = number(
+        f"{first.help} Default: {listed}.",
+        group=SOLVER if first.name.endswith("weight") else EXPERT,
+        min=min(entry.least for entry in taken.values()),
+        max=max(entry.most for entry in taken.values()),
+        show_default=False,
     )
-    return Annotated[
-        float | None,
-        number(
-            f"{first.help} Default: {defaults}.",
-            group=SOLVER if first.name.endswith("weight") else EXPERT,
-            min=min(entry.least for entry in taken.values()),
-            max=max(entry.most for entry in taken.values()),
-            show_default=False,
-        ),
-    ]
+    return Annotated[float | None, words]
+
+
+def _signature(offered: Offered) -> inspect.Signature:
+    """Return the signature of a group of the options of some methods."""
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Signature([
+        inspect.Parameter(name, kind, default=None, annotation=_argument(taken))
+        for name, taken in _by_name(offered).items()
+    ])  # fmt: skip
+
+
+class StillNumbers(OptionGroup):
+    """The values of the options of methods for stills, None where the user gave none."""
+
+    __signature__ = _signature(FOR_STILLS)
+
+    def __init__(self, **values: float | None) -> None:
+        self.values = values
+
+
+class VideoNumbers(StillNumbers):
+    """The values of the options of methods for videos."""
+
+    __signature__ = _signature(FOR_VIDEOS)

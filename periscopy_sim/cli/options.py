@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
@@ -46,16 +47,50 @@ def option(form: str, words: str, *names: str, group: str | None = None, **more:
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
-def not_nan(value: float | None) -> float | None:
-    """Reject NaN, which the parser takes to be within any bounds."""
-    if value is not None and math.isnan(value):
-        raise typer.BadParameter("nan is not a number")
-    return value
+class OptionGroup:
+    """Options that commands share: the parameters of a class's constructor.
+
+    A command that takes such an object has these options on the command line; for
+    ``Annotated[Group, {"hidden": "29x36"}]`` with other defaults.
+    """
+
+
+def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that takes the options of its groups one by one."""
+    parameters: dict[str, inspect.Parameter] = {}
+    groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        group, *others = get_args(parameter.annotation) or (parameter.annotation,)
+        if not (isinstance(group, type) and issubclass(group, OptionGroup)):
+            parameters[name] = parameter
+            continue
+        members = inspect.signature(group, eval_str=True).parameters
+        groups[name] = group, list(members)
+        defaults: Mapping[str, Any] = others[0] if others else {}
+        for each, member in members.items():
+            parameters[each] = member.replace(default=defaults.get(each, member.default))
+
+    def run(**values: Any) -> None:
+        for name, (group, members) in groups.items():
+            values[name] = group(**{each: values.pop(each) for each in members})
+        command(**values)
+
+    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters.values()]
+    described: Any = run
+    described.__doc__, described.__signature__ = command.__doc__, inspect.Signature(keywords)
+    described.__annotations__ = {each.name: each.annotation for each in keywords}
+    return run
 
 
 def number(words: str, *, form: str = "NUMBER", group: str | None = None, **more: Any) -> Any:
     """Return an option that takes a number, never NaN; its bounds are ``min`` and ``max``."""
-    return option(form, words, group=group, callback=not_nan, **more)
+
+    def checked(value: float | None) -> float | None:
+        if value is not None and math.isnan(value):  # the parser takes it to be within any bounds
+            raise typer.BadParameter("nan is not a number")
+        return value
+
+    return option(form, words, group=group, callback=checked, **more)
 
 
 # -- scene, photograph ---------------------------------------------------------------------------
@@ -135,31 +170,38 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
+def parse_list(flag: str, text: str) -> list[str]:
+    """Read names separated by commas, each once."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise PeriscopyError(f"{flag} '{text}' has an empty name; separate names by one comma")
+    return _without_doubles(flag, names)
+
+
+def _without_doubles(flag: str, names: list[str]) -> list[str]:
+    if doubles := {name for name in names if names.count(name) > 1}:
+        raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
+    return names
+
+
 def parse_definitions(definitions: list[str] | None, flag: str = "-D") -> dict[str, str]:
     """Read ``-D name=value`` options, or those of another name; each name once."""
-    values: dict[str, str] = {}
-    for definition in definitions or []:
-        name, _, value = definition.partition("=")
+    pairs = [each.partition("=") for each in definitions or []]
+    for name, equals, value in pairs:
         if not (name and value):
-            raise PeriscopyError(f"{flag} '{definition}' is not of the form name=value")
-        if name in values:
-            raise PeriscopyError(f"{flag} {name} is given twice")
-        values[name] = value
-    return values
+            raise PeriscopyError(f"{flag} '{name}{equals}' is not of the form name=value")
+    _without_doubles(flag, [name for name, _, _ in pairs])
+    return {name: value for name, _, value in pairs}
 
 
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
-    errors: dict[str, float | None] = {}
-    for entry in filter(None, map(str.strip, text.split(","))):
-        name, _, error = map(str.strip, entry.partition("="))
-        if name in errors:
-            raise PeriscopyError(f"{flag}: '{name}' is named twice")
-        try:
-            errors[name] = float(error) if "=" in entry else None
-        except ValueError:
-            raise PeriscopyError(f"{flag} {entry}: give a number") from None
-    return errors
+    pairs = [each.partition("=") for each in text.split(",") if each.strip()]
+    _without_doubles(flag, [name.strip() for name, _, _ in pairs])
+    try:
+        return {name.strip(): float(error) if equals else None for name, equals, error in pairs}
+    except ValueError:
+        raise PeriscopyError(f"{flag} {text}: write NAME or NAME=ERROR, by comma") from None
 
 
 def known_errors(
@@ -167,31 +209,22 @@ def known_errors(
 ) -> dict[str, float]:
     """Return the errors of ``--uncertain``: those given, else those that the scene declares.
 
-    A PeriscopyError says that an error is unknown, not positive, or contradicts another option.
+    A PeriscopyError names a parameter whose error is unknown or not positive.
     """
     from periscopy_sim.calibration.prior import declared_errors, start_values
-    from periscopy_sim.rendering.scene.document import RULER_ERROR
 
     if named:
         start_values(path, list(named), given)
-    declared, errors = declared_errors(path, given), {}
-    for name, error in named.items():
-        ruler = f"{name}{RULER_ERROR}"
-        # A declared error of 0 fixes a parameter, which may be uncertain all the same.
-        if error is not None and ruler in given and declared.get(name) not in (0, error):
+    declared = declared_errors(path, given)
+    errors = {
+        name: declared.get(name, math.nan) if error is None else error
+        for name, error in named.items()
+    }
+    for name, error in errors.items():
+        if not 0 < error < math.inf:
             raise PeriscopyError(
-                f"--uncertain {name}={error:g} contradicts -D {ruler}={given[ruler]}; give one"
+                f"--uncertain {name}: give its error, a positive number: {name}=ERROR"
             )
-        known = declared.get(name) if error is None else error
-        if known is None:
-            raise PeriscopyError(
-                f"--uncertain {name}: the scene declares no {ruler}; give {name}=ERROR"
-            )
-        if not 0 < known < math.inf:
-            raise PeriscopyError(
-                f"--uncertain {name}: an error of {known:g}; give a positive number"
-            )
-        errors[name] = known
     return errors
 
 
@@ -201,25 +234,10 @@ def require_suffix(out: Path, suffix: str, what: str) -> None:
         raise OutputError(f"--out {out}: {what} is written as {suffix}; name a file that ends so")
 
 
-def parse_list(flag: str, text: str) -> list[str]:
-    """Read names separated by commas, each once."""
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise PeriscopyError(f"{flag} '{text}' has an empty name; separate names by one comma")
-    _refuse_doubles(flag, names)
-    return names
-
-
-def _refuse_doubles(flag: str, names: list[str]) -> None:
-    if doubles := {name for name in names if names.count(name) > 1}:
-        raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
-
-
 def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     """Read ``NAME=LOW:HIGH,...``, each name once."""
     ranges = {}
-    entries = [entry.strip() for entry in text.split(",") if entry.strip()]
-    for name, ends in parse_definitions(entries, flag).items():
+    for name, ends in parse_definitions([each.strip() for each in text.split(",")], flag).items():
         try:
             low, high = map(float, ends.split(":"))
         except ValueError:
@@ -229,8 +247,6 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
                 f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
             )
         ranges[name] = (low, high)
-    if not ranges:
-        raise PeriscopyError(f"{flag} names no parameter; write NAME=LOW:HIGH")
     return ranges
 
 
@@ -248,30 +264,28 @@ def parse_indices(text: str, count: int) -> list[int]:
     return list(dict.fromkeys(indices))
 
 
+MOST_RATIOS = 1000
+
+
 def parse_ratios(text: str) -> list[float]:
     """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
-    first, *rest = text.split(":")
     try:
-        if rest:
-            last, spacing, count = rest
+        if ":" in text:
+            first, last, spacing, count = text.split(":")
             ends, number = (float(first), float(last)), int(count)
-            if not (0 < min(ends) <= max(ends) < math.inf and 1 <= number <= MOST_RATIOS):
-                raise ValueError
             space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
-            ratios = [float(f"{ratio:.6g}") for ratio in space(*ends, number)]
+            inner = 0 < min(ends) <= max(ends) < math.inf and number <= MOST_RATIOS
+            ratios = [float(f"{each:.6g}") for each in space(*ends, number)] if inner else []
         else:
             ratios = [float(ratio) for ratio in text.split(",")]
-        if not all(0 < ratio < math.inf for ratio in ratios) or len({*ratios}) < len(ratios):
-            raise ValueError
     except (ValueError, KeyError):
+        ratios = []
+    if not ratios or not all(0 < r < math.inf for r in ratios) or len({*ratios}) < len(ratios):
         raise PeriscopyError(
-            f"--sbr '{text}' is no list of different positive ratios; write 0.1,1,10 or "
+            f"--sbr '{text[:80]}' is no list of different positive ratios; write 0.1,1,10 or "
             "0.1:10:log:9"
-        ) from None
+        )
     return ratios
-
-
-MOST_RATIOS = 1000
 
 
 def parse_ambient(text: str) -> dict[str, Path | None]:
@@ -294,15 +308,5 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
                 f"--ambient '{entry}': write an EXR file, a folder of EXR files, all, adversarial, "
                 f"{', '.join((*REALISTIC, *ADVERSARIAL))}"
             )
-    _refuse_doubles("--ambient", [name for name, _ in lights])
+    _without_doubles("--ambient", [name for name, _ in lights])
     return dict(lights)
-
-
-def parse_bounces(text: str) -> int | None:
-    """Read ``--bounces``: most reflections of a path, 1 of direct light, None of any number."""
-    from periscopy_sim.rendering.transport.bounced import bounces_of_words
-
-    try:
-        return bounces_of_words(text)
-    except ValueError as error:
-        raise PeriscopyError(f"--bounces {error}") from None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,10 +12,17 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.resume import (
+    alone_in,
+    check_settings,
+    read_settings,
+    refuse_results,
+    write_settings,
+)
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C. Newer versions of typer return it, older ones raise Abort."""
+"""Exit code after Ctrl-C."""
 
 BETWEEN_LINES = 20.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -39,6 +48,11 @@ def say(message: str) -> None:
     print(message, flush=True)
 
 
+def say_written(*paths: Path) -> None:
+    """Print the paths of written files."""
+    say(f"wrote {', '.join(map(str, paths))}")
+
+
 def warn(message: str) -> None:
     """Print one warning line."""
     print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
@@ -46,8 +60,6 @@ def warn(message: str) -> None:
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
     """Print a boxed warning with its reasons and advice."""
-    import textwrap
-
     bullets = [textwrap.fill(f"- {reason}", 92, subsequent_indent="  ") for reason in reasons]
     text = "\n".join([title.upper(), "", *bullets, "", textwrap.fill(advice, 92)])
     box = "\n".join(f"# {line:92} #" for line in text.splitlines())
@@ -56,8 +68,18 @@ def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
 
 def fail(message: str, code: int) -> NoReturn:
     """Print an error on one line, and exit with a code."""
-    print(f"periscopy: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"periscopy: error: {PeriscopyError(message)}", file=sys.stderr, flush=True)
     raise SystemExit(code)
+
+
+_INTERRUPTS: list[int] = []
+"""The signals that `interrupt` received."""
+
+
+def interrupt(number: int, _frame: object) -> NoReturn:
+    """Handle Ctrl-C; `progress` raises again where a library ignored the exception."""
+    _INTERRUPTS.append(number)
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -74,40 +96,39 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
     say_written(*(out / name for name in names))
 
 
-def say_written(*paths: Path) -> None:
-    """Print the paths of written files."""
-    say(f"wrote {', '.join(map(str, paths))}")
-
-
-def check_folder(
+@contextmanager
+def resumed_folder(
     out: Path,
     settings: Mapping[str, Any],
     what: str,
     files: Sequence[str],
     varied: Iterable[str] | None = None,
-) -> None:
-    """Reject a folder of other settings, or with files of unknown settings.
+) -> Iterator[None]:
+    """Fill a folder over many runs of the same settings, alone in it.
 
-    Until the first of its files exists, the `varied` settings may differ; all of them by default.
+    A folder of other settings, or with `files` of unknown settings, is an OutputError. Until the
+    first of its files exists, the `varied` settings may differ; all of them by default.
     """
-    from periscopy_sim.storage.outputs.resume import check_settings, read_settings, refuse_results
 
-    held = read_settings(out)
-    if held is None:
-        refuse_results(out, files)
-        return
-    if not (out / files[0]).exists():
-        held |= {name: settings[name] for name in varied or settings}
-    check_settings(held, settings, str(out), what)
+    def check() -> None:
+        held = read_settings(out)
+        if held is None:
+            refuse_results(out, files)
+            return
+        if not (out / files[0]).exists():
+            held |= {name: settings[name] for name in varied or settings}
+        check_settings(held, settings, str(out), what)
 
-
-@contextmanager
-def to_be_continued() -> Iterator[None]:
-    """Print after Ctrl-C that the same command resumes."""
-    try:
+    check()  # before the folder is made
+    with alone_in(out):
+        check()
+        if not (out / files[0]).exists():
+            write_settings(out, settings)
         yield
-    except KeyboardInterrupt:
-        fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
+
+
+_AT_WORK: list[str] = []
+"""Labels of the computations at work, of which `progress` shows the outermost."""
 
 
 @contextmanager
@@ -115,14 +136,14 @@ def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Call
     """Show the progress of a long computation: a bar on a terminal, else a line now and then.
 
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
-    Without `lines`, only a terminal shows the progress.
+    Within the progress of another computation, nothing is shown; without `lines`, only a bar.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    lines &= not console.is_terminal
-    last = time.monotonic()
+    shown, last = not _AT_WORK, time.monotonic()
+    bars, lines = shown and console.is_terminal, shown and lines and not console.is_terminal
 
     def print_line(text: str) -> None:
         if lines:
@@ -130,6 +151,8 @@ def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Call
 
     def update(done: float, total: float = 1.0) -> None:
         nonlocal last
+        if _INTERRUPTS:
+            raise KeyboardInterrupt
         text = f"{label}: " + (f"{done} of {total} {unit}" if unit else f"{100 * done:.0f} %")
         bar.update(task, description=text, completed=done, total=total or 1)
         if time.monotonic() - last > BETWEEN_LINES:
@@ -138,10 +161,13 @@ def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Call
 
     print_line(label)
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
-    disabled = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=disabled) as bar:
-        task = bar.add_task(label, total=None)
-        yield update
+    _AT_WORK.append(label)
+    try:
+        with Progress(*columns, console=console, transient=True, disable=not bars) as bar:
+            task = bar.add_task(label, total=None)
+            yield update
+    finally:
+        _AT_WORK.pop()
 
 
 class Stopwatch:
@@ -160,7 +186,6 @@ class Stopwatch:
 
 def as_json(values: Mapping[str, Any]) -> str:
     """Return values as readable JSON, arrays as lists; a ValueError if one is not finite."""
-    import json
 
     def plain(value: Any) -> Any:
         return value.tolist() if hasattr(value, "tolist") else str(value)

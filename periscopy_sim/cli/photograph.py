@@ -11,35 +11,34 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from periscopy_sim import measurement
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import LIGHT, SCENE, option
-from periscopy_sim.cli.output import fixable, say, warn
+from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.options import LIGHT, option
+from periscopy_sim.cli.output import fixable, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
-    from periscopy_sim.measurement import Sensor
-    from periscopy_sim.scenario import Array, Scenario
+    from periscopy_sim.scenario import Array
 
 MOST_SAMPLES = 2**20
 """Camera samples a pixel, which may take hours."""
-
 
 _sensor_number = partial(option, "NUMBER", group="Sensor")
 
 
 def photograph(
-    scene: options.SceneArgument,
+    session: Annotated[Session, {"hidden": "29x36"}],
     image: Annotated[
         str, typer.Argument(metavar="IMAGE", help="The hidden image: a file, or a shipped one.")
     ],
     out: options.OutFile,
-    hidden: Annotated[
-        str, option("ROWSxCOLUMNS", "Patches to average the image down to.", group=SCENE)
-    ] = "29x36",
     samples: Annotated[
         int, option("NUMBER", "Camera samples a pixel.", min=1, max=MOST_SAMPLES, group=LIGHT)
     ] = 4096,
@@ -66,51 +65,51 @@ def photograph(
     frames: Annotated[
         int | None, _sensor_number("Frames to average. [default: 1]", min=1, max=10**5)
     ] = None,
-    seed: options.Seed = 0,
-    define: options.Define = None,
 ) -> None:
     """Path trace a photograph of the wall, as an EXR file.
 
     The photograph has noise if you give --snr or --electrons.
     """
-    from periscopy_sim import measurement
-    from periscopy_sim.storage.formats.exr import write_exr
-
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     if snr is not None and electrons is not None:
         raise PeriscopyError("--snr and --electrons both set the noise; give one of them")
-    sensor = _sensor(
-        electrons, read_noise=read_noise, full_well=full_well, bit_depth=bits, frames=frames
-    )
-    session = Session(scene, hidden, define, seed)
+    described: dict[str, Any] = {
+        "read_noise": read_noise, "full_well": full_well, "bit_depth": bits, "frames": frames
+    }  # fmt: skip
+    described = {name: value for name, value in described.items() if value is not None}
+    if described and electrons is None:
+        raise PeriscopyError(f"{', '.join(described)} of a sensor need --electrons")
+    with fixable("sensor"):
+        sensor = None if electrons is None else measurement.Sensor(electrons, **described)
     settings: dict[str, Any] = {
-        "image": image, "hidden": hidden, "samples": samples, "ambient": ambient, "sbr": sbr,
-        "snr": snr,
+        "image": image, "hidden": session.hidden, "samples": samples, "ambient": ambient,
+        "sbr": sbr, "snr": snr,
     }  # fmt: skip
     with staged_file(out) as file:
         shown = session.hidden_image(image)
         background = None if ambient is None else _ambient_light(ambient, session)
         y = session.synthetic_photograph(shown, samples)
-        grain, added = _grain(session.scenario, y), math.inf
+        grain, added = _grain(session, y), math.inf
         with fixable("photograph"):
             if background is not None and sbr is not None:
                 signal, y = y, measurement.composite(y, background, sbr)
                 grain *= float(y.mean() / signal.mean()) * sbr / (1 + sbr)
-            noiseless = y
+            level = float(np.sqrt(np.mean(y**2)))
             if snr is not None:
                 added = measurement.noise_level(y, snr)
-                y = measurement.add_noise(y, snr, seed)
+                y = measurement.add_noise(y, snr, session.seed)
             if sensor is not None:
                 added = 10 ** (-sensor.snr / 20) * float(y.mean())
-                exposure = sensor.expose(y, seed)
+                exposure = sensor.expose(y, session.seed)
                 y, saturated = exposure.values, int(exposure.saturated.sum())
                 settings |= {**asdict(sensor), "saturated": saturated}
         write_exr(file, y, as_text({**settings, **session.provenance}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
     if grain > added:
-        warn(f"{out}: {_grainy(grain, added, noiseless, samples)}")
+        percent = 100 / level
+        session.warn(sentence("grainy", file=out, own=percent * grain, added=percent * added))
     if sensor is not None:
         say(f"saturated {saturated} of {y.size} values; SNR {sensor.snr:.1f} dB at mean light")
 
@@ -118,44 +117,17 @@ def photograph(
 def _ambient_light(name: str, session: Session) -> Array:
     """Return ambient light, (rows, columns, 3), of a file or of a shipped condition."""
     shipped = (*REALISTIC, *ADVERSARIAL)
-    if name in shipped and not Path(name).is_file():
-        return session.ambient_light(name)
-    if not Path(name).is_file() and (guess := did_you_mean(name, shipped)):
+    if Path(name).is_file():
+        return session.photograph(Path(name)).values
+    if name not in shipped:
+        guess = did_you_mean(name, shipped)
         raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
-    return session.photograph(Path(name)).values
+    return session.ambient_light(name)
 
 
-def _grain(scenario: Scenario, photograph: Array) -> float:
+def _grain(session: Session, photograph: Array) -> float:
     """Return the root mean square of the path tracing's standard error; 0 of a textured wall."""
-    from periscopy_sim.model.noise import camera_noise
-
     noise = camera_noise(np.moveaxis(photograph, 2, 0))
-    if noise is None or scenario.wall_texture is not None:
+    if noise is None or session.scenario.wall_texture is not None:
         return 0.0
     return float(np.sqrt(np.mean(noise**2)))
-
-
-def _grainy(grain: float, added: float, photograph: Array, samples: int) -> str:
-    """Return the warning that the path tracing's standard error exceeds the noise added."""
-    own, noise = 100 * np.array([grain, added]) / np.sqrt(np.mean(photograph**2))
-    enough = min(2 ** math.ceil(math.log2(samples * (grain / added) ** 2)), MOST_SAMPLES)
-    return (
-        f"the path tracing's own noise is {own:.2g} % of the photograph, more than the "
-        f"{noise:.2g} % of the noise added; take more samples: --samples {enough}"
-    )
-
-
-def _sensor(electrons: float | None, **described: Any) -> Sensor | None:
-    """Return the sensor that the options describe; None without ``--electrons``."""
-    from periscopy_sim.measurement import Sensor
-
-    chosen = {name: value for name, value in described.items() if value is not None}
-    if electrons is None:
-        if chosen:
-            raise PeriscopyError(
-                "--read-noise, --full-well, --bits and --frames describe a sensor; expose it by "
-                "--electrons MEAN"
-            )
-        return None
-    with fixable("sensor"):
-        return Sensor(electrons, **chosen)

@@ -12,49 +12,67 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.cli.light import LightModel, TransportRequest, check_memory
-from periscopy_sim.cli.options import parse_definitions, parse_size
+import periscopy_sim as ps
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.options import (
+    Define,
+    Hidden,
+    OptionGroup,
+    SceneArgument,
+    SceneOption,
+    Seed,
+    parse_definitions,
+    parse_size,
+)
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.model.observation import checked_mask
+from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
 from periscopy_sim.photograph import Mask, blackened
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.photographs.border import BadBorder, bad_border
+from periscopy_sim.photographs.defects import defective_pixels
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.shipped import find_image, find_scene
+from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.storage.photographs import read_mask, read_photograph
+from periscopy_sim.storage.pictures import read_hidden_image, write_png
 
 if TYPE_CHECKING:
-    from periscopy_sim.model.uncertain_transport import UncertainTransport
-    from periscopy_sim.photograph import Photograph
-    from periscopy_sim.scenario import Array, Scenario
-
-SUGGESTED = "mask.png"
-"""File of the mask that `Session.suggest_mask` writes."""
+    from periscopy_sim.rendering.transport.kernel import Strata
+    from periscopy_sim.scenario import Array
 
 
-def load(name: str, hidden: str, definitions: list[str] | None) -> Scenario:
-    """Load the scene that a command names."""
-    from periscopy_sim.rendering.scene.load import load_scenario
-
-    return load_scenario(find_scene(name), parse_size(hidden), parse_definitions(definitions))
-
-
-def provenance_of(scenario: Scenario, seed: int = 0) -> dict[str, Any]:
+def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     """Return versions, scene, variant, seed and command line."""
     import mitsuba as mi
-
-    from periscopy_sim.storage.outputs.provenance import provenance
 
     command = ["periscopy", *sys.argv[1:]]
     record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
     return {**record, "parameters": dict(scenario.parameters)}
 
 
-def warn_without_shadows(scenario: Scenario, name: str) -> list[str]:
+def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
     """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
     from periscopy_sim.rendering.checks import shadow_doubt
 
-    doubt = shadow_doubt(scenario)
-    if doubt:
-        warn(f"{name}: {doubt}")
-    return [f"{name}: {doubt}"] if doubt else []
+    if not (doubt := shadow_doubt(scenario)):
+        return []
+    warn(f"{name}: {doubt}")
+    return [f"{name}: {doubt}"]
+
+
+def check_memory(scenario: ps.Scenario, method: str | None = None) -> None:
+    """Reject a scene whose A and method need more memory than there is."""
+    pixels, patches = scenario.transport_shape
+    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
+    needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
+    if not has_memory(needed):
+        raise PeriscopyError(
+            f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
+            f"{(available_memory() or 0) / 1e9:.1f} GB; average pixels (prepare --bin) or choose "
+            "fewer patches (--hidden)"
+        )
 
 
 def pixel_record(
@@ -68,48 +86,29 @@ def pixel_record(
     }
 
 
-class Session:
-    """A run of a command on a scene.
+class Session(OptionGroup):
+    """A run of a command on a scene, by the options that name it.
 
-    Parameters
-    ----------
-    scene
-        The scene's file, or the name of a shipped one.
-    hidden
-        ROWSxCOLUMNS of the hidden image; by default the least that a scene can have.
-    define
-        The values of ``-D``.
-    seed
-        Of every random draw.
-
-    Attributes
-    ----------
-    timed : Stopwatch
-        Seconds of each stage.
-    warnings : list of str
-        The lines that a summary repeats.
-    sound : (rows, columns) bool
-        The pixels without defects, after `without_defects`.
+    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, and
+    `suggestion` the pixels, (rows, columns) bool, without the defects that `without_defects` found.
     """
 
-    sound: Mask
-    _suggests = False
+    suggestion: Mask | None = None
 
     def __init__(
-        self, scene: str, hidden: str = "1x1", define: list[str] | None = None, seed: int = 0
+        self, scene: SceneArgument, hidden: Hidden, define: Define = None, seed: Seed = 0
     ) -> None:
-        parse_size(hidden)
-        self.name, self.path, self.seed = scene, find_scene(scene), seed
+        self.name, self.hidden, self.seed = scene, hidden, seed
+        self.size, self.path = parse_size(hidden), find_scene(scene)
         self.definitions = parse_definitions(define)
         self.timed = Stopwatch()
         self.warnings: list[str] = []
-        self._hidden, self._define = hidden, define
 
     @cached_property
-    def scenario(self) -> Scenario:
+    def scenario(self) -> ps.Scenario:
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
-            return load(self.name, self._hidden, self._define)
+            return ps.load_scenario(self.path, self.size, self.definitions)
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
@@ -138,37 +137,26 @@ class Session:
 
     def hidden_image(self, name: str) -> NDArray[np.float64]:
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
-        from periscopy_sim.shipped import find_image
-        from periscopy_sim.storage.pictures import read_hidden_image
-
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Path trace ambient light, (rows, columns, 3), to a relative error of a pixel."""
-        from periscopy_sim.rendering.ambient.background import render_background
-
         with progress("path tracing the ambient light") as report:
-            return render_background(
-                f"ambient/{name}",
-                self.scenario,
-                target=target,
-                seed=self.seed + 1,
-                progress=report,
-            ).photograph
+            seed = self.seed + 1  # other paths than the photograph's
+            light = ps.render_background(
+                f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
+            )
+            return light.photograph
 
     def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> Array:
         """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""
-        from periscopy_sim.rendering.photograph import render_photograph
-
         with fixable("photograph"), progress("path tracing the photograph") as report:
-            return render_photograph(
+            return ps.render_photograph(
                 self.scenario, image, samples=samples, seed=self.seed, progress=report
             )
 
-    def photograph(self, path: Path, mask: Mask | None = None) -> Photograph:
+    def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
-        from periscopy_sim.storage.photographs import read_photograph
-
         photograph = read_photograph(path, self.scenario.photograph_shape, mask)
         for warning in photograph.warnings:
             self.warn(warning)
@@ -178,12 +166,11 @@ class Session:
         self, mask: Path | None, monitor_off: list[Path] | None
     ) -> tuple[Mask | None, dict[str, Array]]:
         """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
-        from periscopy_sim.model.observation import checked_mask
-        from periscopy_sim.storage.photographs import read_mask
-
-        used = None if mask is None else read_mask(mask, self.scenario.photograph_shape)
-        with fixable(str(mask)):
-            used = None if used is None else checked_mask(used, self.scenario.transport_shape)
+        used = None
+        if mask is not None:
+            with fixable(str(mask)):
+                given = read_mask(mask, self.scenario.photograph_shape)
+                used = checked_mask(given, self.scenario.transport_shape)
         files = list(map(str, monitor_off or []))
         if len(set(files)) < len(files):
             raise PhotographError(f"--monitor-off {', '.join(files)}: name each photograph once")
@@ -195,87 +182,82 @@ class Session:
         mask: Path | None = None,
         monitor_off: list[Path] | None = None,
         **defects: Any,
-    ) -> Photograph:
+    ) -> ps.Photograph:
         """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
         used, off = self.companions(mask, monitor_off)
         photograph = replace(self.photograph(path, used), monitor_off=off)
         return self.without_defects(photograph, str(path), **defects)
 
     def without_defects(
-        self,
-        photograph: Photograph,
-        name: str,
-        *,
-        suggested: Path | str = "FILE",
-        maskable: bool = True,
-    ) -> Photograph:
+        self, photograph: ps.Photograph, name: str, *, maskable: bool = True
+    ) -> ps.Photograph:
         """Warn of a photograph's defects; return it black outside of its mask.
 
         Without a mask, the result has one that leaves out border lines that stand out, if the
-        method is `maskable`. `suggested` is where `suggest_mask` will write its mask.
+        method is `maskable`.
         """
-        from periscopy_sim.photographs.border import BadBorder, bad_border
-        from periscopy_sim.photographs.defects import defective_pixels
-
         values, used = photograph.values, photograph.mask
         border = bad_border(values) if used is None else BadBorder()
         sound = border.inside(photograph.shape) if used is None else used
-        remedy = f"leave them out by --mask {suggested}"
         if border:
-            lines = f"border lines that are far too dark or bright ({border})"
-            if maskable:
-                used = sound
-                self.warn(f"{name}: left out {lines}; --mask replaces this choice")
-            else:
-                self.warn(f"{name}: {lines}; {remedy}")
+            self.warn(sentence("border" if maskable else "border_stays", name=name, lines=border))
+            used = sound if maskable else used
         defects = defective_pixels(values, used)
         if defects.any_kind.any():
-            self.warn(f"{name}: {defects}; {remedy}")
-        self.sound = sound & ~defects.any_kind
-        self._suggests = not self.sound[... if used is None else used].all()
+            self.warn(sentence("defects", name=name, defects=defects))
+        sound = sound & ~defects.any_kind
+        if not sound[... if used is None else used].all():
+            self.suggestion = sound
         return replace(photograph, values=blackened(values, used), mask=used)
 
     def suggest_mask(self, folder: Path) -> None:
         """Write a mask that leaves out the defects of `without_defects`, if there are any."""
-        from periscopy_sim.storage.pictures import write_png
-
-        if self._suggests:
-            mask = np.repeat(self.sound[..., np.newaxis], 3, axis=2)
-            write_png(folder / SUGGESTED, mask, self.metadata)
+        if self.suggestion is not None:
+            mask = np.repeat(self.suggestion[..., np.newaxis], 3, axis=2)
+            write_png(folder / "mask.png", mask, self.metadata)
 
     # -- fitting and writing ---------------------------------------------------------------------
+
+    def transport(
+        self, light: Light, matrix: Path | None = None, strata: Strata = "jittered"
+    ) -> NDArray[np.float32]:
+        """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
+        from periscopy_sim.rendering.transport.bounced import channels_mean
+        from periscopy_sim.storage.transport_matrix import read_transport, record_of
+
+        if matrix is None:
+            return channels_mean(light.transport(self.scenario, self.seed, strata))
+        A = read_transport(matrix, self.scenario, light.most_bounces)
+        if not record_of(matrix).is_file():
+            self.warn(sentence("no_record", file=matrix))
+        return channels_mean(A)
 
     def fit(
         self,
         method: str,
         settings: Mapping[str, float],
-        transport: TransportRequest,
-        light: LightModel,
-        wall: Photograph,
-        uncertain: UncertainTransport | None = None,
+        light: Light,
+        matrix: Path | None,
+        wall: ps.Photograph,
+        uncertain: ps.UncertainTransport | None = None,
     ) -> Any:
-        """Return a method fitted to the scene's A and B."""
+        """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import fit_method
-        from periscopy_sim.rendering.transport.bounced import channels_mean
-        from periscopy_sim.storage.transport_matrix import record_of
 
         with self.timed("transport matrix"):
             check_memory(self.scenario, method)
-            A = channels_mean(transport.matrix(self.scenario))
+            A = self.transport(light, matrix)
         with self.timed("prototype backgrounds"):
-            B = light.matrix(self.scenario)
-        place = str(transport.file or f"scene '{self.path}'")
+            B = light.backgrounds(self.scenario, self.seed)
+        place = str(matrix or f"scene '{self.path}'")
         with (
             self.timed("fit the method"),
             progress(f"fitting {method}"),
             fixable(place, wall.monitor_off),
         ):
-            fitted = fit_method(
+            return fit_method(
                 method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, **settings
             )
-        if transport.file is not None and not record_of(transport.file).is_file():
-            warn(f"{transport.file} has no JSON file beside it: it may be of another scene")
-        return fitted
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -288,3 +270,12 @@ class Session:
             "provenance": self.provenance,
         }
         write_json(file, summary)
+
+
+class PhotoSession(Session):
+    """A session of a command whose argument is a photograph: ``--scene`` names the scene."""
+
+    def __init__(
+        self, scene: SceneOption, hidden: Hidden, define: Define = None, seed: Seed = 0
+    ) -> None:
+        super().__init__(scene, hidden, define, seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,28 +10,20 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli import photograph as photographs
-from periscopy_sim.cli import transport as matrices
-from periscopy_sim.cli.light import LightModel, TransportRequest
+from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import (
-    check_folder,
-    fixable,
-    progress,
-    say,
-    say_written,
-    to_be_continued,
-)
+from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.cli.transport import write_transport
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.resume import alone_in, write_settings
+from periscopy_sim.figures import panels
+from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from periscopy_sim.photograph import Mask
-    from periscopy_sim.scenario import Array, Scenario
 
 RENDERED = ("A.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
@@ -44,8 +35,8 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 
 def sweep(
-    scene: options.SceneArgument,
-    hidden: options.Hidden,
+    session: Session,
+    light: Light,
     out: options.ResumedFolder,
     photograph: Annotated[
         Path | None,
@@ -68,13 +59,8 @@ def sweep(
     snr: options.Snr = 60.0,
     seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
     scheduler: options.Scheduler = None,
-    samples: options.Samples = 16,
-    bounces: options.BouncesOption = "direct",
     monitor_off: options.MonitorOffOption = None,
-    light_model: options.LightModelOption = None,
     mask: options.MaskOption = None,
-    seed: options.Seed = 0,
-    define: options.Define = None,
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
@@ -83,23 +69,17 @@ def sweep(
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
-    from periscopy_sim.figures import panels
-    from periscopy_sim.rendering.transport.bounced import channels_mean
 
     # Reject wrong values here, before hours of rendering.
     require_all()
     if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = options.parse_ratios(sbr), options.parse_ambient(ambient)
-    request = TransportRequest(
-        samples, seed, bounces=options.parse_bounces(bounces), file=out / "A.npy"
-    )
     names = options.parse_list("--methods", methods)
     for name in names:
         find_method(name)
-    prototypes = LightModel.of(light_model, seed, names)
-    session = Session(scene, hidden, define, seed)
-    scenario = session.scenario
+    light.check_methods(*names)
+    scenario, seed = session.scenario, session.seed
     shown = session.hidden_image(truth or hidden_image or "")
     used, off = session.companions(mask, monitor_off)
     signal = None
@@ -108,15 +88,13 @@ def sweep(
         signal = given.values
         session.without_defects(given, str(photograph), maskable=False)
     ambience = {
-        name: _background(path, session, used, flips) if path else None
+        name: session.photograph(path, used).values if path else None
         for name, path in lights.items()
     }
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
-        "samples": samples,
-        "bounces": request.origin["bounces"],
-        **prototypes.origin,
+        **{name: value for name, value in light.origin().items() if name != "transport"},
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
@@ -132,32 +110,25 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
     if scheduler is not None:
         with workers.connect(scheduler):  # fails if it does not answer
             pass
-    with to_be_continued(), alone_in(out):
-        # Again, now that no other process writes there.
-        check_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED)
-        if not (out / STORE).exists():
-            write_settings(out, settings)
-        if not (out / "A.npy").is_file():
-            matrices.transport(
-                scene, hidden, out / "A.npy", samples=samples, bounces=bounces, seed=seed,
-                define=define,
-            )  # fmt: skip
-        A = channels_mean(request.matrix(scenario))
-        B = prototypes.matrix(scenario)
+    with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
+        matrix = out / "A.npy"
+        if not matrix.is_file():
+            write_transport(session, light, matrix)
+        A = session.transport(light, matrix)
+        B = light.backgrounds(scenario, seed)
         with fixable(f"scene '{scenario.path}'", off):
             fitted = fit_methods(names, scenario, A, B, used, off)
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():
-                photographs.photograph(
-                    scene, str(hidden_image), file, hidden=hidden, seed=seed, define=define
-                )
+                photographs.photograph(session=session, image=str(hidden_image), out=file)
             signal = session.photograph(file).values
-        lit = _rendered(ambience, scenario, out / "ambient", seed)
+        missing = [name for name, image in ambience.items() if image is None]
+        rendered = ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
+        lit = {name: rendered[name] if image is None else image for name, image in ambience.items()}
         whole = sweeps.Sweep(
             signal=signal,
             truth=shown,
@@ -180,34 +151,6 @@ def sweep(
             panels.draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
     say_written(*(out / name for name in RESULTS))
-
-
-def _background(path: Path, session: Session, used: Mask | None, flips: bool) -> Array:
-    """Read ambient light, (rows, columns, 3), whose flips are finite inside the mask, too."""
-    from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.photograph import used_pixels
-
-    light = session.photograph(path, used).values
-    turned = sweeps.flips({"": light}).values() if flips else ()
-    if not all(np.isfinite(used_pixels(each, used)).all() for each in turned):
-        raise PhotographError(
-            f"{path}: flips move NaN or infinite values into the mask; replace them, or pass "
-            "--no-flips"
-        )
-    return light
-
-
-def _rendered(
-    backgrounds: Mapping[str, Array | None], scenario: Scenario, folder: Path, seed: int
-) -> dict[str, Array]:
-    """Fill in the shipped conditions, rendering those that are not in the folder yet."""
-    names = [name for name, image in backgrounds.items() if image is None]
-    rendered: Mapping[str, Array] = {}
-    if names:
-        from periscopy_sim.cli.ambient import ambient_photographs
-
-        rendered = ambient_photographs(names, scenario, folder, seed)
-    return {name: rendered[name] if image is None else image for name, image in backgrounds.items()}
 
 
 def _say_means(results: xr.Dataset) -> None:

@@ -3,44 +3,44 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import TransportRequest, check_memory
+from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.output import as_json, say
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, check_memory
 
 
 def transport(
-    scene: options.SceneArgument,
-    hidden: options.Hidden,
+    session: Session,
     out: options.OutFile,
     samples: options.Samples = 16,
     model: options.ModelOption = options.Model.rendered,
     bounces: options.BouncesOption = "direct",
-    seed: options.Seed = 0,
-    define: options.Define = None,
 ) -> None:
     """Render the light transport matrix A of a scene.
 
     The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
+    options.require_suffix(out, ".npy", "the matrix")
+    write_transport(session, Light(samples, model, bounces), out)
+
+
+def write_transport(session: Session, light: Light, out: Path) -> None:
+    """Compute A; write it with the files beside it, and print their names."""
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 
-    options.require_suffix(out, ".npy", "the matrix")
-    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces))
-    session = Session(scene, hidden, define, seed)
-    with transport_writer(out, request.bounces) as write:
+    with transport_writer(out, light.most_bounces) as write:
         check_memory(session.scenario)
-        A = request.matrix(session.scenario)
+        A = light.transport(session.scenario, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,
             "hidden_shape": session.scenario.hidden_shape,
-            "model": model.value,
-            "samples": samples,
+            "model": light.model.value,
+            "samples": light.samples,
             **session.provenance,
         }
         write(A, json.loads(as_json(record)))
-    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {record_of(out)}")
-    if not request.is_direct:
-        say(f"wrote {bounced_of(out)}")
+    beside = record_of(out), *(file for file in (bounced_of(out),) if file.is_file())
+    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}")

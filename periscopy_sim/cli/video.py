@@ -12,48 +12,51 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import LightModel, TransportRequest
-from periscopy_sim.cli.messages import residual_summary, residual_warning, sentences
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.messages import residual_summary, warnings_of
 from periscopy_sim.cli.method_options import (
     FOR_VIDEOS,
     Coupling,
     VideoMethod,
+    VideoNumbers,
     check_coupling,
     settings_for,
-    takes_options_of,
 )
 from periscopy_sim.cli.options import EXPERT, OUTPUT, PHOTOGRAPH, number, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import SUGGESTED, Session, pixel_record
+from periscopy_sim.cli.session import PhotoSession, Session, pixel_record
 from periscopy_sim.errors import OutputError
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.figures import video as drawing
+from periscopy_sim.figures.animation import require_encoder
+from periscopy_sim.figures.residual import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.shipped import find_image
+from periscopy_sim.storage import sequences
+from periscopy_sim.storage.formats.arrays import mapped_stack
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.report import Report
 
 
-@takes_options_of(FOR_VIDEOS)
 def video(
+    *,
     frames: Annotated[
         Path,
         typer.Argument(
             metavar="FRAMES",
-            help="Photographs in time's order: a folder of files that reconstruct takes, a Zarr "
-            "archive, an NPY or NPZ stack (frames, rows, columns, 3).",
+            help="Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack.",
             rich_help_panel=PHOTOGRAPH,
         ),
     ],
-    scene: options.SceneOption,
-    hidden: options.Hidden,
+    session: PhotoSession,
+    light: Light,
+    matrix: options.MatrixOption = None,
     out: options.Out,
     method: VideoMethod = DEFAULT,
     coupling: Coupling = "l1",
-    samples: options.Samples = 16,
-    model: options.ModelOption = options.Model.rendered,
-    bounces: options.BouncesOption = "direct",
-    matrix: options.MatrixOption = None,
+    numbers: VideoNumbers,
     truth: Annotated[
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
@@ -67,67 +70,55 @@ def video(
         int, option("NUMBER", "Photographs in one product.", group=EXPERT, min=1, max=4096)
     ] = 16,
     monitor_off: options.MonitorOffOption = None,
-    light_model: options.LightModelOption = None,
     mask: options.MaskOption = None,
-    seed: options.Seed = 0,
-    define: options.Define = None,
-    **numbers: float | None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
-    from periscopy_sim.figures import video as drawing
-    from periscopy_sim.figures.animation import require_encoder
-    from periscopy_sim.figures.residual import draw_residual
 
     for ending in also or ():
         require_encoder(ending)
     formats = ["png", *dict.fromkeys(also or ())]
     check_coupling(method, coupling)
-    settings = settings_for(method, numbers, FOR_VIDEOS, coupling)
+    settings = settings_for(method, numbers.values, FOR_VIDEOS, coupling)
     entry = METHODS[method]
     of_still = {option.name for option in entry.options}
     for_stills = {name: value for name, value in settings.items() if name in of_still}
     weights = {name: value for name, value in settings.items() if name not in of_still}
-    request = TransportRequest(samples, seed, model, options.parse_bounces(bounces), matrix)
-    lights = LightModel.of(light_model, seed, [method])
-    session = Session(scene, hidden, define, seed)
+    light.check_methods(method)
     with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
-        clip = _read_clip(session, frames, mask, monitor_off, truth, out, Path(scratch))
-        still = session.fit(method, for_stills, request, lights, clip.wall)
+        clip = _read_clip(session, frames, mask, monitor_off, truth, Path(scratch))
+        _check_former(out, len(clip.names))
+        still = session.fit(method, for_stills, light, matrix, clip.wall)
         recovery = entry.frames_by(still, coupling, **weights)
         images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
         )
-        residual = report.residual
         text = session.metadata
         with session.timed("draw"):
             white = drawing.white_of(images)
             if clip.truth is not None:
                 video_metrics.compare(records, images, clip.truth)
-                drawing.draw_sheet(
-                    folder / "frames_sheet.png", clip.photographs, clip.truth, images,
-                    [record["mean_squared_error"] for record in records], text,
-                )  # fmt: skip
+                errors = [record["mean_squared_error"] for record in records]
+                sheet = clip.photographs, clip.truth, images, errors, text
+                drawing.draw_sheet(folder / "frames_sheet.png", *sheet)
             with progress("drawing the frames") as drawn:
                 drawing.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
-                    drawing.draw_video(
-                        folder / f"video.{ending}",
-                        *(clip.photographs, images, clip.truth, white, rate, text, drawn),
-                    )
-        if residual is not None:
-            caption = residual_summary(residual)
-            draw_residual(folder / "residual.png", clip.photographs[0], residual, caption, text)
+                    shown = clip.photographs, images, clip.truth, white, rate, text, drawn
+                    drawing.draw_video(folder / f"video.{ending}", *shown)
+        if report.residual is not None:
+            caption = residual_summary(report.residual)
+            file = folder / "residual.png"
+            draw_residual(file, clip.photographs[0], report.residual, caption, text)
         session.suggest_mask(folder)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
         summary = {
-            "photographs": clip.name,
+            "photographs": str(frames),
             "frames": len(clip.names),
-            **request.origin,
-            **lights.origin,
+            **light.origin(matrix),
             "method": method,
             **settings,
             "first_frame": report.numbers,
@@ -142,8 +133,8 @@ def video(
             "frames_per_second": rates,
         }
         session.write_summary(folder / "summary.json", summary)
-    if residual is not None:
-        say(f"first frame, {residual_summary(residual)}")
+    if report.residual is not None:
+        say(f"first frame, {residual_summary(report.residual)}")
     say(
         f"{len(clip.names)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
         f"{rates['live']:.1f} one at a time"
@@ -159,7 +150,7 @@ class _Clip:
     name: str
     names: Sequence[str]  # of the frames
     photographs: NDArray[np.floating[Any]]
-    wall: Photograph  # of the first frame
+    wall: ps.Photograph  # of the first frame
     truth: NDArray[np.floating[Any]] | None  # (frames, R, C, 3)
 
 
@@ -169,37 +160,32 @@ def _read_clip(
     mask: Path | None,
     monitor_off: list[Path] | None,
     truth: str | None,
-    out: Path,
     scratch: Path,
 ) -> _Clip:
     """Read and check the photographs and the hidden images, into files of a scratch folder."""
-    from periscopy_sim.figures.video import picture_names
-    from periscopy_sim.shipped import find_image
-    from periscopy_sim.storage.sequences import decoded_photographs, decoded_truth, open_frames
-
-    scenario = session.scenario
-    shape = scenario.photograph_shape
+    shape, hidden = session.scenario.photograph_shape, session.scenario.hidden_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions(mask, monitor_off)
-        sequence = open_frames(frames, shape, used)
-        held = {file.name for file in (out / "frames").glob("*.png")}
-        if held - set(picture_names(len(sequence))):
-            raise OutputError(f"{out}: holds a longer video; name another folder")
-        photographs, warnings = decoded_photographs(
+        sequence = sequences.open_frames(frames, shape, used)
+        photographs, warnings = sequences.decoded_photographs(
             sequence, shape, used, scratch / "y.npy", report
         )
         for warning in warnings:
             session.warn(warning)
-        wall = session.without_defects(
-            Photograph(photographs[0], used, off),
-            f"{frames}, first frame",
-            suggested=out / SUGGESTED,
-        )
+        name = f"{frames}, first frame"
+        wall = session.without_defects(ps.Photograph(photographs[0], used, off), name)
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            known = decoded_truth(path, scenario.hidden_shape, len(sequence), scratch / "truth.npy")
-    return _Clip(str(frames), sequence.names, photographs, wall, known)
+            known = sequences.decoded_truth(path, hidden, len(sequence), scratch / "truth.npy")
+    return _Clip(name, sequence.names, photographs, wall, known)
+
+
+def _check_former(out: Path, count: int) -> None:
+    """Reject a folder with pictures of a longer video, which would stay beside the new ones."""
+    held = {file.name for file in (out / "frames").glob("*.png")}
+    if held - set(drawing.picture_names(count)):
+        raise OutputError(f"{out}: holds a longer video; name another folder")
 
 
 def _recover(
@@ -214,8 +200,6 @@ def _recover(
 
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.reconstruction.report import Report
-    from periscopy_sim.storage.formats.arrays import mapped_stack
-    from periscopy_sim.storage.sequences import npy_writer
 
     count, shape = len(clip.names), session.scenario.hidden_shape
     records: list[dict[str, Any]] = []
@@ -227,7 +211,7 @@ def _recover(
         with (
             session.timed("reconstruct"),
             progress("reconstructing", "frames") as frame_done,
-            npy_writer(file, (count, *shape, 3), np.float32) as write,
+            sequences.npy_writer(file, (count, *shape, 3), np.float32) as write,
         ):
             solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)
             for k, (solution, seconds) in enumerate(solved):
@@ -237,7 +221,7 @@ def _recover(
                 numbers = solution.numbers()
                 records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
                 frame_done(k + 1, count)
-    for warning in filter(None, (*sentences(report.warnings), residual_warning(report.residual))):
-        session.warn(f"{clip.name}, first frame: {warning}")
+    for warning in warnings_of(report):
+        session.warn(f"{clip.name}: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, report, rates

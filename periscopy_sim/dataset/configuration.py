@@ -241,4 +241,4 @@ def load_configuration(path: str | Path) -> Configuration:
     ConfigurationError
         If it is no YAML, or an entry is unknown, missing or out of range; with its line.
     """
-    return read_yaml(Path(path), Configuration, "periscopy dataset --example")
+    return read_yaml(Path(path), Configuration)

@@ -94,8 +94,8 @@ def check_able(name: str, hidden_shape: tuple[int, int]) -> None:
     if entry.hidden is not None and tuple(hidden_shape) != entry.hidden:
         rows, columns = entry.hidden
         raise PeriscopyError(
-            f"method '{name}' learned from hidden images of {rows}x{columns} patches alone: give "
-            f"--hidden {rows}x{columns}; for other sizes train networks of your own (make learned)"
+            f"method '{name}' learned from hidden images of {rows}x{columns} patches alone: take "
+            "this size, or train networks of your own (make learned)"
         )
     if entry.needs:
         require(entry.needs)
@@ -256,7 +256,7 @@ def _place(name: str) -> str:
 def _file(name: str) -> Path | None:
     """Find the file of a user's own method, where its module has one."""
     place = _place(name)
-    file = place if place.endswith(".py") else _module(name).__file__
+    file = place if place.endswith(".py") else getattr(_module(name), "__file__", None)
     return Path(file) if file else None
 
 

@@ -20,8 +20,6 @@ from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, 
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
-COMMAND = "periscopy lab --example"
-
 SIDES = ("left", "right", "bottom", "top")
 """Of a frame; its bars are called after them."""
 
@@ -334,4 +332,4 @@ def load_laboratory(path: str | Path) -> Laboratory:
     ConfigurationError
         If it is no YAML, or a number is missing, has no unit, or is out of range; with its line.
     """
-    return read_yaml(Path(path), Laboratory, COMMAND)
+    return read_yaml(Path(path), Laboratory)

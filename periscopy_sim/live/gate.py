@@ -67,7 +67,7 @@ class Gate:
             self._socket = socket.create_server(address, family=family)
         except (OSError, UnicodeError) as error:
             raise PeriscopyError(
-                f"cannot listen on {host}:{port}: {error}; name another by --port or --host"
+                f"cannot listen on {host}:{port}: {error}; name another port or host"
             ) from None
         self.port = int(self._socket.getsockname()[1])
 

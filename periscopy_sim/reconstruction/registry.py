@@ -62,7 +62,6 @@ class MethodEntry:
     help: str  # what it is, in a few words
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     options: tuple[Option, ...] = ()  # what users can set
-    certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
@@ -146,7 +145,7 @@ _L1_WEIGHT = Option(
     0.4,
     0,
     1e9,
-    "Of --coupling l1: weight of the l1 difference to the frame before, over that of total "
+    "Of the coupling l1: weight of the l1 difference to the frame before, over that of total "
     "variation.",
     coupling="l1",
 )
@@ -155,7 +154,7 @@ _TEMPORAL_WEIGHT = Option(
     1.0,
     0,
     1e9,
-    "Of --coupling total-variation: weight of differences in time within it.",
+    "Of the coupling total-variation: weight of differences in time within it.",
     coupling="total-variation",
 )
 
@@ -178,7 +177,6 @@ _ENTRIES = (
             ),
             _RANK,
         ),
-        certainty="standard errors",
         uncertain=True,
         video=VideoEntry(
             "noise_aware.video:NoiseAwareVideo",

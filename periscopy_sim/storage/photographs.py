@@ -97,7 +97,7 @@ def read_sensor_image(
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
             f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
-            f"are saturated, leave them out by --white {top:.6g}"
+            f"are saturated, give this value as the saturation"
         )
     return exposure, tuple(warnings)
 

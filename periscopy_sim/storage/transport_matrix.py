@@ -111,8 +111,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     held, asked = record.get("bounces", "direct"), bounces_in_words(bounces)
     if held != asked:
         raise PhotographError(
-            f"{path}: was rendered by --bounces {held}, and --bounces {asked} is asked for; ask "
-            f"for {held}, or {AGAIN}"
+            f"{path}: was rendered with bounces {held}, not {asked}; ask for {held}, or {AGAIN}"
         )
     if record.get("matrix_sha256", digest := _sha256(A)) != digest:
         raise PhotographError(f"{path}: is of another matrix than {record_of(path)}; {AGAIN}")

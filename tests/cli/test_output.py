@@ -1,6 +1,7 @@
 """Lines, progress, times and JSON."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):
 
 @pytest.mark.parametrize("value", [float("nan"), np.float64("inf"), np.array([1.0, np.nan])])
 def test_json_refuses_what_is_no_number(value, tmp_path):
-    with pytest.raises(ValueError, match="not JSON compliant"):
+    with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "record.json", {"value": value})
     assert not (tmp_path / "record.json").exists()
 
@@ -60,15 +61,23 @@ def plain_environment(monkeypatch):
 
 
 def test_progress_is_a_line_now_and_then_without_a_terminal(monkeypatch, capfd):
-    with progress("rendering") as report, progress("within", lines=False) as silent:
+    with progress("rendering") as report, progress("within") as inner:
         report(0.5)
         monkeypatch.setattr(output, "BETWEEN_LINES", -1.0)
         report(0.42)
-        silent(1.0)
+        inner(1.0)
     with progress("making", "samples") as count:
         count(3, 12)
     lines = ["rendering", "rendering: 42 %", "making", "making: 3 of 12 samples"]
     assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))
+
+
+def test_interrupt_that_a_library_ignored_is_raised_again(monkeypatch):
+    monkeypatch.setattr(output, "_INTERRUPTS", [])
+    with pytest.raises(KeyboardInterrupt), progress("rendering") as report:
+        with suppress(KeyboardInterrupt):
+            output.interrupt(2, None)
+        report(0.5)
 
 
 def test_progress_shows_label_and_fraction_on_a_terminal(monkeypatch, capfd):

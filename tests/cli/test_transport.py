@@ -13,7 +13,7 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 
 def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
     out = succeeds("transport", "chair", *TINY, "--seed", "7", "--out", "deep/A.npy")
-    assert out == "wrote deep/A.npy 576x20 and deep/A.json\n"
+    assert "deep/A.npy" in out and "deep/A.json" in out
     assert {path.name for path in (tmp_path / "deep").iterdir()} == {"A.npy", "A.json"}
     A = np.load(tmp_path / "deep" / "A.npy")
     assert A.shape == (576, 20) and A.dtype == np.float32

@@ -24,10 +24,10 @@ from experiments.laboratories.making.laboratories import SHELF
 from experiments.laboratories.making.laboratory import SCENES
 from experiments.setting import SNR, kept
 from periscopy_sim.calibration.prior import free_parameters, start_values
-from periscopy_sim.cli.ambient import ambient_photographs
 from periscopy_sim.errors import SceneError
 from periscopy_sim.evaluation.sweep import array_sha256
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.outputs.staging import staged_folder
 

@@ -1,4 +1,4 @@
-"""`periscopy calibrate`: the parameters of a scene, from the photograph alone."""
+"""`periscopy calibrate`: the parameters of a scene, from photographs."""
 
 from __future__ import annotations
 
@@ -6,113 +6,83 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.calibration.report import say_found, told
-from periscopy_sim.cli.calibration.silhouette import find_silhouette, refuse_others
-from periscopy_sim.cli.options import option, parse_size
-from periscopy_sim.cli.output import (
-    progress,
-    say_written,
-    warn_boxed,
-    write_json,
-)
-from periscopy_sim.cli.session import Session, pixel_record
-from periscopy_sim.errors import SceneError
+from periscopy_sim.cli.calibration.report import as_record, say_calibration
+from periscopy_sim.cli.calibration.silhouette import find_silhouette
+from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.output import fixable, progress, say_written, warn_boxed, write_json
+from periscopy_sim.cli.session import PhotoSession, pixel_record
+from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
 
-
 DISTRUSTED = (
-    "Look at the picture, and at what stays unexplained there. {} Free fewer parameters (--free), "
-    "or measure again what is named above. Until then the scene as measured is the better guess."
+    "Look at the picture. Measure again what is named above, free fewer parameters (--free), leave "
+    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off). "
+    "Until then the scene as measured is the better guess."
 )
-"""What to do with a calibration that is not to be trusted, with one of `UNTOLD`."""
+"""What to do with a calibration that is not to be trusted."""
 
-UNTOLD = {
-    False: "A photograph with the monitor off (--monitor-off) and a mask tell paint, lamps and "
-    "posters from shadows.",
-    True: "A mask tells posters and sockets from shadows.",
-}
-"""What else may be given, by whether there were photographs with the monitor off."""
+_SHOWN = (
+    "A picture that the monitor showed, in the order of the photographs; repeatable. Photographs "
+    "beyond these have unknown pictures."
+)
+_FREE = (
+    "<default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the standard deviation of "
+    "the measured value. [default: all NAME with a NAME_error]"
+)
+_UNCERTAIN = "Standard errors of <default>s that stay; those of the result count them; repeatable."
+_SILHOUETTE = "Find the form of this shape, a flat mask of cells in the rectangle about it."
+_CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
+_OUT = "Scene to write, NAME.xml; beside it NAME.json and NAME.png."
 
 
 def calibrate(
-    photo: arguments.PhotoArgument,
-    scene: arguments.SceneOption,
-    hidden: arguments.Hidden,
-    out: Annotated[
-        Path,
-        option(
-            "FILE",
-            "Scene to write, NAME.xml; beside it NAME.json and NAME.png. Each appears complete or "
-            "not at all.",
+    photo: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PHOTO...",
+            help="Photographs of one laboratory, its scene unchanged.",
+            rich_help_panel=PHOTOGRAPH,
         ),
     ],
-    free: Annotated[
-        str | None,
-        option(
-            "NAME[=ERROR],...",
-            "The scene's <default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the "
-            "ruler's, a standard deviation in the unit of NAME; without it, that of the <default> "
-            "NAME_error if there is one. Default: all that have one.",
-        ),
-    ] = None,
-    uncertain: Annotated[
-        list[str] | None,
-        option(
-            "NAME[=ERROR],...",
-            "Standard errors of <default>s that stay, such as occluder_turn=2: what they may do to "
-            "the values found is counted in their errors, each on its own. Without ERROR, that of "
-            "the <default> NAME_error. Repeatable.",
-        ),
-    ] = None,
-    silhouette: Annotated[
-        str | None,
-        option(
-            "SHAPE",
-            "Find the form of an occluder nobody measured, not numbers: the shape of this id is "
-            "replaced by a flat mask of cells in the rectangle about it. Beside the scene are "
-            "written NAME_SHAPE.ply, the mask, and NAME_silhouette.png.",
-        ),
-    ] = None,
-    cells: Annotated[
-        str | None,
-        option(
-            "ROWSxCOLUMNS",
-            "Cells of --silhouette. Default: 16 along the rectangle's longer side.",
-        ),
-    ] = None,
-    samples: arguments.Samples = 144,
-    background: arguments.MonitorOffOption = None,
+    session: PhotoSession,
+    out: Annotated[Path, option("FILE", _OUT, group=arguments.OUTPUT)],
+    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None,
+    free: Annotated[str | None, option("NAME[=ERROR],...", _FREE)] = None,
+    uncertain: Annotated[list[str] | None, option("NAME[=ERROR],...", _UNCERTAIN)] = None,
+    silhouette: Annotated[str | None, option("SHAPE", _SILHOUETTE)] = None,
+    cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
+    monitor_off: arguments.MonitorOffOption = None,
     mask: arguments.MaskOption = None,
-    seed: arguments.Seed = 0,
-    define: arguments.Define = None,
+    samples: Annotated[int, typer.Option(hidden=True)] = 0,  # of rays, which nothing takes now
 ) -> None:
-    """Find the parameters of a scene that explain a photograph.
+    """Find the parameters of a scene that explain photographs best.
 
-    They start from their defaults, or from -D, and stay within what the ruler's errors allow. The
-    scene is written anew, and beside it a JSON file (values, uncertainties, the way there) and a
-    picture. A result that is not to be trusted is written too, and says so.
+    The search starts from the scene's values, or those of -D, and their errors. A JSON file tells
+    values, standard errors and the path of the search. A result that is not to be trusted is
+    written, too, and says so.
     """
-    from periscopy_sim.calibration.prior import free_parameters, start_values
-    from periscopy_sim.figures.calibration import draw_calibration
-
+    arguments.require_suffix(out, ".xml", "the scene")
     if silhouette is not None:
-        refuse_others({"--free": free, "--uncertain": uncertain})
-        find_silhouette(
-            photo, scene, hidden, out, silhouette, cells,
-            background=background, mask=mask, seed=seed, define=define,
-        )  # fmt: skip
+        if free or uncertain:
+            raise SceneError("--silhouette finds a form, and all numbers stay; leave out --free")
+        find_silhouette(session, photo, shown or [], out, silhouette, cells, monitor_off, mask)
         return
     if cells is not None:
         raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
-    arguments.require_suffix(out, ".xml", "the scene")
-    session = Session(scene, hidden, define, seed)
-    path, given, timed = session.path, session.definitions, session.timed
+    if len(shown or []) > len(photo):
+        raise PhotographError(f"--shown: {len(shown or [])} pictures of {len(photo)} photographs")
+    from periscopy_sim.calibration.prior import free_parameters, start_values
+    from periscopy_sim.figures.calibration import draw_calibration
+
+    path, given = session.path, session.definitions
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
-    spare_inputs((out, record, picture), (photo, path, *(background or []), mask))
+    spare_inputs((out, record, picture), (*photo, path, *(monitor_off or []), mask))
     freed = None if free is None else arguments.parse_errors(free, "--free")
     held = arguments.parse_errors(",".join(uncertain or []), "--uncertain")
     errors = arguments.known_errors(held, path, given)
@@ -123,65 +93,67 @@ def calibrate(
             from periscopy_sim.calibration.scene_covariance import SceneCovariance
             from periscopy_sim.rendering.scene.document import CALIBRATED
 
-        wall = session.wall(photo, mask, background)
-        _write_copy(scene_file, path, given, hidden, out)  # proves now that it can be written
-        with timed("calibrate"), progress("calibrating") as report:
-            found = search(
-                wall.values,
+        wall = session.wall(photo[0], mask, monitor_off)
+        others = [session.photograph(file, wall.mask).values for file in photo[1:]]
+        images = [session.hidden_image(name) for name in shown or []]
+        _write_copy(session, scene_file, given, out)  # proves now that it can be written
+        with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
+            result = search(
+                [wall.values, *others],
                 path,
-                parse_size(hidden),
+                session.size,
                 freed,
+                shown=images,
                 parameters=given,
                 uncertain=errors,
                 backgrounds=wall.monitor_off,
                 mask=wall.mask,
-                samples=samples,
-                seed=seed,
+                seed=session.seed,
                 progress=report,
             )
-        values = given | {name: f"{value:.9g}" for name, value in found.values.items()}
-        values[CALIBRATED] = SceneCovariance.of(found).text()
-        _write_copy(scene_file, path, values, hidden, out, _remark(found))
+        values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
+        values[CALIBRATED] = SceneCovariance.of(result).text()
+        _write_copy(session, scene_file, values, out, _remark(result))
         summary = {
-            "photograph": str(photo),
+            "photograph": str(photo[0]),
+            "photographs": [str(file) for file in photo],
+            "shown": shown or [],
             "scene": str(path),
             "hidden_shape": session.scenario.hidden_shape,
             **pixel_record(mask, wall.mask, wall.monitor_off),
-            "samples": samples,
-            "warnings": [*session.warnings, *found.doubts],
-            **told(found),
-            "seconds": timed.seconds,
+            "warnings": [*session.warnings, *result.doubts],
+            **as_record(result),
+            "seconds": session.timed.seconds,
             "provenance": session.provenance,
         }
         write_json(json, summary)
-        draw_calibration(png, wall.values, found, session.metadata)
-    say_found(found, has_backgrounds=bool(wall.monitor_off))
+        draw_calibration(png, wall.values, result, session.metadata)
+    say_calibration(result)
     say_written(out, record, picture)
-    if found.doubts:
-        advice = DISTRUSTED.format(UNTOLD[bool(wall.monitor_off)])
-        warn_boxed("this calibration is not to be trusted", found.doubts, advice)
+    if result.doubts:
+        warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
 
 
-def _remark(found: Calibration) -> str:
+def _remark(result: Calibration) -> str:
     """Return what the scene's file says of a calibration that is not to be trusted."""
-    if not found.doubts:
+    if not result.doubts:
         return ""
-    return "periscopy calibrate: NOT TO BE TRUSTED: " + "; ".join(found.doubts)
+    return "periscopy calibrate: NOT TO BE TRUSTED: " + "; ".join(result.doubts)
 
 
 def _write_copy(
-    staged: Path, scene: Path, values: Mapping[str, str], hidden: str, out: Path, remark: str = ""
+    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
     from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
-        write_copy(scene, values, staged, remark)
-        load_scenario(staged, parse_size(hidden))
+        write_copy(session.path, values, staged, remark)
+        load_scenario(staged, session.size)
     except SceneError as error:
         why = str(error).replace(str(staged), str(out))
         raise SceneError(
-            f"--out {out}: a copy of scene '{scene}' does not load from there; name a file beside "
-            f"the scene ({why})"
+            f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
+            f"beside the scene ({why})"
         ) from None

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.cli.session import warn_without_shadows
@@ -38,15 +39,8 @@ def lab(
         print(EXAMPLE.read_text("utf-8"), end="")
         return
     if measurements is None or out is None:
-        raise PeriscopyError(
-            "name measurements and --out; 'periscopy lab --example' prints such measurements"
-        )
+        raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
-    from periscopy_sim.laboratory.build import build_laboratory
-    from periscopy_sim.rendering.scene.load import load_scenario
-
-    written = build_laboratory(measurements, out)
-    say_written(*written)
-    scenario = load_scenario(out, (1, 1), photograph=TRIED)
-    warn_without_shadows(scenario, str(out))
+    say_written(*ps.build_laboratory(measurements, out))
+    warn_without_shadows(ps.load_scenario(out, (1, 1), photograph=TRIED), str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

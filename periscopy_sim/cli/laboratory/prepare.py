@@ -12,38 +12,44 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.figures.display import save_png
+from periscopy_sim.figures.panels import enlarged
+from periscopy_sim.photographs import film_size
+from periscopy_sim.photographs.develop import average, black_level_warning, develop
+from periscopy_sim.photographs.placing import place_film
+from periscopy_sim.photographs.sensor_image import mask_of_pixels
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
+from periscopy_sim.storage.photographs import read_mask, read_sensor_image
+from periscopy_sim.storage.pictures import write_png
+from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
 
 if TYPE_CHECKING:
     from periscopy_sim.photograph import Mask
-    from periscopy_sim.photographs.film_size import FilmAdvice
-    from periscopy_sim.photographs.marks import WallPoints, WallTags
-    from periscopy_sim.photographs.prepare import Prepared
     from periscopy_sim.photographs.sensor_image import SensorImage
-    from periscopy_sim.photographs.view_fit import FittedView
-    from periscopy_sim.scenario import Scenario
 
 FILM_SIZES = (
     ("height", "width"), ("rows", "columns"), ("film_height", "film_width"),
-    ("resolution_y", "resolution_x"), ("resolution",),
+    ("resolution_y", "resolution_x"), ("resolution", "resolution"),
 )  # fmt: skip
 """Possible names of the <default>s for the rows and columns of a scene's film."""
 
-Photos = Annotated[
-    list[Path],
-    typer.Argument(metavar="PHOTO...", help="Photographs, averaged, or merged by --exposures."),
-]
 Files = list[Path] | None
 
 
 def prepare(
-    photos: Photos,
+    photos: Annotated[
+        list[Path],
+        typer.Argument(metavar="PHOTO...", help="Photographs, averaged, or merged by --exposures."),
+    ],
     scene: options.SceneOption,
     out: options.OutFile,
     black: Annotated[float, number("Black level of the camera, subtracted.", form="VALUE")] = 0.0,
@@ -72,7 +78,7 @@ def prepare(
     bin_by: Annotated[
         str | None, option("auto|K", "Set the film to blocks of K x K pixels.", "--bin")
     ] = None,
-    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches for --bin auto and advice.")] = "29x36",
+    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches for --bin auto.")] = "29x36",
     define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
@@ -80,20 +86,12 @@ def prepare(
     The command writes NAME.exr; NAME_mask.png, which leaves out saturated pixels, tags and pixels
     outside of the photograph; and NAME_preview.png, black outside of the mask.
     """
-    from periscopy_sim.figures.display import save_png
-    from periscopy_sim.figures.panels import enlarged
-    from periscopy_sim.photographs.film_size import advise
-    from periscopy_sim.photographs.prepare import prepare as prepared_from
-    from periscopy_sim.storage.formats.exr import write_exr
-    from periscopy_sim.storage.pictures import write_png
-    from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
-
     options.require_suffix(out, ".exr", "the photograph")
-    session = Session(scene, define=define)
+    session = Session(scene, "1x1", define)
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags exclude each other; give one")
     if min(patches := options.parse_size(hidden)) < 1:
-        raise PeriscopyError(f"--hidden {hidden}: a hidden image has one patch at least")
+        raise PeriscopyError(f"--hidden {hidden}: give one patch at least")
     with fixable("--exposures"):
         times = None if exposures is None else [float(each) for each in exposures.split(",")]
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
@@ -106,16 +104,15 @@ def prepare(
             light, used = _developed(photos, black, dark, flat, white, times, mask)
         on_wall = read_wall_points(points) if points else None
         tags_on_wall = read_wall_tags(tags) if tags else None
-        advice = advise(scenario, patches)
         film: dict[str, str] = {}
         if bin_by is not None:
-            shape = _film(light, scenario, advice, bin_by, on_wall or tags_on_wall)
-            film = _film_definitions(scenario, shape, define)
+            shape = _film(light, scenario, patches, bin_by, on_wall or tags_on_wall)
+            film = _film_definitions(scenario, shape, session.definitions)
             more = [f"{name}={value}" for name, value in film.items()]
-            session = Session(scene, define=[*(define or []), *more])
+            session = Session(scene, "1x1", [*(define or []), *more])
             scenario = session.scenario
         with progress("averaging its pixels"):
-            prepared = prepared_from(light, scenario, points=on_wall, tags=tags_on_wall, mask=used)
+            prepared = ps.prepare(light, scenario, points=on_wall, tags=tags_on_wall, mask=used)
         session.check_scene()
         for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")
@@ -130,15 +127,11 @@ def prepare(
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
         save_png(staged[2], enlarged(prepared.values), text=text)
-    for line in _lines(prepared, advice, light.size, casts=not session.warnings):
-        say(line)
+    _say_prepared(prepared, light.size)
     say_written(*written)
     if film:
         definitions = " ".join(f"-D {name}={value}" for name, value in film.items())
         say(f"the scene's film has this size with {definitions}: give it with every command")
-
-
-# -- reading -------------------------------------------------------------------------------------
 
 
 def _developed(
@@ -151,9 +144,6 @@ def _developed(
     mask: Path | None,
 ) -> tuple[SensorImage, Mask | None]:
     """Read the photographs into one picture of linear light, and the mask."""
-    from periscopy_sim.photographs.develop import average, black_level_warning, develop
-    from periscopy_sim.photographs.sensor_image import mask_of_pixels
-    from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 
     def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
         for path in paths:
@@ -172,8 +162,7 @@ def _developed(
         on_photograph = mask_of_pixels(used, first)
     every = chain([first], taken)
     light = develop(every, times=times, black=black, dark=offset, flat=even, mask=on_photograph)
-    source = f"--black {black:g}" if black else f"--dark {_listed(dark)}" if dark else "the file"
-    if warning := black_level_warning(light, on_photograph, source):
+    if warning := black_level_warning(light, on_photograph, "the black level or the dark frame"):
         warn(f"{photos[0]}: {warning}")
     return light, used
 
@@ -187,121 +176,70 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-# -- the film's size -----------------------------------------------------------------------------
-
-
 def _film(
     light: SensorImage,
-    scenario: Scenario,
-    advice: FilmAdvice,
+    scenario: ps.Scenario,
+    patches: tuple[int, int],
     by: str,
-    marks: WallPoints | WallTags | None,
+    marks: ps.WallPoints | ps.WallTags | None,
 ) -> tuple[int, int]:
     """Return (rows, columns) of the film for --bin auto or --bin SIDE."""
-    from periscopy_sim.photographs.film_size import films_of_blocks, films_of_marks, films_of_shape
-    from periscopy_sim.photographs.placing import place_film
-
-    factor = int(by) if by.isascii() and by.isdigit() else 0
-    if by != "auto" and not 0 < factor < 10**4:
+    factor = int(by) if by.isascii() and by.isdigit() and len(by) < 5 else 0
+    if by != "auto" and not factor:
         raise PeriscopyError(f"--bin '{by}' is neither auto nor a whole number; write --bin 8")
-    rows, columns = scenario.photograph_shape
+    shape = rows, columns = scenario.photograph_shape
     if marks is not None:
         placed = place_film(light, scenario, marks)
         side = np.sqrt(placed.coverage)
-        if by == "auto":
-            return advice.choose(films_of_marks((rows, columns), placed.coverage, placed.placement))
-        films = films_of_shape((rows, columns), side)
-        return min(films, key=lambda film: abs(film[0] - rows * side / factor))
-    sizes = films_of_blocks(light.size)
-    if (factor and factor not in sizes) or rows * light.size[1] != columns * light.size[0]:
+        if factor:
+            films = film_size.films_of_shape(shape, side)
+            return min(films, key=lambda film: abs(film[0] - rows * side / factor))
+        sizes = film_size.films_of_marks(shape, placed.coverage, placed.placement)
+        return film_size.advise(scenario, patches).choose(sizes)
+    blocks = film_size.films_of_blocks(light.size)
+    if (factor and factor not in blocks) or rows * light.size[1] != columns * light.size[0]:
         raise PeriscopyError(
             f"--bin: {light.size[0]} x {light.size[1]} pixels do not divide into the scene's "
-            f"{rows} x {columns} by blocks with a side of {', '.join(map(str, sizes))}; crop the "
+            f"{rows} x {columns} by blocks with a side of {', '.join(map(str, blocks))}; crop the "
             "photograph, or change the scene's film"
         )
-    return sizes[factor] if factor else advice.choose(list(sizes.values()))
+    if factor:
+        return blocks[factor]
+    return film_size.advise(scenario, patches).choose(list(blocks.values()))
 
 
 def _film_definitions(
-    scenario: Scenario, shape: tuple[int, int], define: list[str] | None
+    scenario: ps.Scenario, shape: tuple[int, int], given: dict[str, str]
 ) -> dict[str, str]:
     """Return the scene's <default>s that set its film to (rows, columns)."""
-    from periscopy_sim.rendering.scene.document import read_document
-
     declared = read_document(scenario.path).defaults.keys()
     for names in FILM_SIZES:
-        if set(names) <= declared and (len(names) == 2 or shape[0] == shape[1]):
-            if set(names) & options.parse_definitions(define).keys():
-                raise PeriscopyError(f"--bin and -D both set {' and '.join(names)}; give one")
-            return dict(zip(names, map(str, shape), strict=False))
+        film = dict(zip(names, map(str, shape), strict=True))
+        if film.keys() <= declared and (len(film) == 2 or shape[0] == shape[1]):
+            if film.keys() & given.keys():
+                raise PeriscopyError(f"--bin and -D both set {' and '.join(film)}; give one")
+            return film
     raise PeriscopyError(
         f"--bin: scene '{scenario.path}' declares no <default> for its film's size; declare width "
         "and height, and use $width and $height in its film"
     )
 
 
-# -- the report ----------------------------------------------------------------------------------
-
-
-def _lines(
-    prepared: Prepared, advice: FilmAdvice, size: tuple[int, int], *, casts: bool
-) -> Iterator[str]:
-    """Yield the accuracy of the view, the pixels left out, and advice on the film."""
-    from periscopy_sim.photographs.film_size import PIXELS_IN_STEP, films_of_marks
-    from periscopy_sim.photographs.resampling import Flaw
-
-    shape = prepared.mask.shape[0], prepared.mask.shape[1]
+def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
+    """Print how well marks place the scene's pixels, and what the mask leaves out."""
     if (fit := prepared.view) is not None:
-        pixel = 1e3 * advice.pixel * advice.shape[0] / shape[0]
-        yield (
-            f"{len(fit.marks)} marks {_fit(fit)}; they place the scene's pixels to "
-            f"{prepared.placement:.2f} of one ({pixel * prepared.placement:.2g} mm on the wall) "
-            "where it is worst"
-        )
-    notes = [f"{prepared.coverage:.3g} in each"]
-    if prepared.defects:
-        notes.append(f"without {prepared.defects} dead or hot ones")
-    rest = ~prepared.mask  # each pixel counts once
-    for flaw, reason in (
-        (Flaw.OUTSIDE, "outside of the photograph"), (Flaw.MASKED, "by the mask"),
-        (Flaw.TAG, "beneath tags"), (Flaw.SATURATED, "saturated"),
-        (Flaw.SPARSE, "mostly dead or hot"),
-    ):  # fmt: skip
-        pixels = rest & ((prepared.flaws & flaw) != 0)
-        if pixels.any():
-            notes.append(f"left out {np.count_nonzero(pixels)} {reason}")
-        rest &= ~pixels
-    yield f"{size[0]}x{size[1]} pixels averaged to {shape[0]}x{shape[1]}: {', '.join(notes)}"
-
-    film = f"A takes {4 * shape[0] * shape[1] * advice.patches / 1e6:.3g} MB"
-    film += "" if advice.fits(shape) else ", too much here"
-    if advice.step is None:
-        yield f"film: {'no mesh casts the shadows; ' if casts else ''}{film}"
-        return
-    pixels_in_step = advice.pixels_in_step(shape)
-    finer = films_of_marks(shape, prepared.coverage, prepared.placement)
-    if not advice.fits(shape) or pixels_in_step >= 2 * PIXELS_IN_STEP:
-        film += "; coarser would do: --bin auto"
-    elif pixels_in_step < PIXELS_IN_STEP and advice.choose(finer) > shape:
-        film += "; finer may show more: --bin auto"
-    yield (
-        f"film: {pixels_in_step:.2g} pixels in a step of the shadow ({1e3 * advice.step:.2g} mm "
-        f"from patch to patch); {film}"
+        rms = f"{fit.rms:.2f} pixels of the photograph ({1e3 * fit.rms_on_wall:.2g} mm on the wall)"
+        fits = f"fit to {rms} rms" if fit.freedom else "are as many as the view needs"
+        say(f"{len(fit.marks)} marks {fits}, film pixels placed to {prepared.placement:.2f} of one")
+    rows, columns = prepared.mask.shape
+    say(
+        f"{size[0]}x{size[1]} pixels averaged to {rows}x{columns}: {prepared.coverage:.3g} in "
+        f"each, {prepared.defects} dead or hot; the mask leaves out "
+        f"{np.count_nonzero(~prepared.mask)} of {prepared.mask.size}"
     )
 
 
-def _fit(view: FittedView) -> str:
-    """Return how well a view fits its marks."""
-    if not view.freedom:
-        return "are as many as the view needs: nothing checks them"
-    lens = "".join(f", k{n + 1} = {k:.4g}" for n, k in enumerate(view.view.distortion))
-    return (
-        f"fit to {view.rms:.2f} pixels of the photograph ({1e3 * view.rms_on_wall:.2g} mm on the "
-        f"wall) rms{lens}"
-    )
-
-
-def _record(prepared: Prepared) -> dict[str, Any]:
+def _record(prepared: ps.Prepared) -> dict[str, Any]:
     """Return the metadata of the view and the pixels left out."""
     record: dict[str, Any] = {
         "pixels_left_out": int(np.count_nonzero(~prepared.mask)),

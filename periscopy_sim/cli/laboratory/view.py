@@ -5,37 +5,38 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
+import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
-from periscopy_sim.cli.messages import report_sentences, residual_summary
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import number, option
 from periscopy_sim.cli.output import output_folder, progress, say, write_json
+from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
+from periscopy_sim.figures.panels import displayable, draw_panels
 from periscopy_sim.live.choice import SBR, SNR, Choice
-from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, scenes_folder
+from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
-    from periscopy_sim.live.page import Offered
-
-IMAGE = "mushroom"
-
-SOMETIMES = ("photograph.exr", "standard_error.npy", "certainty.png", "residual.png")
-"""Files that not every photograph or method has."""
 
 
 def view(
     scene: options.SceneArgument,
-    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
+    hidden: options.Hidden = "29x36",
     photo: Annotated[
         Path | None,
         typer.Argument(metavar="PHOTO", help="A photograph. [default: synthetic photographs]"),
@@ -67,25 +68,35 @@ def view(
     require("viser")
     with suppress(InterruptedError), staged_folder(out):  # rejects a folder that cannot be written
         raise InterruptedError
+    if ambient and photo is not None:
+        raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     session = Session(scene, hidden, define)
-    image = image or (IMAGE if photo is None else "")
+    image = image or ("mushroom" if photo is None else "")
     first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
         from periscopy_sim.live.level import Shot
+        from periscopy_sim.live.page import Offered
         from periscopy_sim.live.session import LiveSession
 
-        _check(first, photo)
-        if first.image:
-            session.hidden_image(first.image)
+        ps.find_method(method)
+        if ambient:
+            find_condition(ambient)
+        if image:
+            session.hidden_image(image)
         wall = None if photo is None else session.wall(photo, mask)
         shot = None if wall is None else Shot(wall.values, wall.mask)
+        offered = Offered(
+            sorted(file.stem for file in (scenes_folder() / "images").glob("*.png")),
+            (*REALISTIC, *ADVERSARIAL),
+            [name for name, each in METHODS.items() if not each.needs or find_spec(each.needs)],
+        )
 
         def save(pictures: LivePictures) -> str:
             write_view(out, pictures, session.definitions, photo)
             return f"wrote {out}"
 
         live = LiveSession(
-            session.scenario, first, _offered(), save, report_sentences,
+            session.scenario, first, offered, save, report_sentences,
             shot=shot, host=host, port=port,
         )  # fmt: skip
     with live:
@@ -96,31 +107,6 @@ def view(
             say("closed")
 
 
-def _check(first: Choice, photo: Path | None) -> None:
-    """Reject a wrong method or place before anything is loaded."""
-    from periscopy_sim.evaluation.methods import find_method
-    from periscopy_sim.storage.ambient_library import find_condition
-
-    find_method(first.method)
-    if first.place:
-        if photo is not None:
-            raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
-        find_condition(first.place)
-
-
-def _offered() -> Offered:
-    """Return the shipped images and places, and the methods that are installed."""
-    from importlib.util import find_spec
-
-    from periscopy_sim.live.page import Offered
-    from periscopy_sim.reconstruction.registry import METHODS
-    from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, scenes_folder
-
-    images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
-    methods = [name for name, each in METHODS.items() if not each.needs or find_spec(each.needs)]
-    return Offered(images, (*REALISTIC, *ADVERSARIAL), methods)
-
-
 def write_view(
     out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
 ) -> None:
@@ -128,14 +114,7 @@ def write_view(
 
     A PeriscopyError names what cannot be written; then nothing is written.
     """
-    from periscopy_sim.calibration.calibrated_scene import write_copy
-    from periscopy_sim.figures.panels import displayable, draw_certainty, draw_panels
-    from periscopy_sim.figures.residual import draw_residual
-    from periscopy_sim.rendering.scene.load import load_scenario
-    from periscopy_sim.storage.formats.exr import write_exr
-
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
-    residual = report.residual
     provenance = provenance_of(scenario)
     text = as_text(provenance)
     values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
@@ -149,22 +128,14 @@ def write_view(
         "hidden_shape": scenario.hidden_shape,
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
-        **({} if residual is None else residual.numbers()),
+        **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,
     }
-    with output_folder(out, SOMETIMES) as folder:
+    with output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
         write_copy(scenario.path, values, folder / "scene.xml")
-        load_scenario(folder / "scene.xml", scenario.hidden_shape)
+        ps.load_scenario(folder / "scene.xml", scenario.hidden_shape)
         if photo is None:
             write_exr(folder / "photograph.exr", pictures.photograph, text)
-        np.save(folder / "reconstruction.npy", pictures.image)
+        write_report(folder, report, pictures.image, pictures.photograph, text)
         draw_panels(folder / "pictures.png", panels, metadata=text)
-        if report.standard_errors is not None:
-            np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
-            draw_certainty(
-                folder / "certainty.png", pictures.image, report.standard_errors, metadata=text
-            )
-        if residual is not None:
-            caption = residual_summary(residual)
-            draw_residual(folder / "residual.png", pictures.photograph, residual, caption, text)
         write_json(folder / "view.json", record)

@@ -9,25 +9,17 @@ from importlib import metadata
 from importlib.util import find_spec
 
 from periscopy_sim.cli.output import say
-from periscopy_sim.extras import SWEEP
-
-EXTRAS_OF = {
-    "sweep": SWEEP, "dataset": SWEEP, "raw": ("rawpy",), "tags": ("cv2",),
-    "torch": (*SWEEP, "torch"),
-    "deepinv": (*SWEEP, "torch", "deepinv"),
-    "live": ("viser",), "video": ("av",),
-}  # fmt: skip
-"""The modules that each extra brings."""
+from periscopy_sim.extras import EXTRA_OF
+from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
 
 
 def doctor() -> None:
     """Show versions, missing extras and Mitsuba variants."""
-    from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
-
     say(f"python       {platform.python_version()} ({sys.executable})")
     for package in ("periscopy-sim", "mitsuba", "drjit", "numpy", "scipy", "numba"):
         say(f"{package:12} {metadata.version(package)}")
-    for extra, modules in EXTRAS_OF.items():
+    for extra in dict.fromkeys(EXTRA_OF.values()):
+        modules = [module for module, brought_by in EXTRA_OF.items() if brought_by == extra]
         lacking = ", ".join(module for module in modules if find_spec(module) is None)
         state = f"not installed (lacks {lacking}): pip install -e '.[{extra}]'"
         say(f"{f'[{extra}]':12} {state if lacking else 'installed'}")

@@ -56,11 +56,11 @@ class _Loader(yaml.SafeLoader):
         return dict(super().construct_mapping(node, deep))
 
 
-def read_yaml(path: Path, model: type[Document], example: str) -> Document:
+def read_yaml(path: Path, model: type[Document]) -> Document:
     """Return the content of a YAML file as a model whose field `folder` is the file's own.
 
-    `example` is the command that prints an example, for messages. A file that is no YAML, or an
-    entry that is unknown, missing or out of range, is a `ConfigurationError` with its line.
+    A file that is no YAML, or an entry that is unknown, missing or out of range, is a
+    `ConfigurationError` with its line.
     """
     try:
         loader = _Loader(path.read_bytes().decode("utf-8-sig"))
@@ -74,7 +74,7 @@ def read_yaml(path: Path, model: type[Document], example: str) -> Document:
         problem = str(getattr(error, "problem", None) or error).splitlines()[0]
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
-        raise ConfigurationError(f"{path}: is no such document; see '{example}'")
+        raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
     except ValidationError as error:

@@ -30,30 +30,28 @@ def viser():
 
 def test_missing_extra_is_named(monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "viser", None)
-    told = refused("view", "plate", *SIZE)
-    assert "viser, which is not installed" in told and "'.[live]'" in told
+    assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
 @pytest.mark.usefixtures("viser")
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
-    assert "no ambient condition 'mars'" in refused("view", "plate", *SIZE, "--ambient", "mars")
-    assert "no method 'magic'" in refused("view", "plate", *SIZE, "--method", "magic")
-    assert "image 'none' does not exist" in refused("view", "plate", *SIZE, "--image", "none")
-    assert "scene 'none' does not exist" in refused("view", "none", *SIZE)
-    assert "0x4" in refused("view", "plate", "--hidden", "0x4")
+    np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
+    (tmp_path / "taken").write_text("")
+    for options, offender in {
+        ("plate", "--ambient", "mars"): "'mars'",
+        ("plate", "--method", "magic"): "'magic'",
+        ("plate", "--image", "none"): "'none'",
+        ("plate", "--hidden", "0x4"): "0x4",
+        ("plate", "small.npy"): "20 x 30",
+        ("plate", "small.npy", "--ambient", "overcast"): "--ambient",
+        ("plate", "--out", "taken"): "taken",
+    }.items():
+        assert offender in refused("view", *SIZE, *options)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
         assert f"127.0.0.1:{port}" in refused("view", "plate", *SIZE, "--port", port)
-    np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
-    told = refused("view", "plate", "small.npy", *SIZE)
-    assert "20 x 30 pixels" in told and "126 x 126" in told
-    (tmp_path / "taken").write_text("")
-    assert "taken: it is a file" in refused("view", "plate", *SIZE, "--out", "taken")
-    assert "leave it or PHOTO out" in refused(
-        "view", "plate", "small.npy", *SIZE, "--ambient", "overcast"
-    )
     assert not (tmp_path / "view").exists()
 
 
@@ -71,7 +69,7 @@ def test_scene_is_written_as_it_is_set(tmp_path, capsys):
     written = {file.name for file in (tmp_path / "view").iterdir()}
     assert written == {
         "scene.xml", "photograph.exr", "reconstruction.npy", "standard_error.npy",
-        "pictures.png", "certainty.png", "view.json",
+        "reconstruction.png", "pictures.png", "certainty.png", "view.json",
     }  # fmt: skip
     assert "scene.xml" in capsys.readouterr().out
     defaults = read_document(tmp_path / "view" / "scene.xml").defaults
@@ -79,8 +77,8 @@ def test_scene_is_written_as_it_is_set(tmp_path, capsys):
     y, metadata = read_exr(tmp_path / "view" / "photograph.exr")
     np.testing.assert_allclose(y, pictures.photograph, rtol=1e-6)
     assert "scene_sha256" in metadata
-    told = json.loads((tmp_path / "view" / "view.json").read_text())
-    assert told["values"] == {"occluder_dx": 0.0123} and told["psnr"] == pictures.psnr
+    record = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert record["values"] == {"occluder_dx": 0.0123} and record["psnr"] == pictures.psnr
 
 
 def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
@@ -88,8 +86,8 @@ def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     write_view(tmp_path / "view", pictures_of(Shot(taken)), {"resolution": "24"}, "wall.exr")
     assert (tmp_path / "view" / "residual.png").is_file()
     assert not (tmp_path / "view" / "photograph.exr").exists()
-    told = json.loads((tmp_path / "view" / "view.json").read_text())
-    assert told["unexplained"] > 0 and told["photograph"] == "wall.exr"
+    record = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert record["unexplained"] > 0 and record["photograph"] == "wall.exr"
 
 
 def test_what_other_pictures_left_in_the_folder_is_removed(tmp_path):
@@ -100,8 +98,8 @@ def test_what_other_pictures_left_in_the_folder_is_removed(tmp_path):
     write_view(tmp_path / "view", plain, {"resolution": "24"}, None)
     written = {file.name for file in (tmp_path / "view").iterdir()}
     assert written == {
-        "scene.xml", "photograph.exr", "reconstruction.npy", "pictures.png", "view.json",
-        "notes.txt",
+        "scene.xml", "photograph.exr", "reconstruction.npy", "reconstruction.png", "pictures.png",
+        "view.json", "notes.txt",
     }  # fmt: skip
 
 
@@ -114,9 +112,9 @@ def test_interrupt_ends_it_and_leaves_nothing_behind(tmp_path):
         [*command, "--ambient", "overcast", "--port", "0"], cwd=tmp_path, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
-    told = running.stdout.readline()
-    address = told.split()[0]
-    assert address.startswith("http://127.0.0.1:") and "plate.xml" in told
+    record = running.stdout.readline()
+    address = record.split()[0]
+    assert address.startswith("http://127.0.0.1:") and "plate.xml" in record
     with urllib.request.urlopen(address) as page:
         assert b"<html" in page.read()
     process = psutil.Process(running.pid)

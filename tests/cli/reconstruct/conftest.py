@@ -1,16 +1,7 @@
-"""What tests of `reconstruct` share: a small scene, a hidden image, its photograph."""
-
-import json
+"""A hidden image, its photograph and ambient light, for tests of `reconstruct`."""
 
 import numpy as np
 import pytest
-
-
-@pytest.fixture(scope="session")
-def setting():
-    """Options of a small scene and the method of the paper."""
-    options = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
-    return (*options, "--method", "preconditioned")
 
 
 @pytest.fixture(scope="session")
@@ -29,15 +20,3 @@ def light(hidden, scenario, transport):
     ambient *= 5 * signal.mean() / ambient.mean()
     colour = [1.2, 1, 0.8]
     return signal.reshape(24, 24, 3), (ambient[:, None] * colour).reshape(24, 24, 3)
-
-
-@pytest.fixture
-def reconstruct(succeeds, setting, tmp_path):
-    """Reconstruct from a file into `out`; return the image and the summary."""
-
-    def run(photo, *options):
-        succeeds("reconstruct", photo, *setting, *options, "--out", "out")
-        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-        return np.load(tmp_path / "out" / "reconstruction.npy"), summary
-
-    return run

@@ -4,23 +4,13 @@ import shlex
 
 import pytest
 
-from periscopy_sim.shipped import scenes_folder
-
-SHIPPED = scenes_folder() / "tutorial"
-
-
-def contents(folder):
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
 
 @pytest.mark.parametrize("name", ["measurements.yaml", "truth/scene.xml"])
 def test_no_file_is_overwritten(name, refused, tmp_path):
     file = tmp_path / "mine" / name
     file.parent.mkdir(parents=True)
     file.write_text("my own")
-    line = refused("tutorial", "--out", "mine")
-    assert line == f"mine/{name} exists already and stays; name another folder"
+    assert f"mine/{name}" in refused("tutorial", "--out", "mine")
 
 
 @pytest.mark.usefixtures("jit")
