@@ -123,17 +123,13 @@ def calibrate(
     first = load_scenario(path, hidden, given)
     held = uncertain_parameters(path, names, given, uncertain)
     _check(first)
-    light = [
-        np.asarray(each) for each in ([photograph] if np.ndim(photograph) == 3 else photograph)
-    ]
+    light = [np.asarray(each) for each in ([photograph] if np.ndim(photograph) == 3 else photograph)]
     if not 0 < len(light) >= len(shown):
         raise PhotographError(
             f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each"
         )
     off = named(backgrounds)
-    read = [
-        Photograph.of(each, first.photograph_shape, mask=mask, monitor_off=off) for each in light
-    ]
+    read = [Photograph.of(each, first.photograph_shape, mask=mask, monitor_off=off) for each in light]
     problem = _Problem(first, names, start, np.array(list(errors.values())), read, list(shown))
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and how many cores there are does not change what is found.
@@ -242,7 +238,9 @@ def _calibration(
     )
     values = fine.values(end.point)
     joint = errors_at.look(np.concatenate([values, held.values, end.point[count:]]), κ)
-    gained = is_significant(without.objective - end.objective, learned(joint, count))
+    gained = is_significant(
+        without.objective - end.objective, learned(joint, count)
+    )
     point = end.point if gained else without.point
     seen = end if gained else without
     alone, moves = _errors(joint, count, len(held.names), held.standard_errors)
@@ -252,9 +250,7 @@ def _calibration(
     covariance *= np.outer(shrink, shrink)
     deviations = np.sqrt(np.diag(covariance))
     values = fine.values(point)
-    why = doubts(
-        problem.names, (values - problem.centers) / problem.errors, learned(joint, count), end
-    )
+    why = doubts(problem.names, (values - problem.centers) / problem.errors, learned(joint, count), end)
     progress(1.0)
     columns = (
         problem.centers, values, np.minimum(np.sqrt(np.diag(alone)), problem.errors), deviations, problem.errors,

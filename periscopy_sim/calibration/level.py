@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation, Images, explain
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene

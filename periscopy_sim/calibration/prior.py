@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of parameters that are free, or names with a ruler's errors; see `free_parameters`."""
 
-
 @dataclass(frozen=True, eq=False)
 class UncertainParameters:
     """``<default>``s of a scene that are held at values, (U,), known to standard errors, (U,)."""

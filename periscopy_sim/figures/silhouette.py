@@ -21,33 +21,31 @@ OPAQUE, OPEN, UNSEEN = (0.1, 0.1, 0.1), (1.0, 1.0, 1.0), (0.8, 0.8, 0.8)
 def draw_silhouette(
     path: Path,
     photograph: Array,
-    found: Silhouette,
+    solution: Silhouette,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
 
-    Each answer has a row. The photograph is (rows, columns, 3), linear.
+    The photograph is (rows, columns, 3), linear.
     """
     from matplotlib.figure import Figure
 
-    answers = (found, *found.others)
-    figure = Figure(figsize=(12, 3.4 * len(answers)), layout="constrained")
-    axes = figure.subplots(len(answers), 4, squeeze=False)
-    bound = 100 * float(np.percentile(np.abs(found.residual.mean(axis=2)), 99)) or 1.0
-    for row, answer in zip(axes, answers, strict=True):
-        show_light(row[0], "photograph", photograph)
-        cells = np.where(answer.seen[..., None], OPEN, UNSEEN)
-        cells = np.where(answer.opaque[..., None], OPAQUE, cells)
-        height, width = answer.plane.sides
-        title = "silhouette of {}, {} x {}".format(answer.name, *answer.opaque.shape)
-        show(row[1], title, cells, extent=(0, width, 0, height))
-        row[1].set_axis_on()
-        row[1].tick_params(labelsize=7)
-        row[1].set_xlabel("metres, facing the wall; grey: no shadow in view", fontsize=8)
-        show_light(row[2], "image with this silhouette", answer.image)
-        title = f"unexplained: {100 * answer.unexplained:.2f} %"
-        maps = {title: 100 * answer.residual.mean(axis=2)}
-        show_signed(row[3:], maps, bound, "% of the photograph's rms")
-    if found.doubts:
-        figure.suptitle("\n".join(found.doubts), color="#cb181d", fontsize=9)
+    figure = Figure(figsize=(12, 3.4), layout="constrained")
+    axes = figure.subplots(1, 4)
+    show_light(axes[0], "photograph", photograph)
+    cells = np.where(solution.seen[..., None], OPEN, UNSEEN)
+    cells = np.where(solution.opaque[..., None], OPAQUE, cells)
+    height, width = solution.plane.sides
+    title = "silhouette of {}, {} x {}".format(solution.name, *solution.opaque.shape)
+    show(axes[1], title, cells, extent=(0, width, 0, height))
+    axes[1].set_axis_on()
+    axes[1].tick_params(labelsize=7)
+    axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view", fontsize=8)
+    show_light(axes[2], "image with this silhouette", solution.image)
+    residual = 100 * solution.residual.mean(axis=2)
+    bound = float(np.percentile(np.abs(residual), 99)) or 1.0
+    title = f"unexplained: {100 * solution.unexplained:.2f} %"
+    show_signed(axes[3:], {title: residual}, bound, "% of the photograph's rms")
+    if solution.doubts:
+        figure.suptitle("\n".join(solution.doubts), color="#cb181d", fontsize=9)
     figure.savefig(path, dpi=150, metadata=dict(metadata or {}))

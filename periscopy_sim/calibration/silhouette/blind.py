@@ -22,8 +22,13 @@ from scipy.ndimage import gaussian_filter, shift, zoom
 from scipy.optimize import minimize
 
 from periscopy_sim.calibration.evidence import Matrix, smoothness
-from periscopy_sim.calibration.silhouette.outline import outline
-from periscopy_sim.calibration.silhouette.result import opaque, overlap, usual_opacity
+from periscopy_sim.calibration.silhouette.mask import (
+    MaskFit,
+    opaque,
+    outline,
+    overlap,
+    usual_opacity,
+)
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.scenario import Array
 
@@ -62,21 +67,6 @@ ONWARD: Stages = ((0.0, 30),)
 
 
 @dataclass(frozen=True, eq=False)
-class MaskFit:
-    """Opacities of a mask's cells, (rows, columns), and what they explain of a photograph.
-
-    `evidence` is E and `objective` J; images are (N, 3), the residual is (M, 3).
-    """
-
-    opacities: Array
-    evidence: float
-    objective: float
-    gradient: Array  # (K,) of J
-    images: Array
-    residual: Array
-
-
-@dataclass(frozen=True, eq=False)
 class BlindPhotograph:
     """A photograph and the light that each of (rows, columns) cells holds off."""
 
@@ -105,7 +95,7 @@ class BlindPhotograph:
         return int(len(self.photograph) - self.background.shape[1])
 
     def best_ratio(self, opacities: Array, allowance: float = 0.0) -> float:
-        """Return the α of most evidence, images of any sign, for opacities (rows, columns)."""
+        """Return the α of most evidence, image of any sign, for opacities (rows, columns)."""
         A = self._projected(self.shadows.matrix(opacities.ravel()))
         μ, W = linalg.eigh((A.T @ A).astype(float), self.smoothness, check_finite=False)
         μ = np.maximum(μ, 0)
@@ -127,7 +117,7 @@ class BlindPhotograph:
     ) -> MaskFit:
         """Return what opacities, (rows, columns), explain with a ratio and an allowance.
 
-        The images are sought from those of `start`, (N, 3); they do not depend on it.
+        The image are sought from those of `start`, (N, 3); they do not depend on it.
         """
         A = self._projected(self.shadows.matrix(opacities.ravel()))
         H = (A.T @ A).astype(float) + α * self.smoothness
@@ -136,16 +126,16 @@ class BlindPhotograph:
         volume = 2 * float(np.log(np.diag(factor)).sum())
         volume -= np.linalg.slogdet(self.smoothness)[1] + len(H) * np.log(α)
         starts = np.ones_like(correlation) if start is None else start
-        images = np.column_stack(
+        image = np.column_stack(
             [nonnegative_fit(H, h, f) for h, f in zip(correlation.T, starts.T, strict=True)]
         )
         energy = np.sum(self.photograph**2, axis=0)
-        misfit = energy - np.sum(images * correlation, axis=0)
+        misfit = energy - np.sum(image * correlation, axis=0)
         misfit = np.maximum(misfit + allowance * energy, LEAST * energy)
         evidence = float(self.freedom * np.log(misfit / energy).sum()) + 3 * volume
         inverse = linalg.cho_solve((factor, True), np.eye(len(H)))
-        residual = self.photograph - A @ images
-        pull = (self.freedom / misfit * residual).astype(np.float32) @ images.T.astype(np.float32)
+        residual = self.photograph - A @ image
+        pull = (self.freedom / misfit * residual).astype(np.float32) @ image.T.astype(np.float32)
         slope = self._projected(3 * A @ inverse.astype(np.float32) - pull)
         prior, prior_slope = improbability(opacities)
         return MaskFit(
@@ -153,18 +143,18 @@ class BlindPhotograph:
             evidence=evidence,
             objective=evidence / 2 + prior,
             gradient=prior_slope.ravel() - self.shadows.along(slope),
-            images=images,
-            residual=residual,
+            image=image,
+            residual=residual[None],
         )
 
     def descend(self, opacities: Array, stages: Stages) -> MaskFit:
         """Return where a descent from opacities, (rows, columns), leads (L-BFGS-B)."""
-        images: Array | None = None
+        image: Array | None = None
 
         def objective(o: Array, α: float, allowance: float) -> tuple[float, Array]:
-            nonlocal images
-            fit = self.fit(o.reshape(self.cells), α, allowance, images)
-            images = fit.images
+            nonlocal image
+            fit = self.fit(o.reshape(self.cells), α, allowance, image)
+            image = fit.image
             return fit.objective, fit.gradient
 
         for allowance, steps in stages:
@@ -203,34 +193,29 @@ def search(
     steps: Array,
     seed: int,
     report: Callable[[float], None],
-) -> tuple[list[MaskFit], list[int]]:
-    """Return different masks, the best first, and how many of the starts ended at each.
+) -> tuple[MaskFit, int]:
+    """Return the best mask, and how many of the starts ended at it.
 
     `steps`, (2, 2), are the fine cells, down and across, by which a mask moves where its image
     moves by a patch up or across.
     """
     random = np.random.default_rng(seed)
-    ends = []
+    ends: list[MaskFit] = []
     for k in range(STARTS):
         ends.append(coarse.descend(smooth_mask(coarse.cells, random), FROM_AFAR))
         report(0.4 * (k + 1) / STARTS)
+    kept: list[MaskFit] = []
+    for end in sorted(ends, key=_objective):
+        if all(overlap(opaque(end.opacities), opaque(k.opacities)) < SAME for k in kept):
+            kept.append(end)
     fits = []
-    for k, end in enumerate(different(ends)[:FINALISTS]):
+    for k, end in enumerate(kept[:FINALISTS]):
         start = np.minimum(resized(end.opacities, fine.cells) / usual_opacity(end.opacities), 1.0)
         fits.append(fine.walk(fine.descend(start, NEARBY), steps))
         report(0.4 + 0.6 * (k + 1) / FINALISTS)
-    fits = different(fits)
+    best = min(fits, key=_objective)
     masks = [opaque(resized(end.opacities, fine.cells)) for end in ends]
-    return fits, [sum(overlap(m, opaque(f.opacities)) >= AGREEING for m in masks) for f in fits]
-
-
-def different(fits: list[MaskFit]) -> list[MaskFit]:
-    """Return masks, the best first, no two the same but for a shift."""
-    kept: list[MaskFit] = []
-    for fit in sorted(fits, key=_objective):
-        if all(overlap(opaque(fit.opacities), opaque(k.opacities)) < SAME for k in kept):
-            kept.append(fit)
-    return kept
+    return best, sum(overlap(mask, opaque(best.opacities)) >= AGREEING for mask in masks)
 
 
 def _objective(fit: MaskFit) -> float:

@@ -13,26 +13,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 
-from periscopy_sim.calibration.silhouette.outline import outline
+from periscopy_sim.calibration.silhouette.mask import MaskFit, outline
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.scenario import Array
 
 ROUNDING = 1e-10
 """Fraction of a photograph's energy below which a misfit is rounding."""
 
+COLOURLESS = 1e-6
+"""Of a picture's colours: a part of them so much weaker than the others tells nothing."""
 
-@dataclass(frozen=True, eq=False)
-class KnownFit:
-    """What opacities explain: the evidence E and its gradient, (K,), the mixtures and residuals.
-
-    Of P photographs these are (3, 3) and (P, M, 3).
-    """
-
-    evidence: float
-    gradient: Array
-    mixtures: list[Array]
-    residual: Array
+STEPS = 500
+"""Of a descent, at most; about 70 as a rule."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +36,7 @@ class KnownPictures:
     cells: tuple[int, int]
     background: Array  # (M, r) orthonormal basis of range(B)
     photographs: Sequence[Array]  # y⊥
+    pictures: Sequence[Array]  # (N, 3) F
     lights: Sequence[tuple[Array, Array]]  # (M, 3) A₀ F and (K, M, 3) A_k F, both ⊥
 
     @classmethod
@@ -59,27 +54,40 @@ class KnownPictures:
             return light - background @ (background.T @ light)
 
         lights = [(projected(shadows.open @ f), projected(shadows.of_image(f))) for f in pictures]
-        return cls(cells, background, [projected(y) for y in photographs], lights)
+        return cls(cells, background, [projected(y) for y in photographs], pictures, lights)
 
-    def __call__(self, opacities: Array) -> tuple[float, Array]:
-        """Return half the negative logarithm of the posterior, and its gradient, (K,)."""
-        fit = self.explain(opacities)
-        prior, slope = outline(opacities.reshape(self.cells))
-        return fit.evidence / 2 + prior, fit.gradient / 2 + slope.ravel()
-
-    def explain(self, opacities: Array) -> KnownFit:
-        """Return what opacities, (K,), explain: E = Σ F log ‖y⊥ − X m‖² over all channels."""
-        evidence, gradient = 0.0, np.zeros(len(opacities))
-        mixtures, residuals = [], []
+    def explain(self, opacities: Array) -> MaskFit:
+        """Return what opacities, (rows, columns), explain: E = Σ F log ‖y⊥ − X m‖²."""
+        prior, slope = outline(opacities)
+        evidence, gradient = 0.0, slope.ravel()
+        images, residuals = [], []
         freedom = len(self.background) - self.background.shape[1]
-        for y, (light, blocked) in zip(self.photographs, self.lights, strict=True):
-            X = light - np.tensordot(opacities, blocked, 1)
-            mixture = np.linalg.lstsq(X, y, rcond=1e-6)[0]
+        for y, f, (light, blocked) in zip(
+            self.photographs, self.pictures, self.lights, strict=True
+        ):
+            X = light - np.tensordot(opacities.ravel(), blocked, 1)
+            mixture = np.linalg.lstsq(X, y, rcond=COLOURLESS)[0]
             residual = y - X @ mixture
             energy = np.sum(y**2, axis=0)
             misfit = np.sum(residual**2, axis=0) + ROUNDING * energy
             evidence += freedom * float(np.log(misfit / energy).sum())
-            gradient += 2 * freedom * np.tensordot(blocked, (residual / misfit) @ mixture.T, 2)
-            mixtures.append(mixture)
+            pull = freedom * (residual / misfit) @ mixture.T
+            gradient = gradient + np.tensordot(blocked, pull, 2)
+            images.append(f @ mixture)
             residuals.append(residual)
-        return KnownFit(evidence, gradient, mixtures, np.array(residuals))
+        objective = evidence / 2 + prior
+        return MaskFit(opacities, evidence, objective, gradient, images[0], np.array(residuals))
+
+    def descend(self) -> MaskFit:
+        """Return the best mask, from one that is half opaque everywhere (L-BFGS-B)."""
+
+        def objective(o: Array) -> tuple[float, Array]:
+            fit = self.explain(o.reshape(self.cells))
+            return fit.objective, fit.gradient
+
+        count = self.cells[0] * self.cells[1]
+        end = minimize(
+            objective, np.full(count, 0.5), jac=True, method="L-BFGS-B",
+            bounds=[(0.0, 1.0)] * count, options={"maxiter": STEPS},
+        )  # fmt: skip
+        return self.explain(np.asarray(end.x).reshape(self.cells))

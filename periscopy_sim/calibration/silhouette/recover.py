@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.averaged import LARGEST, Averaged, fitted
 from periscopy_sim.calibration.silhouette.blind import STARTS, BlindPhotograph, search
 from periscopy_sim.calibration.silhouette.known import KnownPictures
+from periscopy_sim.calibration.silhouette.mask import MaskFit
 from periscopy_sim.calibration.silhouette.plane import MaskPlane, require_coarse
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
@@ -39,16 +39,10 @@ PATCHES = {False: 22, True: 36}
 """Along the longer side of the hidden image, by whether it is known."""
 
 COARSE, FINE = 32, 63
-"""Pixels along the longer side of the photograph: of the first descents, and at least afterwards."""
+"""Pixels along the longer side of the photograph: of first descents, and at least afterwards."""
 
 HALVED = 8
 """Cells along a side from which on a blind search begins with cells of twice the size."""
-
-STEPS = 500
-"""Of a descent to the mask behind known pictures, at most; about 70 as a rule."""
-
-ALIKE = 20.0
-"""Evidence by which one answer must exceed another to exclude it."""
 
 SHOWN = 50.0
 """Evidence that a mask must win over none for the photograph to show a shadow of it."""
@@ -147,14 +141,24 @@ def recover_silhouette(
     with threadpool_limits(1):
         fine = _View.of(first, plane, shape, cells, read, patches, pixels)
         if shown:
-            answers = [_known(fine, [area_average(each, patches) for each in shown])]
+            pictures = [area_average(each, patches).reshape(-1, 3) for each in shown]
+            known = KnownPictures.of(fine.shadows, cells, fine.background, fine.light, pictures)
+            result = fine.silhouette(known.descend(), known.explain(np.zeros(cells)))
         else:
             halves = 1 + (max(cells) > HALVED)
             fewer = -(-cells[0] // halves), -(-cells[1] // halves)
             coarse = _View.of(first, plane, shape, fewer, read, patches, COARSE)
-            answers = _blind(coarse, fine, seed, report)
+            levels = [
+                BlindPhotograph.of(
+                    view.shadows, view.cells, view.background, view.light[0], patches
+                )
+                for view in (coarse, fine)
+            ]
+            fit, agreeing = search(*levels, fine.steps, seed, report)
+            result = fine.silhouette(fit, levels[1].explain(np.zeros(cells)))
+            result = replace(result, agreeing=agreeing, starts=STARTS)
     report(1.0)
-    return replace(answers[0], others=tuple(answers[1:]))
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,12 +233,9 @@ class _View:
         by_patch = self.plane.fraction(scene) * edges @ rows[[1, 0]].T
         return np.asarray(by_patch * np.array(self.cells))
 
-    def silhouette(
-        self, opacities: Array, image: Array, evidences: tuple[float, float],
-        residual: Array, residual_open: Array,
-    ) -> Silhouette:  # fmt: skip
-        """Return a result, of evidences and residuals, (..., M, 3), with and without the mask."""
-        if evidences[1] - evidences[0] < SHOWN:
+    def silhouette(self, fit: MaskFit, without: MaskFit) -> Silhouette:
+        """Return a result; a PhotographError says that it is no better than without a mask."""
+        if without.evidence - fit.evidence < SHOWN:
             raise PhotographError(
                 f"the photograph shows no shadow of '{self.name}' in its rectangle; its silhouette "
                 "cannot be found"
@@ -242,57 +243,15 @@ class _View:
         light, used = self.shadows.light, self.averaged.used
         scale = float(np.sqrt(np.mean(np.square(self.light))))
         picture = np.zeros((*used.shape, 3))
-        picture[used] = residual.reshape(-1, *self.light[0].shape)[0] / scale
+        picture[used] = fit.residual[0] / scale
         return Silhouette(
             name=self.name,
             plane=self.plane,
-            opacities=opacities,
+            opacities=fit.opacities,
             seen=(light > UNSEEN * light.max()).reshape(self.cells),
-            image=image.reshape(*self.scenario.hidden_shape, 3),
-            unexplained=float(np.sqrt(np.mean(residual**2))) / scale,
-            unexplained_open=float(np.sqrt(np.mean(residual_open**2))) / scale,
+            image=fit.image.reshape(*self.scenario.hidden_shape, 3),
+            unexplained=float(np.sqrt(np.mean(fit.residual**2))) / scale,
+            unexplained_open=float(np.sqrt(np.mean(without.residual**2))) / scale,
             residual=picture,
-            evidence=evidences[0],
+            evidence=fit.evidence,
         )
-
-
-def _known(view: _View, pictures: list[Array]) -> Silhouette:
-    """Return the silhouette behind known pictures, (R, C, 3)."""
-    flat = [each.reshape(-1, 3) for each in pictures]
-    known = KnownPictures.of(view.shadows, view.cells, view.background, view.light, flat)
-    count = view.cells[0] * view.cells[1]
-    end = minimize(
-        known, np.full(count, 0.5), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * count,
-        options={"maxiter": STEPS},
-    )  # fmt: skip
-    fits = [known.explain(o) for o in (end.x, np.zeros(count))]
-    evidences = fits[0].evidence, fits[1].evidence
-    image = flat[0] @ fits[0].mixtures[0]
-    return view.silhouette(
-        end.x.reshape(view.cells), image, evidences, fits[0].residual, fits[1].residual
-    )
-
-
-def _blind(
-    coarse: _View, fine: _View, seed: int, report: Callable[[float], None]
-) -> list[Silhouette]:
-    """Return the best silhouette before an unknown image, and others that are as good."""
-    hidden = fine.scenario.hidden_shape
-    levels = [
-        BlindPhotograph.of(view.shadows, view.cells, view.background, view.light[0], hidden)
-        for view in (coarse, fine)
-    ]
-    fits, agreeing = search(*levels, fine.steps, seed, report)
-    without = levels[1].explain(np.zeros(fine.cells))
-    return [
-        replace(
-            fine.silhouette(
-                fit.opacities, fit.images, (fit.evidence, without.evidence),
-                fit.residual, without.residual,
-            ),
-            agreeing=count,
-            starts=STARTS,
-        )
-        for fit, count in zip(fits, agreeing, strict=True)
-        if fit.evidence < fits[0].evidence + ALIKE
-    ]  # fmt: skip

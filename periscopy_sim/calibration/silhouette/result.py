@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from periscopy_sim.calibration.silhouette.mask import opaque, usual_opacity
 from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
 from periscopy_sim.scenario import Array
-
-FARTHEST = 4
-"""Cells by which two masks are shifted against each other, at most, to be compared."""
 
 TWICE = 2
 """Starts that must end at a mask: one may be luck."""
@@ -25,7 +23,7 @@ class Silhouette:
     """A flat mask that explains photographs, found with the hidden image or by known pictures.
 
     Beside an unknown image the mask may be shifted, and the image against it: the photograph hardly
-    changes. `others` are answers that explain the photograph alike.
+    changes.
 
     Attributes
     ----------
@@ -47,8 +45,6 @@ class Silhouette:
         (rows, columns, 3) of the first photograph, over its root mean square.
     evidence
         Twice the negative logarithm of the photograph's likelihood: less is better.
-    others
-        Answers that explain the photograph alike.
     agreeing, starts
         How many of the search's starts ended at this mask, roughly; of how many. Both are 0 where
         pictures are known, which leave nothing to search.
@@ -63,7 +59,6 @@ class Silhouette:
     unexplained_open: float
     residual: Array = field(repr=False)
     evidence: float
-    others: tuple[Silhouette, ...] = ()
     agreeing: int = 0
     starts: int = 0
 
@@ -94,36 +89,4 @@ class Silhouette:
                 f"{self.agreeing} of the search's {self.starts} starts ended near it: there may be "
                 "a better one"
             )
-        if self.others:
-            doubts.append("another silhouette explains the photograph as well")
         return tuple(doubts)
-
-
-def opaque(opacities: Array) -> Cells:
-    """Return whether cells, (rows, columns), are opaque rather than not.
-
-    The threshold is half of what is usual among opaque ones: a fainter mask before a brighter image
-    makes nearly the same photograph.
-    """
-    return np.asarray(opacities > usual_opacity(opacities) / 2)
-
-
-def usual_opacity(opacities: Array) -> float:
-    """Return the mean opacity of cells, (rows, columns), each as often as it is opaque."""
-    return float(np.sum(opacities**2) / max(float(opacities.sum()), 1e-300))
-
-
-def overlap(one: Cells, other: Cells, farthest: int = FARTHEST) -> float:
-    """Return the area that two masks share over that of both, shifted to where that is largest.
-
-    By whole cells, at most `farthest` along either axis; what a shift brings in is open.
-    """
-    wide = np.pad(other, farthest)
-    rows, columns = one.shape
-    best = 0.0
-    for down in range(2 * farthest + 1):
-        for right in range(2 * farthest + 1):
-            moved = wide[down : down + rows, right : right + columns]
-            either = np.count_nonzero(one | moved)
-            best = max(best, np.count_nonzero(one & moved) / either if either else 0.0)
-    return best

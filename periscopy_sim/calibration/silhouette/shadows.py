@@ -57,10 +57,10 @@ class CellShadows:
         patches[:, 0] += offsets
         way = plane.fraction(scenario)
         strata = _strata((1 - way) * pixels), _strata(way * patches)
-        parts = []
-        for seed, (pixel, light) in enumerate(zip(pixels, A, strict=True)):
+        parts, random = [], np.random.default_rng(0)
+        for pixel, light in zip(pixels, A, strict=True):
             crossed = np.zeros((len(patches), cells[0] * cells[1]), np.float32)
-            _cross(pixel, patches, *strata, *cells, seed, crossed)
+            _cross(pixel, patches, *strata, *cells, random, crossed)
             parts.append(sparse.csr_array(crossed).multiply(light[:, None]).tocsr())
         return cls(A, sparse.vstack(parts, format="csr"))
 
@@ -103,7 +103,7 @@ def _cross(
     patch_strata: tuple[int, int],
     rows: int,
     columns: int,
-    seed: int,
+    random: np.random.Generator,
     crossed: NDArray[np.float32],
 ) -> None:
     """Add the fraction of the rays from a pixel to each patch that cross each cell to (N, K).
@@ -113,7 +113,6 @@ def _cross(
     at places within them that are drawn for each patch and stratum of the pixel, so that the errors
     of entries are independent of each other.
     """
-    np.random.seed(seed)
     (P, Q), (R, S) = pixel_strata, patch_strata
     share = 1.0 / (P * Q * R * S)
     for j in range(len(patches)):
@@ -128,9 +127,9 @@ def _cross(
             continue
         for a in range(P):
             for b in range(Q):
-                u, v = (a + np.random.rand()) / P - 0.5, (b + np.random.rand()) / Q - 0.5
+                u, v = (a + random.random()) / P - 0.5, (b + random.random()) / Q - 0.5
                 p = pixel[0] + u * pixel[1] + v * pixel[2]
-                shift_r, shift_s = np.random.rand(), np.random.rand()
+                shift_r, shift_s = random.random(), random.random()
                 for r in range(R):
                     for s in range(S):
                         u, v = (r + shift_r) / R - 0.5, (s + shift_s) / S - 0.5
