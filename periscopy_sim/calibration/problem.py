@@ -39,7 +39,7 @@ COVERED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """Photographs averaged to at most `LARGEST` rows and columns.
+    """Photographs averaged to few rows and columns.
 
     Attributes
     ----------
@@ -56,10 +56,10 @@ class Averaged:
     monitor_off: Sequence[Array]
 
     @classmethod
-    def of(cls, photographs: Sequence[Photograph]) -> Averaged:
-        """Average photographs of one mask."""
+    def of(cls, photographs: Sequence[Photograph], longest: int = LARGEST) -> Averaged:
+        """Average photographs of one mask to at most `longest` rows and columns."""
         first = photographs[0]
-        shape = fitted(first.shape, LARGEST)
+        shape = fitted(first.shape, longest)
         mask = np.ones(first.shape, bool) if first.mask is None else first.mask
         covered = area_average(mask[..., None], shape)
 

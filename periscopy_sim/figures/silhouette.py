@@ -22,30 +22,27 @@ GREYS = {"opaque": 0.1, "open": 1.0, "unseen": 0.8}
 def draw_silhouette(
     path: Path,
     photograph: Array,
-    found: Silhouette,
+    solution: Silhouette,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
 
-    Each answer has a row. The photograph is (rows, columns, 3), linear.
+    The photograph is (rows, columns, 3), linear.
     """
-    answers = (found, *found.others)
-    bound = 100 * float(np.percentile(np.abs(found.residual.mean(axis=2)), 99)) or 1.0
+    residual = 100 * solution.residual.mean(axis=2)
+    bound = float(np.percentile(np.abs(residual), 99)) or 1.0
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(12, 3.4 * len(answers))
-        for row, answer in zip(
-            figure.subplots(len(answers), 4, squeeze=False), answers, strict=True
-        ):
-            show_light(row[0], "photograph", photograph)
-            cells = np.where(answer.seen, GREYS["open"], GREYS["unseen"])
-            cells = np.where(answer.opaque, GREYS["opaque"], cells)
-            height, width = answer.plane.sides
-            title = "silhouette of {}, {} x {}".format(answer.name, *answer.opaque.shape)
-            show(row[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
-            row[1].set_axis_on()
-            row[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
-            show_light(row[2], "image with this silhouette", answer.image)
-            title = f"unexplained: {100 * answer.unexplained:.2f} %"
-            maps = {title: 100 * answer.residual.mean(axis=2)}
-            show_signed(row[3:], maps, bound, "% of the photograph's rms")
-        figure.suptitle("\n".join(found.doubts), color="#cb181d")
+        figure.set_size_inches(12, 3.4)
+        axes = figure.subplots(1, 4)
+        show_light(axes[0], "photograph", photograph)
+        cells = np.where(solution.seen, GREYS["open"], GREYS["unseen"])
+        cells = np.where(solution.opaque, GREYS["opaque"], cells)
+        height, width = solution.plane.sides
+        title = "silhouette of {}, {} x {}".format(solution.name, *solution.opaque.shape)
+        show(axes[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
+        axes[1].set_axis_on()
+        axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
+        show_light(axes[2], "image with this silhouette", solution.image)
+        title = f"unexplained: {100 * solution.unexplained:.2f} %"
+        show_signed(axes[3:], {title: residual}, bound, "% of the photograph's rms")
+        figure.suptitle("\n".join(solution.doubts), color="#cb181d")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.output import progress, say, say_written, warn_boxed, write_json
-from periscopy_sim.cli.session import Session, pixel_record
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
+from periscopy_sim.cli.session import PhotoSession, pixel_record
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -18,148 +16,120 @@ if TYPE_CHECKING:
     from periscopy_sim.calibration.silhouette.result import Silhouette
 
 DOUBTED = (
-    "Look at the picture: a silhouette that looks like nothing is nothing. Move the plane in which "
-    "it is sought (-D), draw its rectangle closer, or ask for fewer --cells or smaller patches."
+    "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
+    "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask for "
+    "fewer --cells."
 )
 """What to do with a silhouette that is not to be trusted."""
 
 
-def refuse_others(given: Mapping[str, Any]) -> None:
-    """Refuse options, by their names, that a silhouette is not found by."""
-    for name, value in given.items():
-        if value:
-            raise PeriscopyError(
-                f"--silhouette finds a form, and all numbers stay; leave {name} out, and calibrate "
-                "the scene that it writes"
-            )
-
-
 def find_silhouette(
-    photo: Path,
-    scene: str,
-    hidden: str,
+    session: PhotoSession,
+    photos: list[Path],
+    shown: list[str],
     out: Path,
     shape: str,
     cells: str | None,
-    *,
-    background: list[Path] | None,
+    monitor_off: list[Path] | None,
     mask: Path | None,
-    seed: int,
-    define: list[str] | None,
 ) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
+    from periscopy_sim.calibration.silhouette.plane import MaskPlane
+    from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+    from periscopy_sim.calibration.silhouette.scene import local_coordinates, write_masked_scene
     from periscopy_sim.figures.silhouette import draw_silhouette
 
-    arguments.require_suffix(out, ".xml", "the scene")
-    session = Session(scene, hidden, define, seed)
-    path, given, timed = session.path, session.definitions, session.timed
+    path, given = session.path, session.definitions
     size = None if cells is None else arguments.parse_size(cells)
-    record, mesh = out.with_suffix(".json"), _mesh(out, shape)
+    mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
-    outputs = [out, mesh, record, picture]
+    outputs = out, mesh, out.with_suffix(".json"), picture
+    spare_inputs(outputs, (*photos, path, *(monitor_off or []), mask))
+    MaskPlane.of(session.scenario, shape)
+    local_coordinates(path, shape, given)
     with ExitStack() as stack:
-        spare_inputs(outputs, (photo, path, *(background or []), mask))
-        with progress("loading", lines=False):  # takes seconds
-            from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-            from periscopy_sim.calibration.silhouette.masked_scene import (
-                local_coordinates,
-                write_masked_scene,
-            )
-            from periscopy_sim.calibration.silhouette.recover import recover_silhouette
-
-        mask_plane(session.scenario, shape)
-        local_coordinates(path, shape, given)
-        staged = [stack.enter_context(staged_file(file)) for file in outputs]
-        wall = session.wall(photo, mask, background)
-        with timed("find the silhouette"), progress("finding the silhouette") as report:
-            found = recover_silhouette(
-                wall.values,
+        scene_file, mesh_file, json, png = (
+            stack.enter_context(staged_file(file)) for file in outputs
+        )
+        wall = session.wall(photos[0], mask, monitor_off)
+        others = [session.photograph(file, wall.mask).values for file in photos[1:]]
+        images = [session.hidden_image(name) for name in shown]
+        with (
+            session.timed("find the silhouette"),
+            fixable("--silhouette"),
+            progress("finding the silhouette") as report,
+        ):
+            solution = recover_silhouette(
+                [wall.values, *others],
                 path,
-                arguments.parse_size(hidden),
+                session.size,
                 shape,
                 size,
+                shown=images,
                 parameters=given,
                 backgrounds=wall.monitor_off,
                 mask=wall.mask,
-                seed=seed,
+                seed=session.seed,
                 progress=report,
             )
-        for k, answer in enumerate((found, *found.others), 1):
-            file = out if k == 1 else out.with_name(f"{out.stem}_{k}.xml")
-            here, its_mesh = staged[:2]
-            if k > 1:
-                more = [file, _mesh(file, shape)]
-                spare_inputs(more, (photo, path, *(background or []), mask))
-                here, its_mesh = (stack.enter_context(staged_file(each)) for each in more)
-                outputs += more
-            write_masked_scene(
-                path, answer, given, here, its_mesh, _mesh(file, shape).name, _remark(answer)
-            )
+        write_masked_scene(
+            path, solution, given, scene_file, mesh_file, mesh.name, _remark(solution)
+        )
         summary = {
-            "photograph": str(photo),
+            "photograph": str(photos[0]),
+            "photographs": [str(file) for file in photos],
+            "shown": shown,
             "scene": str(path),
             "hidden_shape": session.scenario.hidden_shape,
             **pixel_record(mask, wall.mask, wall.monitor_off),
-            "warnings": [*session.warnings, *found.doubts],
-            **_told(found),
-            "others": [_told(other) for other in found.others],
-            "seconds": timed.seconds,
+            "warnings": [*session.warnings, *solution.doubts],
+            **_as_record(solution),
+            "seconds": session.timed.seconds,
             "provenance": session.provenance,
         }
-        write_json(staged[2], summary)
-        draw_silhouette(staged[3], wall.values, found, session.metadata)
-    _say(found)
+        write_json(json, summary)
+        draw_silhouette(png, wall.values, solution, session.metadata)
+    _say(solution)
     say_written(*outputs)
-    if found.doubts:
-        warn_boxed("this silhouette is not to be trusted", found.doubts, DOUBTED)
+    if solution.doubts:
+        warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)
 
 
-def _mesh(scene: Path, shape: str) -> Path:
-    """Return the file of a scene's mesh."""
-    return scene.with_name(f"{scene.stem}_{shape}.ply")
-
-
-def _remark(found: Silhouette) -> str:
+def _remark(solution: Silhouette) -> str:
     """Return what the scene's file says of where its mask is from."""
-    doubts = "; ".join(found.doubts)
-    told = f": NOT TO BE TRUSTED: {doubts}" if doubts else ""
-    return f"'{found.name}' is a silhouette, found by periscopy calibrate --silhouette{told}"
+    doubts = "; ".join(solution.doubts)
+    warning = f": NOT TO BE TRUSTED: {doubts}" if doubts else ""
+    return f"'{solution.name}' is a silhouette, found by periscopy calibrate --silhouette{warning}"
 
 
-def _told(found: Silhouette) -> dict[str, Any]:
+def _as_record(solution: Silhouette) -> dict[str, Any]:
     """Return a silhouette as it is written to JSON."""
+    plane = solution.plane
     return {
-        "shape": found.name,
-        "trusted": not found.doubts,
-        "doubts": found.doubts,
-        "rectangle": {
-            "corner": found.plane.corner,
-            "across": found.plane.across,
-            "down": found.plane.down,
-        },
-        "opaque": ["".join("#" if cell else "." for cell in row) for row in found.opaque],
-        "cells_seen": int(found.seen.sum()),
-        "numbers_told": found.told,
-        "unexplained_open": found.unexplained_open,
-        "unexplained": found.unexplained,
-        "unexplained_partly_open": found.unexplained_partly,
-        "between_cells": found.between,
-        "overdispersion": found.overdispersion,
-        "starts": found.starts,
-        "starts_agreeing": found.agreeing,
-        "evidence": found.evidence,
+        "shape": solution.name,
+        "trusted": not solution.doubts,
+        "doubts": solution.doubts,
+        "rectangle": {"corner": plane.corner, "across": plane.across, "down": plane.down},
+        "opaque": ["".join("#" if cell else "." for cell in row) for row in solution.opaque],
+        "opacities": solution.opacities,
+        "cells_seen": int(solution.seen.sum()),
+        "cells_decided": solution.decided,
+        "unexplained_open": solution.unexplained_open,
+        "unexplained": solution.unexplained,
+        "starts": solution.starts,
+        "starts_agreeing": solution.agreeing,
+        "evidence": solution.evidence,
     }
 
 
-def _say(found: Silhouette) -> None:
+def _say(solution: Silhouette) -> None:
     """Print what the mask looks like and how far it is to be believed."""
-    for row in found.opaque:
+    for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
-    say(
-        f"of {found.opaque.size} cells the photograph shows the shadows of {found.seen.sum()}, and "
-        f"tells about {found.told:.0f} numbers of them"
-    )
-    size = "{}x{}".format(*found.residual.shape[:2])
-    without, with_it = percentages(found.unexplained_open, found.unexplained)
+    seen, count = solution.seen.sum(), solution.opaque.size
+    say(f"of {count} cells the photograph shows the shadows of {seen}")
+    size = "{}x{}".format(*solution.residual.shape[:2])
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
     say(f"unexplained: {without} % of the photograph ({size}) without it, {with_it} % with it")
-    say("silhouette and image may both be shifted, against each other")
+    if solution.starts:
+        say("silhouette and image may both be shifted, against each other")

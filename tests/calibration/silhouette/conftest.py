@@ -1,12 +1,16 @@
 """A square rectangle before the wall, to be cut into cells, and the same scene without it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.silhouette.cells.mask_plane import mask_plane
-from periscopy_sim.calibration.silhouette.masked_scene import write_masked_scene
-from periscopy_sim.calibration.silhouette.replaced_shape import with_mesh
+from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
+from periscopy_sim.calibration.silhouette.scene import write_masked_scene
+from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.load import load_scenario
 
 SCENE = """<scene version="3.0.0">
@@ -55,10 +59,6 @@ SCENE = """<scene version="3.0.0">
         </transform>
         <bsdf type="diffuse"><rgb name="reflectance" value="0.1"/></bsdf>
     </shape>
-    <shape type="sphere" id="ball">
-        <point name="center" x="0.9" y="0.3" z="0.6"/>
-        <float name="radius" value="0.01"/>
-    </shape>
 </scene>
 """
 HIDDEN = (6, 7)
@@ -89,15 +89,13 @@ def scenario(scene):
 
 @pytest.fixture(scope="session")
 def plane(scenario):
-    return mask_plane(scenario, "card")
+    return MaskPlane.of(scenario, "card")
 
 
 @pytest.fixture(scope="session")
-def empty(scene):
+def empty(scenario):
     """The scenario without the card."""
-    path = scene.with_name("empty.xml")
-    path.write_text(with_mesh(scene, "card", None, {}, scene.parent), encoding="utf-8")
-    return load_scenario(path, HIDDEN)
+    return replace(scenario, occluders=())
 
 
 def silhouette(plane, opaque):
@@ -105,16 +103,12 @@ def silhouette(plane, opaque):
     return Silhouette(
         "card",
         plane,
-        opaque,
-        np.ones_like(opaque),
-        0.0,
+        opaque.astype(float),
+        np.ones(opaque.shape, bool),
         nothing,
         0.0,
         0.0,
-        0.0,
-        1.0,
         nothing,
-        1.0,
         0.0,
     )
 
@@ -122,6 +116,26 @@ def silhouette(plane, opaque):
 @pytest.fixture(scope="session")
 def flagged(scene, plane):
     """The scene in which the card is a flag."""
-    path, mesh = scene.with_name("flagged.xml"), scene.with_name("flagged.ply")
+    path, mesh = scene.with_name("flagged.xml"), scene.with_name("flag.ply")
     write_masked_scene(scene, silhouette(plane, FLAG), {}, path, mesh, mesh.name)
     return path
+
+
+@pytest.fixture(scope="session")
+def images():
+    """Two images whose colours change from patch to patch, as strongly as a photograph's."""
+    random = np.random.default_rng(7)
+    return [0.1 + random.random((*HIDDEN, 3)) ** 2 for _ in range(2)]
+
+
+@pytest.fixture(scope="session")
+def photographs(flagged, images):
+    """Photographs of the images behind the flag, ambient light and noise added."""
+    scenario = load_scenario(flagged, HIDDEN)
+    return [photograph(scenario, image, seed) for seed, image in enumerate(images)]
+
+
+def photograph(scenario, image, seed):
+    signal = (area_transport(scenario) @ image.reshape(-1, 3)).reshape(40, 40, 3)
+    ambient = point_light_backgrounds(scenario)[:, [40]].reshape(40, 40, 1)
+    return add_noise(composite(signal, np.tile(ambient, 3), 1.0), 60, seed)

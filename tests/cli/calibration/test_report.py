@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from periscopy_sim.calibration.consider_analysis import UncertainParameters
+
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.cli.calibration.report import say_found
 

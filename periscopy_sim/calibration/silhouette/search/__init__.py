@@ -1,1 +1,0 @@
-"""The search for the mask that explains a photograph best, whatever the hidden image."""

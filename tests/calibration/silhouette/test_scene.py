@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.scene_covariance import scene_covariance
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
+from periscopy_sim.calibration.silhouette.scene import (
+    cell_mesh,
+    local_coordinates,
+    rectangles,
+    with_mesh,
+    write_masked_scene,
+)
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.load import load_scenario
+from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette
+
+
+def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):
+    text = with_mesh(scene, "card", "a & b.ply", {}, scene.parent)
+    before, after = SCENE.split('<shape type="rectangle" id="card">')
+    assert text.startswith(before)
+    assert text.endswith(after[after.index("</shape>") :])
+    assert 'value="a &amp; b.ply"' in text
+    assert '<rotate z="1" angle="$turn"/>' in text
+    assert '<rgb name="reflectance" value="0.1"/>' in text
+
+
+def test_a_shape_of_an_included_file_raises(tmp_path):
+    path = tmp_path / "outer.xml"
+    path.write_text('<scene version="3.0.0"><include filename="inner.xml"/></scene>')
+    (tmp_path / "inner.xml").write_text(SCENE)
+    with pytest.raises(SceneError, match="'card'"):
+        with_mesh(path, "card", "mask.ply", {}, tmp_path)
+
+
+def test_a_shape_scaled_to_nothing_raises(tmp_path):
+    flat = tmp_path / "flat.xml"
+    flat.write_text(SCENE.replace('<scale value="$size"/>', '<scale x="0.04" y="0.04" z="0"/>'))
+    with pytest.raises(SceneError, match="'card'"):
+        local_coordinates(flat, "card", {})
+
+
+def corners_of(path, values):
+    scenario = load_scenario(path, HIDDEN, values)
+    vertices = next(o.vertices for o in scenario.occluders if o.name == "card")
+    return vertices[np.lexsort(vertices.round(6).T)]
+
+
+def test_the_mask_moves_with_the_parameters_of_the_shape(flagged):
+    here, there = (corners_of(flagged, {"shift": shift}) for shift in (0, 0.03))
+    np.testing.assert_allclose(there - here, np.tile([0.03, 0, 0], (len(here), 1)), atol=1e-6)
+
+
+def test_a_mask_of_a_moved_and_turned_shape_stands_where_its_plane_does(scene, tmp_path):
+    values = {"shift": "0.01", "turn": "20", "size": "0.05"}
+    plane = MaskPlane.of(load_scenario(scene, HIDDEN, values), "card")
+    path, mesh = tmp_path / "moved.xml", tmp_path / "moved.ply"
+    write_masked_scene(scene, silhouette(plane, np.ones_like(FLAG)), values, path, mesh, mesh.name)
+    ours = corners_of(path, {})  # the values are its defaults
+    expected = plane.points(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
+    np.testing.assert_allclose(ours, expected[np.lexsort(expected.round(6).T)], atol=1e-6)
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_a_scene_carries_that_its_silhouette_is_not_to_be_trusted(scene, plane, tmp_path, opacity):
+    path, mesh = tmp_path / "masked.xml", tmp_path / "masked.ply"
+    mask = np.where(np.arange(64).reshape(8, 8) % 2, opacity, 1.0)
+    solution = silhouette(plane, mask)
+    write_masked_scene(scene, solution, {}, path, mesh, mesh.name)
+    known = scene_covariance(path)
+    assert (known is not None and not known.trusted) == bool(solution.doubts) == (opacity < 1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rectangles_cover_each_opaque_cell_once(seed):
+    opaque = np.random.default_rng(seed).random((7, 5)) < 0.6
+    covered = np.zeros(opaque.shape, int)
+    for top, bottom, left, right in rectangles(opaque):
+        covered[top:bottom, left:right] += 1
+    np.testing.assert_array_equal(covered, opaque)
+
+
+def test_the_mesh_has_the_area_of_its_cells_and_its_rectangles_share_no_vertex(plane):
+    mesh = cell_mesh(plane, FLAG)
+    edges = np.diff(mesh.vertices[mesh.faces], axis=1)
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2
+    assert area == pytest.approx(FLAG.sum() * 0.08**2 / FLAG.size, rel=1e-6)
+    np.testing.assert_allclose(mesh.vertices[:, 1], 0.57, atol=1e-7)
+    corners = mesh.faces.reshape(len(rectangles(FLAG)), 6)  # two triangles a rectangle
+    assert len(np.unique(corners)) == 4 * len(corners) == len(mesh.vertices)
