@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.level import Level, Look
+from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
@@ -48,9 +48,9 @@ def calibrate(
 ) -> Calibration:
     """Find the values of a scene's parameters that explain photographs best.
 
-    The ambient light comes from afar, a gain over the wall is smooth (`Level`), and the parameters
-    have a normal prior about the measured values. A hidden image that is not known is smooth
-    (`evidence`).
+    The ambient light comes from afar, a gain over the wall is smooth (`ResolutionLevel`), and the
+    parameters have a normal prior about the measured values. A hidden image that is not known is
+    smooth (`evidence`).
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class _Path:
         looks = len(self._points[0]) + FINE_LOOK * len(self._points[1])
         self._progress(min(0.99, looks / self._expected))
 
-    def visited(self, levels: Sequence[Level]) -> tuple[Visited, ...]:
+    def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
         """Return the points by level."""
         return tuple(
             Visited(
@@ -220,7 +220,7 @@ def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
     return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
 
-def _picture(level: Level, values: Image) -> Array:
+def _picture(level: ResolutionLevel, values: Image) -> Array:
     """Return values of a level's pixels, (M, ...), as (rows, columns, ...) of those it has."""
     pixels = level.scene.pixels
     picture = np.zeros((*pixels.shape, *values.shape[1:]))

@@ -82,7 +82,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class ResolutionLevel:
     """Photographs in M pixels, explained by P parameters of a scene and a gain over the wall.
 
     A point is (P + K,) numbers: the parameters, then the coefficients of the gain

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Images
-from periscopy_sim.calibration.level import Group, Level
+from periscopy_sim.calibration.level import Group, ResolutionLevel
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.errors import PhotographError
@@ -104,19 +104,19 @@ class CalibrationProblem:
         """Whether the monitor showed an unknown image in one of the photographs."""
         return len(self.pictures) < len(self.photographs)
 
-    def coarse(self) -> Level:
+    def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
         return self._level(COARSE_PIXELS, self._hats)
 
-    def fine(self) -> Level:
+    def fine(self) -> ResolutionLevel:
         """Return the level on which a search ends."""
         return self._level(self._fine_pixels, self._hidden)
 
-    def whole(self) -> Level:
+    def whole(self) -> ResolutionLevel:
         """Return the level of all pixels, by which ends of a search are judged."""
         return self._level(LARGEST**2, self._hidden)
 
-    def joint(self) -> Level:
+    def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
         Its images can follow a shift by a fraction of a patch, as an unknown image may.
@@ -144,7 +144,7 @@ class CalibrationProblem:
     def _averaged(self) -> Averaged:
         return Averaged.of(self.photographs)
 
-    def _level(self, count: float, coefficients: tuple[int, int]) -> Level:
+    def _level(self, count: float, coefficients: tuple[int, int]) -> ResolutionLevel:
         """Return the level of every so many-th pixel, about `count` of them.
 
         Unknown images have (r, c) coefficients: of hat functions if these are fewer than patches.
@@ -167,7 +167,7 @@ class CalibrationProblem:
         if self.has_unknown_images:
             images = Images.hats(self._hidden, coefficients)
             groups.append(Group(np.hstack(light[len(self.pictures) :]), images))
-        return Level(scene, self.centers, self.errors, Q, tuple(groups))
+        return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))
 
     def _scene(self, pixels: NDArray[np.bool_]) -> MovingScene:
         finer = -(-LARGEST // max(pixels.shape))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Level, Look
+from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Array
@@ -48,7 +48,9 @@ LONGEST = 3.0
 Visit = Callable[[Look], None]
 
 
-def descend(level: Level, start: Look, steps: int, temperature: float, visit: Visit) -> Look:
+def descend(
+    level: ResolutionLevel, start: Look, steps: int, temperature: float, visit: Visit
+) -> Look:
     """Return the look at the end of so many steps of Levenberg and Marquardt's method."""
     look, damping = replace(start, temperature=temperature), DAMPING
     for _ in range(steps):
@@ -73,7 +75,7 @@ def descend(level: Level, start: Look, steps: int, temperature: float, visit: Vi
     return look
 
 
-def _step(level: Level, look: Look, damping: float) -> Array:
+def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
     """Return Newton's step; parameters that alone would cross the border of the physical stay."""
     free = np.ones(len(look.point), bool)
     for _ in range(2):
@@ -94,9 +96,9 @@ def _step(level: Level, look: Look, damping: float) -> Array:
 class Search:
     """Levels of the same photographs: `coarse` and `fine` to descend on, `whole` to judge by."""
 
-    coarse: Level
-    fine: Level
-    whole: Level
+    coarse: ResolutionLevel
+    fine: ResolutionLevel
+    whole: ResolutionLevel
     seed: int
     visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one
 
@@ -120,7 +122,7 @@ class Search:
         looks = [self.followed(ends[k]) for k in sorted(starts)]
         return min(looks, key=lambda look: self.judge(look.point)) if looks[1:] else looks[0]
 
-    def _coarse_end(self, level: Level) -> Array:
+    def _coarse_end(self, level: ResolutionLevel) -> Array:
         return self._cooled(0, level, level.center, COOLING).point
 
     def followed(self, point: Array) -> Look:
@@ -129,7 +131,9 @@ class Search:
         temperature = self.fine.temperature(look)
         return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(1, look))
 
-    def _cooled(self, number: int, level: Level, point: Array, cooling: Sequence[float]) -> Look:
+    def _cooled(
+        self, number: int, level: ResolutionLevel, point: Array, cooling: Sequence[float]
+    ) -> Look:
         def visit(look: Look) -> None:
             self.visit(number, look)
 

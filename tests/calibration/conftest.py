@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration import problem, search
-from periscopy_sim.calibration.level import Level
+from periscopy_sim.calibration.level import ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.photograph import Photograph
@@ -78,7 +78,7 @@ class Small:
             self.pictures[:shown],
         )
 
-    def level(self, shown: int = 0, count: int = 1) -> Level:
+    def level(self, shown: int = 0, count: int = 1) -> ResolutionLevel:
         """Return the fine level of that problem."""
         return self.problem(shown, count).fine()
 

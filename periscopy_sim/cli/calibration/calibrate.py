@@ -59,7 +59,6 @@ def calibrate(
     cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
     monitor_off: arguments.MonitorOffOption = None,
     mask: arguments.MaskOption = None,
-    samples: Annotated[int, typer.Option(hidden=True)] = 0,  # of rays, which nothing takes now
 ) -> None:
     """Find the parameters of a scene that explain photographs best.
 
