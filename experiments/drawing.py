@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.figures import style
 from periscopy_sim.figures.panels import displayable
 from periscopy_sim.scenario import Scenario, wall_frame
 from periscopy_sim.storage.formats.srgb import srgb_encode
@@ -22,43 +23,21 @@ PAGE = 7.16
 
 COLORS = {
     # In one figure each colour stands for one thing.
-    "preconditioned": "#0072B2",
-    "differencing": "#D55E00",
-    "truncated-svd": "#CC79A7",
-    "noise-aware": "#009E73",
-    "pseudoinverse": "#009E73",
-    "bound": "#000000",
-}
-"""Okabe and Ito's colours, which colour-blind readers tell apart."""
-
-STYLE: dict[str, Any] = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "lines.linewidth": 1.4,
-    "pdf.fonttype": 42,
-    "savefig.dpi": 300,
+    "preconditioned": style.OKABE_ITO[0],
+    "differencing": style.OKABE_ITO[1],
+    "truncated-svd": style.OKABE_ITO[3],
+    "noise-aware": style.OKABE_ITO[2],
+    "pseudoinverse": style.OKABE_ITO[2],
+    "bound": style.OKABE_ITO[6],
 }
 
 
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw in the style of all; matplotlib takes sizes when a thing is drawn, not when saved."""
-    import matplotlib as mpl
+    from matplotlib import rc_context
 
-    settings: Any = STYLE  # matplotlib names each key in its type
-    with mpl.rc_context(settings):
+    with rc_context(style.STYLE):
         yield
 
 
@@ -112,7 +91,7 @@ def label_row(ax: Any, text: str) -> None:
     )  # fmt: skip
 
 
-def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **style: Any) -> None:
+def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **look: Any) -> None:
     """Draw means over the first axis, with a band of their standard errors, from 1 on.
 
     Parameters
@@ -123,13 +102,13 @@ def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **st
         (repetitions, places).
     line
         Matplotlib's name of the line.
-    **style
+    **look
         Of the line; its ``color`` is the band's, too.
     """
     number, mean = np.arange(1, values.shape[1] + 1), values.mean(axis=0)
     error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-    ax.fill_between(number, mean - error, mean + error, color=style["color"], alpha=0.15, lw=0)
-    ax.plot(number, mean, line, **style)
+    ax.fill_between(number, mean - error, mean + error, color=look["color"], alpha=0.15, lw=0)
+    ax.plot(number, mean, line, **look)
 
 
 def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:

@@ -20,11 +20,18 @@ from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
-from .evaluation.metrics import gain_matched, mean_squared_error, psnr, registered
+from .evaluation.metrics import (
+    colour_matched_psnr,
+    gain_matched,
+    mean_squared_error,
+    psnr,
+    registered,
+)
 from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
+from .model.colour_matrix import ColourMatrix
 from .model.uncertain_transport import UncertainTransport
 from .photograph import Photograph
 from .photographs.border import bad_border
@@ -52,6 +59,7 @@ from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
+from .storage.colour_matrix import read_colour_matrix
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
 from .storage.sequences import open_frames
@@ -62,6 +70,7 @@ __all__ = [
     "BouncedLight",
     "BouncedTransport",
     "Calibration",
+    "ColourMatrix",
     "Differencing",
     "IterativePeriscope",
     "IterativeReconstruction",
@@ -91,6 +100,7 @@ __all__ = [
     "bad_border",
     "build_laboratory",
     "calibrate",
+    "colour_matched_psnr",
     "composite",
     "defective_pixels",
     "develop",
@@ -114,6 +124,7 @@ __all__ = [
     "prepare",
     "prox_total_variation",
     "psnr",
+    "read_colour_matrix",
     "read_hidden_image",
     "read_mask",
     "read_photograph",

@@ -1,10 +1,10 @@
 """The light transport as physics of deepinv, with the package's noise and ambient light.
 
-    y = P (A f + s b + n),   mean(A f) = SBR mean(s b),   n ~ N(0, σ²),
+    y = P (A f + s b + n) / norm,   mean(A f) = SBR mean(s b),   n ~ N(0, σ²),
     σ = 10^(−SNR/20) times the root mean square of A f + s b
 
-P projects backgrounds out, where some are given. The exposure is not scaled to a mean of 1 as
-`composite` does, so that y stays in the units of the hidden image; SBR and SNR mean the same.
+P projects backgrounds out, where some are given. The operator P A / norm has norm 1, since the
+tolerances of deepinv are absolute: in physical units, of norm 0.01 or so, its solvers stop early.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no t
         self.snr, self.sbr = snr, sbr
         self.register_buffer("ambient", ambient, persistent=False)
 
-    def forward(self, y: Any, seed: int | None = None, **_: Any) -> Any:
+    def forward(self, y: Any, seed: int | None = None) -> Any:
         """Return (B, 3, r, c) photographs with ambient light and noise."""
         self.rng_manual_seed(seed)
         each = (-3, -2, -1)
@@ -47,7 +47,10 @@ class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no t
 
 
 class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no types
-    """The wall's photograph of a hidden image: (B, 3, R, C) to (B, 3, r, c).
+    """The wall's photograph of a hidden image: (B, 3, R, C) to (B, 3, r, c), of operator norm 1.
+
+    Divide a photograph that was not made here by `norm` and project its backgrounds out:
+    ``physics.reject_backgrounds(photograph / physics.norm)``.
 
     Parameters
     ----------
@@ -68,6 +71,11 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         Where A is kept.
     **sizes
         ``scene`` or the sizes and the colour of the wall, as of `transport_operator`.
+
+    Attributes
+    ----------
+    norm
+        Operator norm of A in physical units, backgrounds projected out.
 
     Raises
     ------
@@ -112,6 +120,9 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
                 raise ValueError(f"backgrounds have {len(backgrounds)} rows, A has {len(light.A)}")
             U, strength, _ = np.linalg.svd(np.asarray(backgrounds, float), full_matrices=False)
             Q = torch.as_tensor(U[:, strength > 1e-12 * strength[0]]).to(light.A)
+        seen = light.A if Q is None else light.A - Q @ (Q.T @ light.A)
+        self.norm = float(torch.linalg.eigvalsh(seen.T @ seen)[-1].sqrt() * light.gain.max())
+        light.A = light.A / self.norm
         self._light = light
         self.register_buffer("_A", light.A, persistent=False)
         self.register_buffer("_Q", Q, persistent=False)
@@ -120,7 +131,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     def forward(self, x: Any, **parameters: Any) -> Any:
         """Return the photographs of hidden images as measured, then backgrounds projected out.
 
-        SBR and SNR are of the photograph, not of what is left of it.
+        SBR and SNR are those of the photograph before the projection.
         """
         self.update(**parameters)
         return self.sensor(self.noise(self._transport()(x), **parameters))
@@ -134,7 +145,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         return self._transport().adjoint(self.reject_backgrounds(y))
 
     def reject_backgrounds(self, y: Any) -> Any:
-        """Project the backgrounds out of photographs; needed for one that was not made here."""
+        """Project the backgrounds out of photographs."""
         if self._Q is None:
             return y
         planes = y.flatten(-2).reshape(-1, len(self._Q))

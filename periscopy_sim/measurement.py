@@ -102,7 +102,8 @@ class Sensor:
     the rounding and subtracted after it, so that noise about 0 is not cut off and stays unbiased.
 
     The model of noise is that of EMVA standard 1288 (4.0, Sec. 2), without dark current and fixed
-    patterns; colour filters are ideal, so that one gain holds for all channels.
+    patterns. One gain holds for all channels; for colour filters that overlap, expose the light of
+    `ColourMatrix.mix`.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics.validation import LIGHT_RANGE
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -108,7 +108,9 @@ def _checked(
 ) -> Array:
     """Return values as (rows, columns, 3) float64; see `Photograph.of`."""
     try:
-        array = np.asarray(values)
+        array = plain_array(values, name)
+    except PhotographError:
+        raise
     except ValueError as error:  # rows of different lengths
         raise PhotographError(f"{name}: is no array of numbers ({error}); give one") from error
     check_real(array.dtype, name)

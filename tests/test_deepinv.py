@@ -27,7 +27,7 @@ def making():
     rng = np.random.default_rng(0)
     A, B = rng.random((72, 12)), rng.random((72, 5))
     return lambda **more: Periscopy(
-        A, backgrounds=B if more.pop("B", True) else None, **SHAPES, **more
+        more.pop("unit", 1) * A, backgrounds=B if more.pop("B", True) else None, **SHAPES, **more
     )
 
 
@@ -43,6 +43,21 @@ def test_adjoint_is_that_of_the_product_and_backgrounds_leave_no_trace(make):
     B.random((72, 12))
     light = torch.as_tensor(B.random((72, 5))[:, 2].reshape(8, 9)).expand(1, 3, 8, 9)
     assert physics.reject_backgrounds(light).abs().max() < 1e-10
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("B", [True, False])
+def test_operator_has_norm_1_whatever_the_unit_of_light(make, B):
+    import torch
+
+    physics = make(B=B, unit=1e-3, channel_gain=[1.2, 1.0, 0.8], snr=None)
+    x = torch.rand(1, 3, 3, 4).double()
+    jacobian = torch.autograd.functional.jacobian(physics.A, x).reshape(3 * 72, 3 * 12)
+    assert float(torch.linalg.matrix_norm(jacobian, 2)) == pytest.approx(1, rel=1e-6)
+    assert float(physics.compute_sqnorm(x, verbose=False)) == pytest.approx(1, rel=0.01)
+    assert float((physics.A_dagger(physics(x)) - x).norm() / x.norm()) < 0.05
+    with pytest.raises(TypeError, match="sigma"):
+        physics(x, sigma=5)
 
 
 @pytest.mark.torch
@@ -71,7 +86,8 @@ def test_light_and_noise_are_of_the_photograph_before_backgrounds_are_projected_
     x = torch.rand(500, 3, 3, 4).double()
     whole, left = make(B=None, snr=20, ambient=ambient, sbr=0.5), make(snr=20, ambient=ambient)
     y = left(x)
-    assert torch.allclose(y, left.reject_backgrounds(whole(x)))  # the same noise, of the same seed
+    photographs = whole.norm * whole(x)  # with the same noise, of the same seed
+    assert torch.allclose(y, left.reject_backgrounds(photographs / left.norm))
     assert float(left.reject_backgrounds(y).sub(y).abs().max()) < 1e-12
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
@@ -19,6 +20,12 @@ def test_arrays_become_one_form_and_are_copied():
     assert LIGHT.all() and np.shape(np.asarray(photograph)) == (*SHAPE, 3)
 
 
+def test_labelled_dimensions_are_taken_by_name():
+    labelled = xr.DataArray(LIGHT, dims=("row", "column", "channel"))
+    turned = labelled.transpose("channel", "column", "row")
+    np.testing.assert_array_equal(Photograph.of(turned).values, LIGHT)
+
+
 def test_pixels_outside_the_mask_are_neither_checked_nor_used():
     spoilt = np.where(MASK[..., None], LIGHT, np.nan)
     photograph = Photograph.of(spoilt, mask=MASK, monitor_off={"off.npy": spoilt / 2})
@@ -34,6 +41,8 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
         ({"values": LIGHT[:3], "shape": SHAPE}, "photograph"),
         ({"values": -LIGHT, "name": "y.exr"}, "y.exr"),
         ({"values": LIGHT, "mask": MASK.T}, "mask"),
+        ({"values": np.ma.masked_less(LIGHT, 1.1), "name": "y"}, "^y: .*masked"),
+        ({"values": xr.DataArray(LIGHT, dims=("y", "x", "channel"))}, r"\('y', 'x', 'channel'\)"),
         ({"values": LIGHT, "monitor_off": {"off.npy": LIGHT[:3]}}, r"off\.npy"),
         ({"values": LIGHT, "monitor_off": {"off.npy": np.nan * LIGHT}}, r"off\.npy"),
     ],

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from periscopy_sim.calibration.consider_analysis import UncertainParameters
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.photograph import Photograph
 
@@ -39,7 +39,7 @@ def test_other_things_are_told_briefly(transport, photograph):
     still = ps.NoiseAware(transport, **SHAPES)
     values = photograph.copy()
     values[0] = np.nan  # masked
-    dx = Parameter("dx", 0.0, 0.0123, 1e-4, 2e-4, 0.01, 0.1)
+    dx = Parameter("dx", 0.0, 0.0123, 1e-4, 2e-4, 0.01)
     uncertain = UncertainParameters((), np.zeros(0), np.zeros(0))
     noise = np.full(3, 0.02), np.full(3, 0.01)
     calibration = ps.Calibration(

@@ -103,7 +103,7 @@ def _table(setting: Setting, trials: dict[str, Trial]) -> Table:
     rows = []
     for name, trial in trials.items():
         b = trial.background.reshape(-1, 3)
-        outside = np.linalg.norm(P.reject_background(b)) / np.linalg.norm(b)
+        outside = np.linalg.norm(P.project_out(b)) / np.linalg.norm(b)
         errors = [ps.mean_squared_error(image, truth) for image in (trial.image, trial.twin)]
         rows.append((PLACES[name], f"{100 * outside:.3f} %", *(f"{e:.4f}" for e in errors)))
     return Table(

@@ -158,12 +158,12 @@ def _table(
 ) -> Table:
     def row(name: str) -> list[str]:
         photograph = photographs[name]
-        penumbrae = np.linalg.norm(P.reject_background(photograph.signal))
-        outside = np.linalg.norm(P.reject_background(photograph.background)) / penumbrae
+        penumbrae = np.linalg.norm(P.project_out(photograph.signal))
+        outside = np.linalg.norm(P.project_out(photograph.background)) / penumbrae
         noise = np.linalg.norm(photograph.noise) / penumbrae
         cells = [name.replace("_", " "), f"{100 * outside:.1f} %", f"{100 * noise:.1f} %"]
         for estimate in signals[name].values():
-            error = np.linalg.norm(P.reject_background(estimate - photograph.signal)) / penumbrae
+            error = np.linalg.norm(P.project_out(estimate - photograph.signal)) / penumbrae
             cells += [f"{correlation(estimate, photograph.signal):.4f}", f"{100 * error:.1f} %"]
         return cells
 
@@ -191,7 +191,7 @@ def _draw(
         "y − b": photograph.y - photograph.background,
         **signals,
     }
-    penumbrae = P.reject_background(photograph.signal).mean(axis=1)
+    penumbrae = P.project_out(photograph.signal).mean(axis=1)
     limit = float(np.percentile(np.abs(penumbrae), 99.5))
     with drawn(setting.out, "fig8", PAGE, 2.7) as figure:
         axes = figure.subplots(2, len(pictures))
@@ -202,7 +202,7 @@ def _draw(
             white = float(np.percentile(light, 99.5))
             show_light(top, light, white)
             top.set_title(f"{letter}. {title}\nwhite = {white:.2f}")
-            left = P.reject_background(image).mean(axis=1).reshape(rows, columns)
+            left = P.project_out(image).mean(axis=1).reshape(rows, columns)
             drawing = bottom.imshow(left, cmap="RdBu_r", vmin=-limit, vmax=limit)
             bottom.set_axis_off()
         figure.colorbar(

@@ -136,7 +136,7 @@ def _finer_grid(setting: Setting) -> Claim:
     scenario, measured = setting.scenario, setting.measured
     B = ps.point_light_backgrounds(scenario, ps.paper_grid(FINE_STEP))
     P = setting.preconditioned.preconditioner
-    outside = np.linalg.norm(P.reject_background(B), axis=0) / np.linalg.norm(B, axis=0)
+    outside = np.linalg.norm(P.project_out(B), axis=0) / np.linalg.norm(B, axis=0)
     # Random combinations span the same range, which has far fewer dimensions (Halko et al. 2011).
     rng = np.random.default_rng(setting.seed)
     combined = (B / np.linalg.norm(B, axis=0)) @ rng.normal(size=(B.shape[1], COMBINATIONS))

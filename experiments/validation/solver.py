@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.timing import median_seconds
 from periscopy_sim.evaluation.diagnostics import residual_background
-from periscopy_sim.reconstruction.total_variation.prox import divergence, gradient, total_variation
+from periscopy_sim.reconstruction.total_variation.prox import total_variation
 
 Array = NDArray[np.float64]
 HIDDEN = (29, 36)
@@ -52,21 +52,21 @@ def check_preconditioner() -> dict[str, Any]:
 
 
 def check_prox() -> dict[str, Any]:
-    """Compare the prox of total variation with brute force and scikit-image; test its adjoint."""
+    """Compare the prox of total variation with brute force and scikit-image."""
     from scipy import optimize
     from skimage.restoration import denoise_tv_chambolle
 
     rng = np.random.default_rng(0)
     small = rng.random((5, 6))
     weight = 0.4
+    rows, columns = (np.vstack([np.diff(np.eye(n), axis=0), np.zeros(n)]) for n in small.shape)
+    down, across = np.kron(rows, np.eye(len(columns))), np.kron(np.eye(len(rows)), columns)
 
     def smoothed(x: Array, ε: float) -> tuple[float, Array]:
-        image = x.reshape(small.shape)
-        d = gradient(image)
-        length = np.sqrt((d**2).sum(axis=0) + ε**2)
-        value = float(((image - small) ** 2).sum() + weight * length.sum())
-        slope = 2 * (image - small) - weight * divergence(d / length)
-        return value, slope.ravel()
+        misfit, dx, dy = x - small.ravel(), down @ x, across @ x
+        length = np.sqrt(dx**2 + dy**2 + ε**2)
+        slope = 2 * misfit + weight * (down.T @ (dx / length) + across.T @ (dy / length))
+        return float((misfit**2).sum() + weight * length.sum()), slope
 
     x = small.ravel()
     for ε in 10.0 ** -np.arange(1, 9):
@@ -82,15 +82,12 @@ def check_prox() -> dict[str, Any]:
     ours = ps.prox_total_variation(large, weight, tolerance=1e-8)
     # scikit-image minimizes ½‖f − g‖² + w TV.
     theirs = denoise_tv_chambolle(large, weight=weight / 2, eps=1e-15, max_num_iter=100_000)
-    field = rng.random((2, 29, 36))
-    forward, adjoint = np.sum(gradient(large) * field), -np.sum(large * divergence(field))
     return {
         "objective above the brute-force minimum, relative": within(
             objective(exact) / objective(x.reshape(small.shape)) - 1, 1e-8
         ),
         "largest difference from brute force": within(float(np.abs(exact.ravel() - x).max()), 1e-5),
         "largest difference from scikit-image": within(float(np.abs(ours - theirs).max()), 1e-3),
-        "adjoint dot test, relative": within(float(abs(forward / adjoint - 1)), 1e-12),
     }
 
 

@@ -17,8 +17,8 @@ Array = NDArray[Any]
 class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     """A over images: a vector is ``image.ravel()`` of a (rows, columns, channels) image.
 
-    So a product is one of BLAS, ``A @ x.reshape(N, channels)``, and nothing is copied. Products are
-    of A's type: with a float32 A, vectors of float64 are rounded, A is never converted.
+    A product is one of BLAS, ``A @ x.reshape(N, channels)``, and nothing is copied. Products are of
+    A's type: with a float32 A, vectors of float64 are rounded, A is never converted.
 
     Attributes
     ----------
@@ -45,28 +45,24 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
         return _shaped(y, self.photograph_shape, "a photograph")
 
     def _matmat(self, X: Array) -> Array:
-        M, N = self.A.shape
-        count = X.shape[1]
-        f = self._planes(X, N)
+        f = self._planes(X)
         if isinstance(self.A, np.ndarray):
             y = self.A @ f
         else:
-            y = np.empty((M, f.shape[1]), self.dtype)
+            y = np.empty((self.A.shape[0], f.shape[1]), self.dtype)
             for rows, block in self.A.row_blocks():
                 y[rows] = block @ f
-        return self._coloured(y, count).reshape(M * self.channels, count)
+        return self._coloured(y).reshape(-1, X.shape[1])
 
     def _rmatmat(self, Y: Array) -> Array:
-        M, N = self.A.shape
-        count = Y.shape[1]
-        y = self._coloured(self._planes(Y, M), count)
+        y = self._coloured(self._planes(Y))
         if isinstance(self.A, np.ndarray):
             f = self.A.T @ y
         else:
-            f = np.zeros((N, y.shape[1]), self.dtype)
+            f = np.zeros((self.A.shape[1], y.shape[1]), self.dtype)
             for rows, block in self.A.row_blocks():
                 f += block.T @ y[rows]
-        return f.reshape(N * self.channels, count)
+        return f.reshape(-1, Y.shape[1])
 
     def _matvec(self, x: Array) -> Array:
         return self._matmat(x.reshape(-1, 1)).ravel()
@@ -74,12 +70,13 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     def _rmatvec(self, y: Array) -> Array:
         return self._rmatmat(y.reshape(-1, 1)).ravel()
 
-    def _planes(self, X: Array, rows: int) -> Array:
-        """Return (rows * channels, K) as (rows, channels * K), of A's type."""
-        return np.asarray(X, self.dtype).reshape(rows, self.channels * X.shape[1])
+    def _planes(self, X: Array) -> Array:
+        """Return (n * channels, K) as (n, channels * K), of A's type."""
+        return np.asarray(X, self.dtype).reshape(-1, self.channels * X.shape[1])
 
-    def _coloured(self, y: Array, count: int) -> Array:
-        return y if self.channel_gain is None else y * np.repeat(self.channel_gain, count)
+    def _coloured(self, y: Array) -> Array:
+        gain = self.channel_gain
+        return y if gain is None else y * np.repeat(gain, y.shape[1] // 3)
 
 
 def transport_operator(

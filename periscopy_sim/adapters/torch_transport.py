@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from periscopy_sim.adapters.sizes import Shape, sizes_of
 from periscopy_sim.extras import require
-from periscopy_sim.scenario import Scenario
 
 
 class TorchTransport:
@@ -21,10 +20,10 @@ class TorchTransport:
     ----------
     transport
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
-    scene, hidden_shape, photograph_shape, channel_gain
-        As of `transport_operator`.
     device, dtype
         Where A is kept, and as what; None for the CPU and A's own type.
+    **sizes
+        `scene`, `hidden_shape`, `photograph_shape` and `channel_gain` of `transport_operator`.
 
     Attributes
     ----------
@@ -32,6 +31,8 @@ class TorchTransport:
         (M, N) tensor.
     hidden_shape, photograph_shape
         (rows, columns).
+    gain
+        (3, 1) tensor, the wall's colour.
 
     Raises
     ------
@@ -42,33 +43,23 @@ class TorchTransport:
     """
 
     def __init__(
-        self,
-        transport: Any,
-        *,
-        scene: Scenario | None = None,
-        hidden_shape: Shape | None = None,
-        photograph_shape: Shape | None = None,
-        channel_gain: ArrayLike | None = None,
-        device: Any = None,
-        dtype: Any = None,
+        self, transport: Any, *, device: Any = None, dtype: Any = None, **sizes: Any
     ) -> None:
         torch = require("torch")
         if hasattr(transport, "row_blocks"):
             raise ValueError("tensors need A in memory: give what render_transport returns")
-        sizes = sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain)
-        self.hidden_shape, self.photograph_shape = sizes.hidden_shape, sizes.photograph_shape
-        A = np.require(sizes.A, requirements=["C", "W"])
+        known = sizes_of(transport, **sizes)
+        self.hidden_shape, self.photograph_shape = known.hidden_shape, known.photograph_shape
+        A = np.require(known.A, requirements=["C", "W"])
         self.A = torch.as_tensor(A, device=device, dtype=dtype)
-        gain = np.ones(3, A.dtype) if sizes.channel_gain is None else sizes.channel_gain
-        self._grey = sizes.channel_gain is None
-        self._gain = torch.as_tensor(gain).to(self.A)[:, None]
+        gain = np.ones(3) if known.channel_gain is None else known.channel_gain
+        self.gain = torch.as_tensor(gain).to(self.A)[:, None]
 
     def to(self, device: Any = None, dtype: Any = None) -> TorchTransport:
         """Return the same on another device or of another type."""
-        moved = object.__new__(TorchTransport)
-        moved.__dict__.update(self.__dict__)
+        moved = copy(self)
         moved.A = self.A.to(device=device, dtype=dtype)
-        moved._gain = self._gain.to(moved.A)
+        moved.gain = self.gain.to(moved.A)
         return moved
 
     def forward(self, image: Any) -> Any:
@@ -86,7 +77,7 @@ class TorchTransport:
     __call__ = forward
 
     def _coloured(self, y: Any) -> Any:
-        return y if self._grey else (y.reshape(-1, 3, y.shape[-1]) * self._gain).reshape(y.shape)
+        return (y.reshape(-1, 3, y.shape[-1]) * self.gain).reshape(y.shape)
 
     def _planes(self, images: Any, shape: Shape, what: str) -> Any:
         """Return (..., 3, rows, columns) as (K, rows * columns)."""

@@ -39,59 +39,34 @@ def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:
 
     Vertices in the same place are one, whatever their indices; a face without area is left out.
     """
-    first = np.cumsum([0] + [len(v) for v, _ in meshes])
-    parts = [
-        _borders(*_welded(np.asarray(v, np.float64), f), n)
-        for (v, f), n in zip(meshes, first[:-1], strict=True)
-        if len(f)
-    ]
-    vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.cumsum([0] + [len(part.planes) for part in parts])
-    entries = np.cumsum([0] + [len(part.faces) for part in parts])
-    none = np.empty((0,), np.int64)
-    numbered = list(zip(parts, vertices[:-1], faces[:-1], entries[:-1], strict=True))
-    return Borders(
-        vertices=np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
-        sources=np.concatenate([none, *(part.sources for part in parts)]),
-        planes=np.concatenate([np.empty((0, 4)), *(part.planes for part in parts)]),
-        two_sided=np.concatenate([np.empty(0, np.bool_), *(part.two_sided for part in parts)]),
-        edges=np.concatenate([none.reshape(0, 2), *(part.edges + v for part, v, _, _ in numbered)]),
-        starts=np.concatenate([[0], *(part.starts[1:] + k for part, _, _, k in numbered)]),
-        faces=np.concatenate([none, *(part.faces + f for part, _, f, _ in numbered)]),
-        signs=np.concatenate([none, *(part.signs for part in parts)]),
-    )
-
-
-def _welded(vertices: Array, faces: Indices) -> tuple[Array, Indices, Indices]:
-    """Return vertices that differ, the faces of them, and which of the given each is."""
-    cell = SAME * max(float(np.abs(vertices).max()), 1e-30)
-    _, first, place = np.unique(
-        np.rint(vertices / cell), axis=0, return_index=True, return_inverse=True
-    )
-    faces = place.ravel()[faces]
-    a, b, c = faces.T
-    return vertices[first], faces[(a != b) & (b != c) & (c != a)], first
-
-
-def _borders(vertices: Array, faces: Indices, sources: Indices, before: int) -> Borders:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    a, b, c = vertices[faces].swapaxes(0, 1)
+    none = np.empty((0, 3))
+    given = np.concatenate([none, *(vertices for vertices, _ in meshes)])
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [faces + start for (_, faces), start in zip(meshes, starts[:-1], strict=True)]
+    cells = [SAME * max(float(np.abs(v).max(initial=0)), 1e-30) for v, _ in meshes]
+    mesh = np.repeat(np.arange(len(meshes)), np.diff(starts))
+    place = np.column_stack([mesh, np.rint(given / np.array(cells)[mesh, None])])
+    _, sources, welded = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    vertices = given[sources]
+    triangles = welded.ravel()[np.concatenate([none.astype(np.int64), *faces])]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    a, b, c = vertices[triangles].swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
     planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, a)])
-    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    face = np.tile(np.arange(len(faces)), 3)
+    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    face = np.tile(np.arange(len(triangles)), 3)
     sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
     edges, edge = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
     edge = edge.ravel()
-    count = len(faces) + len(edges)
-    joined = coo_array((np.ones(len(face)), (face, len(faces) + edge)), shape=(count, count))
+    count = len(triangles) + len(edges)
+    joined = coo_array((np.ones(len(face)), (face, len(triangles) + edge)), shape=(count, count))
     part = connected_components(joined, directed=False)[1]
     unbalanced = np.bincount(edge, sign, len(edges)) != 0  # turns about an edge of a solid cancel
-    two_sided = np.isin(part[: len(faces)], part[len(faces) :][unbalanced])
+    two_sided = np.isin(part[: len(triangles)], part[len(triangles) :][unbalanced])
     order = np.argsort(edge, kind="stable")
-    starts = np.searchsorted(edge[order], np.arange(len(edges) + 1))
-    return Borders(
-        vertices, before + sources, planes, two_sided, edges, starts, face[order], sign[order]
-    )
+    first = np.searchsorted(edge[order], np.arange(len(edges) + 1))
+    return Borders(vertices, sources, planes, two_sided, edges, first, face[order], sign[order])

@@ -3,63 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.averaged import LARGEST, Averaged, fitted
-from periscopy_sim.calibration.evidence import Images
-from periscopy_sim.calibration.level import Group, Level, Look
-from periscopy_sim.calibration.moving_scene import MovingScene
-from periscopy_sim.calibration.prior import (
-    Free,
-    UncertainParameters,
-    free_parameters,
-    uncertain_parameters,
-)
+from periscopy_sim.calibration.level import Level, Look
+from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
+from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
-from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search
+from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
+from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError
-from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.pictures import area_average
 
-MOST_PATCHES = 36
-"""Along a side of the hidden image: of more, a coarser image serves."""
+Image = NDArray[np.floating[Any]]
+Report = Callable[[float], None]
 
-COARSE_PIXELS, COARSE_HATS = 1000, 24
-"""Pixels of the coarse level, about, and hat functions along the longer side of its images."""
-
-PIXELS_A_PATCH = 1.7
-"""Of the fine level, at least."""
-
-MARGIN = 1.3
-"""Of standard errors over those of the linear theory: valleys of the evidence are curved."""
+FINE_LOOK = 4
+"""Times as long as a coarse look takes."""
 
 
 def calibrate(
-    photograph: NDArray[np.floating[Any]] | Sequence[NDArray[np.floating[Any]]],
+    photograph: Image | Sequence[Image],
     scene: str | Path,
     hidden: tuple[int, int],
     free: Free | None = None,
     *,
-    shown: Sequence[NDArray[np.floating[Any]]] = (),
+    shown: Sequence[Image] = (),
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
     backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Report | None = None,
 ) -> Calibration:
     """Find the values of a scene's parameters that explain photographs best.
 
@@ -78,16 +63,16 @@ def calibrate(
     free
         Names of the ``<default>``s to find, or a mapping of them to the standard deviations of
         their measured values, None for the one that the scene declares. By default, all whose error
-        the scene declares as the ``<default>`` ``NAME_error``, but for those in `uncertain`.
+        the scene declares as the ``<default>`` ``NAME_error``, except those in `uncertain`.
     shown
         (R, C, 3) pictures that the monitor showed, linear, one for each of the first photographs.
-        With a picture known the scene is found in place, and with it a `colour_matrix`.
+        A known picture determines the place of the scene, and a `colour_matrix`.
     parameters
-        Values of ``<default>``s: where free ones start, where others are held.
+        Values of ``<default>``s: measured values of free ones; others keep them.
     uncertain
-        Standard errors of ``<default>``s that are held, independent of each other. They change no
-        value, only its error ("consider" analysis: Bierman, Factorization Methods for Discrete
-        Sequential Estimation, 1977, chapter 8).
+        Standard errors of ``<default>``s that keep their value, independent of each other. They
+        only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
+        Methods for Discrete Sequential Estimation, 1977, chapter 8).
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
         their names to them: their light is projected out.
@@ -101,40 +86,43 @@ def calibrate(
     Returns
     -------
     Calibration
-        See there; look at `Calibration.trusted` first.
+        Look at `Calibration.trusted` first.
 
     Raises
     ------
     SceneError
-        If a parameter is unknown or its error is, no shadow is in view where the search starts, the
-        scene has no closed form (`analytic_transport`), or the start makes no scene.
+        If a parameter or its error is unknown, no shadow is in view where the search starts, the
+        scene has no closed form (`analytic_transport`), or the measured values make no scene.
     PhotographError
-        If photographs are not of the camera's size, show nothing, or a shown picture is black.
+        If photographs are not of the camera's size, show nothing, are fewer than the shown
+        pictures, or a shown picture is black.
     """
     from threadpoolctl import threadpool_limits
 
-    path = find_scene(scene)
-    given = {name: str(value) for name, value in (parameters or {}).items()}
-    uncertain = dict(uncertain or {})
-    errors = free_parameters(path, free, given, uncertain)
-    names = tuple(errors)
-    start = ruled_values(path, names, given)
-    given |= {name: f"{value:.17g}" for name, value in zip(names, start, strict=True)}
-    first = load_scenario(path, hidden, given)
-    held = uncertain_parameters(path, names, given, uncertain)
-    _check(first)
-    light = [np.asarray(each) for each in ([photograph] if np.ndim(photograph) == 3 else photograph)]
-    if not 0 < len(light) >= len(shown):
+    several = isinstance(photograph, Sequence) or np.ndim(photograph) == 4
+    photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
+    if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
-            f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each"
+            f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
+            "each"
         )
-    off = named(backgrounds)
-    read = [Photograph.of(each, first.photograph_shape, mask=mask, monitor_off=off) for each in light]
-    problem = _Problem(first, names, start, np.array(list(errors.values())), read, list(shown))
+    path = find_scene(scene)
+    defaults = {name: str(value) for name, value in (parameters or {}).items()}
+    errors = free_parameters(path, free, defaults, uncertain or {})
+    names = tuple(errors)
+    centers = ruled_values(path, names, defaults)
+    defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
+    held = uncertain_parameters(path, names, defaults, uncertain or {})
+    scenario = load_scenario(path, hidden, defaults)
+    _check(scenario)
+    size, off = scenario.photograph_shape, named(backgrounds)
+    checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
+    deviations = np.array(list(errors.values()))
+    problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
-    # machine; and how many cores there are does not change what is found.
+    # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
-        return _calibration(problem, held, seed, progress or (lambda _: None))
+        return _calibrated(problem, seed, progress or (lambda _: None))
 
 
 def _check(scenario: Scenario) -> None:
@@ -147,173 +135,94 @@ def _check(scenario: Scenario) -> None:
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
-            "add an occluder, or move those there are"
+            "add an occluder, or move one into the view"
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Photographs of a scene, its P free parameters and their prior."""
-
-    scenario: Scenario
-    names: tuple[str, ...]
-    centers: Array
-    errors: Array
-    photographs: Sequence[Photograph]
-    shown: Sequence[NDArray[np.floating[Any]]]
-
-    def level(self, pixels: float, hats: int | None = None) -> Level:
-        """Return the level of at least so many pixels, if there are, or a little less.
-
-        Unknown images are sums of so many hats along the longer side, or of patches.
-        """
-        averaged = Averaged.of(self.photographs)
-        used, light, off = averaged.used, averaged.light, averaged.monitor_off
-        hidden = fitted(self.scenario.hidden_shape, MOST_PATCHES)
-        stride = max(1, round(np.sqrt(used.sum() / pixels)))
-        every = np.zeros_like(used)
-        every[stride // 2 :: stride, stride // 2 :: stride] = True
-        some = used & every
-        finer = -(-LARGEST // max(used.shape))
-        scenario = load_scenario(
-            self.scenario.path,
-            hidden,
-            self.scenario.parameters,
-            photograph=(finer * used.shape[0], finer * used.shape[1]),
-        )
-        scene = MovingScene(scenario, self.names, self.errors, some, finer)
-        Q = background_basis(scene.point_lights(self.centers))
-        Q = joined_basis(Q, np.hstack([Q[:, :0], *(each[some] for each in off)]))
-        known = len(self.shown)
-        groups = [
-            Group(y[some], Images.shown(area_average(picture, hidden)))
-            for y, picture in zip(light, self.shown, strict=False)
-        ]
-        if light[known:]:
-            coarse = hidden if hats is None else fitted(hidden, hats)
-            images = Images.patches(hidden) if hats is None else Images.hats(hidden, coarse)
-            groups.append(Group(np.hstack([y[some] for y in light[known:]]), images))
-        if len(Q) <= 2 * Q.shape[1]:
-            raise PhotographError(
-                f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "
-                "give a larger photograph, or mask less of it"
-            )
-        return Level(scene, self.centers, self.errors, Q, tuple(groups))
-
-
-def _calibration(
-    problem: _Problem, held: UncertainParameters, seed: int, progress: Callable[[float], None]
-) -> Calibration:
-    patches = np.prod(fitted(problem.scenario.hidden_shape, MOST_PATCHES))
-    fine = problem.level(max(COARSE_PIXELS, PIXELS_A_PATCH * patches))
-    coarse = problem.level(COARSE_PIXELS, COARSE_HATS)
-    whole = problem.level(LARGEST**2)
-    known = len(problem.shown) == len(problem.photographs)
-    middle = problem.level(COARSE_PIXELS)
-    visits: tuple[list[Look], ...] = ([], [], [])
-    # A fine look takes three times as long as others.
-    expected = 25 if known else 50 + STEPS * len(COOLING) * (DRAWS + 1) + 40
-
-    def visit(level: int, look: Look) -> None:
-        none = look.beyond[:, :0]
-        visits[level].append(replace(look, beyond=none, motions=none, explanations=()))
-        progress(min(0.99, sum(w * len(v) for w, v in zip((1, 1, 3), visits, strict=True)) / expected))
-
-    search = Search(coarse, middle, fine, whole, seed, visit)
-    end = search.followed(fine.center) if known else search.best()
-    count, κ = len(problem.names), end.temperature
-    without = fine.look(np.append(problem.centers, end.point[count:]), κ)
-    # Errors count that an unknown image may follow by a fraction of a patch.
-    errors_at = replace(
-        problem.level(max(COARSE_PIXELS, PIXELS_A_PATCH * patches), COARSE_HATS)
-        if not known
-        else fine,
-        scene=replace(
-            fine.scene,
-            names=(*problem.names, *held.names),
-            errors=np.append(problem.errors, held.standard_errors),
-        ),
-        centers=np.append(problem.centers, held.values),
-        errors=np.append(problem.errors, held.standard_errors),
-    )
-    values = fine.values(end.point)
-    joint = errors_at.look(np.concatenate([values, held.values, end.point[count:]]), κ)
-    gained = is_significant(
-        without.objective - end.objective, learned(joint, count)
-    )
-    point = end.point if gained else without.point
-    seen = end if gained else without
-    alone, moves = _errors(joint, count, len(held.names), held.standard_errors)
-    moves = np.clip(moves, -problem.errors[:, None], problem.errors[:, None])
-    covariance = alone + moves @ moves.T
-    shrink = np.minimum(1, problem.errors / np.sqrt(np.diag(covariance)))
-    covariance *= np.outer(shrink, shrink)
-    deviations = np.sqrt(np.diag(covariance))
-    values = fine.values(point)
-    why = doubts(problem.names, (values - problem.centers) / problem.errors, learned(joint, count), end)
+def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Calibration:
+    """Search, estimate the errors, and keep the measured values unless others explain more."""
+    coarse, fine, names = problem.coarse(), problem.fine(), problem.names
+    path = _Path(problem, progress)
+    search = Search(coarse, fine, problem.whole(), seed, path.add)
+    end = search.best() if problem.has_unknown_images else search.followed(fine.center)
+    gain, κ = end.point[len(names) :], end.temperature
+    measured = fine.look(np.append(problem.centers, gain), κ)
+    values = np.append(fine.values(end.point), problem.uncertain.values)
+    joint = problem.joint().look(np.append(values, gain), κ)
+    known = learned(joint, len(names))
+    moved = is_significant(measured.objective - end.objective, known)
+    best = end if moved else measured
+    values = fine.values(best.point)
+    distances = (values - problem.centers) / problem.errors
+    reasons = doubts(names, distances, known, end)
+    errors = standard_errors(problem, joint)
+    columns = problem.centers, values, errors.statistical, errors.total, problem.errors
+    scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
+    before, after = ([each.noise for each in look.explanations] for look in (measured, best))
     progress(1.0)
-    columns = (
-        problem.centers, values, np.minimum(np.sqrt(np.diag(alone)), problem.errors), deviations, problem.errors,
-    )  # fmt: skip
-    scale = float(np.sqrt(np.mean([np.mean(g.light**2) for g in fine.groups])))
     return Calibration(
         parameters=tuple(
-            Parameter(name, *(float(n) for n in numbers), trusted=not why)
-            for name, *numbers in zip(problem.names, *columns, strict=True)
+            Parameter(name, *(float(number) for number in row), trusted=not reasons)
+            for name, *row in zip(names, *columns, strict=True)
         ),
-        uncertain=held,
-        moves=moves,
-        correlation=covariance / np.outer(deviations, deviations),
-        path=tuple(
-            Visited(
-                _shape(level.scene.pixels),
-                level.scene.scenario.hidden_shape,
-                np.array([look.point[:count] for look in looks]).reshape(-1, count),
-                np.array([look.evidence for look in looks]),
-            )
-            for level, looks in zip((coarse, middle, fine), visits, strict=True)
-            if looks
-        ),
-        noise_before=np.concatenate([e.noise for e in without.explanations]) / scale,
-        noise=np.concatenate([e.noise for e in seen.explanations]) / scale,
-        residual_before=_picture(fine, without.explanations[0].residual[:, :3] / scale),
-        residual=_picture(fine, seen.explanations[0].residual[:, :3] / scale),
-        gain=_picture(fine, fine.gain(point) - 1) + 1,
+        uncertain=problem.uncertain,
+        moves=errors.moves,
+        correlation=errors.correlation,
+        path=path.visited((coarse, fine)),
+        noise_before=np.concatenate(before) / scale,
+        noise=np.concatenate(after) / scale,
+        residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
+        residual=_picture(fine, best.explanations[0].residual[:, :3] / scale),
+        gain=_picture(fine, fine.gain(best.point) - 1) + 1,
         overdispersion=κ,
-        moved=gained,
-        colour_matrix=_colours(end) if problem.shown else None,
-        doubts=why,
+        moved=moved,
+        colour_matrix=_colour_matrix(end) if problem.pictures else None,
+        doubts=reasons,
     )
 
 
-def _errors(joint: Look, count: int, held: int, errors: Array) -> tuple[Array, Array]:
-    """Return the free parameters' covariance, (P, P), and how far uncertain ones move them, (P, U).
+class _Path:
+    """Points at which a search looks, of the coarse level and of the fine one."""
 
-    Were such a parameter wrong by δ, the photographs would be explained best elsewhere, by
-    −(I_θθ + Λ)⁻¹ I_θp δ.
-    """
-    free = np.ones(len(joint.point), bool)
-    free[count : count + held] = False
-    inverse = np.linalg.inv(joint.curvature()[np.ix_(free, free)])
-    shared = joint.information[np.ix_(free, ~free)] / joint.temperature
-    moves = -inverse @ shared * errors
-    return MARGIN**2 * inverse[:count, :count], moves[:count]
+    def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
+        coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
+        self._expected = STEPS * (coarse + FINE_LOOK * len(FINE_COOLING))
+        self._count, self._progress = len(problem.names), progress
+        self._points: tuple[list[tuple[Array, float]], ...] = ([], [])
+
+    def add(self, level: int, look: Look) -> None:
+        """Add a look at the coarse level, 0, or the fine one, 1, and report how far this is."""
+        self._points[level].append((look.point[: self._count], look.evidence))
+        looks = len(self._points[0]) + FINE_LOOK * len(self._points[1])
+        self._progress(min(0.99, looks / self._expected))
+
+    def visited(self, levels: Sequence[Level]) -> tuple[Visited, ...]:
+        """Return the points by level."""
+        return tuple(
+            Visited(
+                _lattice_shape(level.scene.pixels),
+                level.scene.scenario.hidden_shape,
+                np.array([point for point, _ in points]).reshape(-1, self._count),
+                np.array([evidence for _, evidence in points]),
+            )
+            for level, points in zip(levels, self._points, strict=True)
+        )
 
 
-def _colours(look: Look) -> Array:
+def _colour_matrix(look: Look) -> Array:
     """Return the colour matrix, (3, 3), of the first picture that is known."""
     M = look.explanations[0].coefficients.T
     return np.asarray(M / M.sum(axis=1).mean())
 
 
-def _shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return how many rows and columns have a pixel in use."""
+def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return how many rows and columns have a pixel."""
     return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
 
-def _picture(level: Level, values: Array) -> Array:
-    """Return what used pixels have, (M, ...), as (rows, columns, ...) of those in use."""
+def _picture(level: Level, values: Image) -> Array:
+    """Return values of a level's pixels, (M, ...), as (rows, columns, ...) of those it has."""
     pixels = level.scene.pixels
-    laid = np.zeros((*pixels.shape, *values.shape[1:]))
-    laid[pixels] = values
-    return laid[pixels.any(axis=1)][:, pixels.any(axis=0)]
+    picture = np.zeros((*pixels.shape, *values.shape[1:]))
+    picture[pixels] = values
+    return picture[pixels.any(axis=1)][:, pixels.any(axis=0)]

@@ -25,6 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from periscopy_sim.errors import PhotographError
+
 Array = NDArray[np.float64]
 Matrix = NDArray[np.floating[Any]]
 
@@ -37,6 +39,9 @@ RATIOS = np.geomspace(1e-10, 1e2, 73)
 ROUNDING = 1e-7
 """Of single precision, in which A is computed."""
 
+RIDGE = 1e-6
+"""Fraction of a known picture's energy added to its colours', which may depend on each other."""
+
 
 @dataclass(frozen=True, eq=False)
 class Images:
@@ -46,21 +51,13 @@ class Images:
     precision: Array  # (J, J) K
 
     @classmethod
-    def patches(cls, shape: tuple[int, int]) -> Images:
-        """Return smooth images of (R, C) patches."""
-        return cls(sparse.eye_array(shape[0] * shape[1], format="csr"), smoothness(shape))
-
-    @classmethod
     def hats(cls, shape: tuple[int, int], coarse: tuple[int, int]) -> Images:
         """Return smooth sums of (r, c) bilinear hat functions, at (R, C) patches.
 
-        Images of patches cannot follow a shift by half a patch, so that the evidence has a minimum
-        at each whole one. Wider hats can.
+        As many hats as patches are the patches. Images of patches cannot follow a shift by half a
+        patch, so the evidence has a minimum at each whole one. Wider hats can.
         """
-        down, across = (
-            hats_at((np.arange(size) + 0.5) * count / size - 0.5, count)
-            for size, count in zip(shape, coarse, strict=True)
-        )
+        down, across = (_hats_along(size, count) for size, count in zip(shape, coarse, strict=True))
         return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
 
     @classmethod
@@ -71,7 +68,9 @@ class Images:
         """
         colours = np.asarray(picture, np.float64).reshape(-1, 3)
         gram = colours.T @ colours
-        return cls(colours, gram + 1e-6 * np.trace(gram) * np.eye(3))
+        if not np.trace(gram) > 0:
+            raise PhotographError("the shown picture is black: give one that lights the wall")
+        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(3))
 
 
 def smoothness(shape: tuple[int, int]) -> Array:
@@ -93,27 +92,10 @@ def _differences(size: int) -> Array:
     return differences.T @ differences
 
 
-def hats_at(places: Array, count: int) -> Any:
-    """Return the heights, (size, count), of hats about 0, 1, ... at (size,) places."""
+def _hats_along(size: int, count: int) -> Any:
+    """Return the heights, (size, count), of a row of hats at the middles of patches."""
+    places = (np.arange(size) + 0.5) * count / size - 0.5
     return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
-
-
-def warps(shape: tuple[int, int], patches: float = 1.0) -> list[Any]:
-    """Return shifts and stretches of (R, C) images, sparse (N, N), by so many patches.
-
-    A stretch moves opposite borders apart by as much.
-    """
-
-    def along(size: int, shift: float, stretch: float) -> Any:
-        middle = (size - 1) / 2
-        return hats_at((np.arange(size) - middle) * (1 + stretch / size) + middle + shift, size)
-
-    moves = [(1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1), (0, 1, 0, 1)]
-    return [
-        sparse.kron(along(shape[0], *q[:2]), along(shape[1], *q[2:]), format="csr")
-        for sign in (-patches, patches)
-        for q in sign * np.array(moves)
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +112,8 @@ class Explanation:
         (J, C) x̂, and (N, C) the light of the patches, S x̂.
     residual
         (M, C) y⊥ − A⊥ S x̂.
+    ratios
+        (C,) α_c.
     """
 
     evidence: float
@@ -137,11 +121,11 @@ class Explanation:
     coefficients: Array
     lights: Array
     residual: Array
+    ratios: Array
     _basis: Any
     _columns: Array  # (M, J) X⊥
     _background: Array  # (M, r) orthonormal basis of range(B)
     _modes: tuple[Array, Array]  # μ (J,), W (J, J)
-    _ratios: Array  # (C,) α_c
 
     @property
     def unexplained(self) -> float:
@@ -153,7 +137,7 @@ class Explanation:
     def volume(self) -> Matrix:
         """(M, N) derivative of Σ_c Σ log(1 + μ/α_c) / 2 by the entries of A."""
         μ, W = self._modes
-        weights = (1 / (μ[:, None] + self._ratios)).sum(axis=1)
+        weights = (1 / (μ[:, None] + self.ratios)).sum(axis=1)
         volume = self._columns.astype(np.float32) @ ((W * weights) @ W.T).astype(np.float32)
         return np.asarray((self._basis @ volume.T).T, np.float32)
 
@@ -177,7 +161,7 @@ class Explanation:
         of one's J̃ and the other's `motion` (Kaufman, BIT 15, 1975).
         """
         (μ, W), beyond = self._modes, np.empty_like(motion)
-        for c, α in enumerate(self._ratios):
+        for c, α in enumerate(self.ratios):
             J = motion[:, :, c].T
             modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
             beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
@@ -193,15 +177,15 @@ def explain(A: Matrix, background: Array, y: Array, images: Images) -> Explanati
     # In single precision weak patterns would explain more than there is.
     X = np.ascontiguousarray((images.basis.T @ A.T).T, np.float64)
     X -= Q @ (Q.T @ X)
-    rest = y - Q @ (Q.T @ y)
+    y_free = y - Q @ (Q.T @ y)
     gram = X.T @ X
     unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
     μ, W = linalg.eigh(gram / unit, images.precision, check_finite=False)
     μ = np.maximum(μ, 0) * unit
-    z = W.T @ (X.T @ rest)
+    z = W.T @ (X.T @ y_free)
     freedom = len(y) - Q.shape[1]
     # A photograph without noise still has finite precision.
-    energy = np.einsum("mc,mc->c", rest, rest) + freedom * ROUNDING**2 * float(np.mean(y**2))
+    energy = np.einsum("mc,mc->c", y_free, y_free) + freedom * ROUNDING**2 * float(np.mean(y**2))
     best = [_best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)]
     ratios = unit * np.array([α for α, _, _ in best])
     coefficients = W @ (z / (μ[:, None] + ratios))
@@ -210,12 +194,12 @@ def explain(A: Matrix, background: Array, y: Array, images: Images) -> Explanati
         noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
         coefficients=coefficients,
         lights=np.asarray(images.basis @ coefficients),
-        residual=rest - X @ coefficients,
+        residual=y_free - X @ coefficients,
+        ratios=ratios,
         _basis=images.basis,
         _columns=X,
         _background=Q,
         _modes=(μ, W),
-        _ratios=ratios,
     )
 
 
@@ -224,16 +208,16 @@ def _best_ratio(
 ) -> tuple[float, float, float]:
     """Return the α at which a channel's E_c is least, S_c and E_c there."""
 
-    def at(ratios: Array) -> tuple[Array, Array]:
+    def misfit_and_evidence(ratios: Array) -> tuple[Array, Array]:
         sums = (squares / (μ + ratios[:, None])).sum(axis=1)
         misfit = np.maximum(energy - sums, ROUNDING**2 * energy)
         return misfit, freedom * np.log(misfit) + np.log1p(μ / ratios[:, None]).sum(axis=1)
 
-    _, evidence = at(RATIOS)
+    _, evidence = misfit_and_evidence(RATIOS)
     least = int(np.clip(np.argmin(evidence), 1, len(RATIOS) - 2))
     a, b, c = evidence[least - 1 : least + 2]  # the parabola through neighbours in log α
     bend = a - 2 * b + c
     move = np.clip((a - c) / (2 * bend), -1, 1) if bend > 0 else np.sign(a - c)
     α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
-    misfit, refined = at(np.array([α]))
+    misfit, refined = misfit_and_evidence(np.array([α]))
     return float(α), float(misfit[0]), float(refined[0])

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import Explanation, Images, explain
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
@@ -44,9 +42,8 @@ class Look:
         (P + K,) derivatives of half of either.
     information, precision
         (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
-    motions, beyond
-        (P + K, M, C) how photographs change with the point, over σ; and what of that no image can
-        follow.
+    beyond
+        (P + K, M, C) what no image can follow of how photographs change with the point, over σ.
     temperature
         κ, by which the evidence is divided.
     """
@@ -59,7 +56,6 @@ class Look:
     prior_slope: Array
     information: Array
     precision: Array
-    motions: Array
     beyond: Array
     temperature: float = 1.0
 
@@ -142,7 +138,7 @@ class Level:
         """Return a point's parameters, (P,)."""
         return np.asarray(point[: len(self.centers)])
 
-    def gain(self, point: Array) -> Array:
+    def gain(self, point: Array) -> Matrix:
         """Return g, (M,), in single precision."""
         return np.exp(point[len(self.centers) :] @ self.terms).astype(np.float32)
 
@@ -171,10 +167,10 @@ class Level:
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]
         bright = gain * A
-        seen = self._explain(bright)
+        explanations = self._explain(bright)
         slope = np.zeros(len(point))
         motions, beyond = [], []
-        for each in seen:
+        for each in explanations:
             lights = each.lights.astype(np.float32)
             by_gain = self.terms[:, :, None] * (bright @ lights)
             motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
@@ -184,34 +180,20 @@ class Level:
             slope += [each.slope(*pair) for pair in zip(motion, volumes, strict=True)]
             motions.append(motion)
             beyond.append(each.beyond_image(motion))
-        moved, free = np.concatenate(motions, axis=2), np.concatenate(beyond, axis=2)
-        crossed = np.einsum("imc,jmc->ij", free, moved, optimize=True)
+        free = np.concatenate(beyond, axis=2)
+        crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
         return Look(
             point=point,
-            explanations=seen,
-            evidence=sum(each.evidence for each in seen),
+            explanations=explanations,
+            evidence=sum(each.evidence for each in explanations),
             penalty=self.penalty(point),
             slope=slope,
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,
             precision=self.precision,
-            motions=moved,
             beyond=free,
             temperature=temperature,
         )
-
-    def undo(self, look: Look, warp: Any, temperature: float) -> Array:
-        """Return the point from which the photographs look as before, the images being warped.
-
-        min_δ ‖J δ + t‖²/κ + ‖point + δ‖²_prior, J the motions by the parameters and t that by the
-        warp, a sparse (N, N): at a high temperature κ only what the light shows beyond doubt counts.
-        """
-        A = self.bright_transport(look.point)
-        moved = [e.motion(A @ (warp @ e.lights - e.lights)) for e in look.explanations]
-        J = look.motions.reshape(len(look.point), -1)
-        pull = J @ np.concatenate(moved, axis=1).ravel() / temperature
-        curvature = J @ J.T / temperature + np.diag(self.precision)
-        return np.asarray(look.point - np.linalg.solve(curvature, pull))
 
     def temperature(self, look: Look) -> float:
         """Return the temperature κ that the residual of a look asks for.
@@ -223,7 +205,7 @@ class Level:
         """
         look = replace(look, temperature=1.0)
         H = look.curvature()
-        told = np.trace(np.linalg.solve(H, look.information))
+        informed = np.trace(np.linalg.solve(H, look.information))
         errors = np.concatenate([each.residual / each.noise for each in look.explanations], axis=1)
         pull = np.linalg.solve(H, np.einsum("pmc,mc->p", look.beyond, errors))
         errors = errors - np.einsum("p,pmc->mc", pull, look.beyond)
@@ -234,4 +216,4 @@ class Level:
             scores = np.zeros((count**2, len(H)))
             np.add.at(scores, row * count + column, by_pixel)
             spreads.append(np.trace(np.linalg.solve(H, scores.T @ scores)))
-        return max(1.0, float(max(spreads) / told)) if told > 0 else 1.0
+        return max(1.0, float(max(spreads) / informed)) if informed > 0 else 1.0

@@ -49,13 +49,13 @@ class MovingScene:
         moved = self.scenario.at(**dict(zip(self.names, values.tolist(), strict=True)))
         return replace(
             moved,
-            wall_points=self._used(moved.wall_points),
-            wall_normals=self._used(moved.wall_normals),
+            wall_points=self._of_pixels(moved.wall_points),
+            wall_normals=self._of_pixels(moved.wall_normals),
             photograph_shape=(self.finer * int(self.pixels.sum()), self.finer),
         )
 
-    def _used(self, values: Array) -> Array:
-        """Return what wall points have, (M finer², 3), pixel after pixel."""
+    def _of_pixels(self, values: Array) -> Array:
+        """Return the wall points' values in the pixels used, (M finer², 3), pixel after pixel."""
         (rows, columns), n = self.pixels.shape, self.finer
         blocks = values.reshape(rows, n, columns, n, 3).transpose(0, 2, 1, 3, 4)
         return np.ascontiguousarray(blocks[self.pixels]).reshape(-1, 3)
@@ -77,11 +77,11 @@ class MovingScene:
 
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
-        here = self.at(values)
-        sides = [(here, *self._beside(values, k)) for k in range(len(values))]
+        scenario = self.at(values)
+        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
         try:
-            A = area_transport(here, self.finer)
-            return A, area_derivatives(here, sides, self.finer, A)
+            A = area_transport(scenario, self.finer)
+            return A, area_derivatives(scenario, sides, self.finer, A)
         except ClosedFormError as error:
             raise SceneError(str(error)) from None
 

@@ -13,8 +13,10 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document, undeclared
 
 Array = NDArray[np.float64]
+
 Free = Sequence[str] | Mapping[str, float | None]
-"""Names of parameters that are free, or names with a ruler's errors; see `free_parameters`."""
+"""Names of free parameters, or names with the errors of their measured values."""
+
 
 @dataclass(frozen=True, eq=False)
 class UncertainParameters:
@@ -35,11 +37,8 @@ def uncertain_parameters(
     names = tuple(errors)
     for name in names:
         if name in free:
-            raise SceneError(
-                f"'{name}' is both free and uncertain: name it in --free or --uncertain"
-            )
-        if not (np.isfinite(errors[name]) and errors[name] > 0):
-            raise SceneError(f"standard error {errors[name]:g} of '{name}': give a positive number")
+            raise SceneError(f"'{name}' is both free and uncertain: free it or hold it")
+        check_error(name, errors[name])
     values = start_values(path, names, given) if names else np.empty(0)
     return UncertainParameters(names, values, np.array(list(errors.values()), np.float64))
 
@@ -53,17 +52,17 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
     declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
     numbers = {name: text for name, text in declared.items() if _number(text) is not None}
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
+    example = f'<default name="NAME{RULER_ERROR}" value="0.005"/>'
     if not free:
         raise SceneError(
-            f"no parameter is free; name some, or declare how well the ruler knows them, "
-            f'such as <default name="NAME{RULER_ERROR}" value="0.005"/>; scene \'{path}\' declares '
-            f"{known}"
+            "no parameter is free; name some, or declare the errors of their measured values, such "
+            f"as {example}; scene '{path}' declares {known}"
         )
     for name in free:
         if name in document.errors:
             raise SceneError(
-                f"'{name}' is how well the ruler knows '{document.errors[name]}', which scene "
-                f"'{path}' declares; free that one"
+                f"'{name}' is the error of '{document.errors[name]}' in scene '{path}'; free that "
+                "one"
             )
         if name not in declared:
             raise undeclared(path, name, declared)
@@ -74,7 +73,7 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
         if free.count(name) > 1:
             raise SceneError(f"parameter '{name}' is free twice")
         if _number(given.get(name, "0")) is None:
-            raise SceneError(f"-D {name}={given[name]}: give a finite number to start from")
+            raise SceneError(f"{name}={given[name]}: give a finite number to start from")
     return np.array([float(given.get(name, numbers[name])) for name in free])
 
 
@@ -106,28 +105,41 @@ def declared_errors(path: Path, given: Mapping[str, str]) -> dict[str, float]:
 def free_parameters(
     path: Path, free: Free | None, given: Mapping[str, str], held: Collection[str] = ()
 ) -> dict[str, float]:
-    """Return the names of the parameters that are free, each with its ruler's error.
+    """Return the names of the free parameters, each with the error of its measured value.
 
-    Those named have the error that is named with them, else the one that the scene declares, else
-    an infinite one. If `free` is None, all are free whose error the scene declares, but for those
-    in `held` and those of an error of 0. A SceneError says that an error is not positive.
+    Errors that are not named are those that the scene declares. If `free` is None, all parameters
+    of a declared error above 0 are free, except those in `held`.
+
+    Raises
+    ------
+    SceneError
+        If an error is neither named nor declared, or not positive and finite.
     """
     declared = declared_errors(path, given)
     if free is None:
         return {name: e for name, e in declared.items() if e > 0 and name not in held}
     if isinstance(free, str):
         raise SceneError(f"free is the text '{free}'; give a list of names, such as ['{free}']")
-    named = free if isinstance(free, Mapping) else dict.fromkeys(free)
-    if len(named) < len(free):
-        raise SceneError(
-            f"parameter '{next(n for n in free if list(free).count(n) > 1)}' is free twice"
-        )
-    errors = {}
-    for name, error in named.items():
-        errors[name] = declared.get(name, np.inf) if error is None else float(error)
-        if not errors[name] > 0:
-            raise SceneError(f"ruler's error {errors[name]:g} of '{name}': give a positive number")
+    errors: dict[str, float] = {}
+    for name in free:
+        if name in errors:
+            raise SceneError(f"parameter '{name}' is free twice")
+        error = free[name] if isinstance(free, Mapping) else None
+        if error is None and name not in declared:
+            start_values(path, [name], given)
+            raise SceneError(
+                f"scene '{path}' declares no error of '{name}'; give the standard deviation of its "
+                f'measured value, such as <default name="{name}{RULER_ERROR}" value="0.005"/>'
+            )
+        errors[name] = declared[name] if error is None else float(error)
+        check_error(name, errors[name])
     return errors
+
+
+def check_error(name: str, error: float) -> None:
+    """Raise a SceneError unless a parameter's standard error is positive and finite."""
+    if not 0 < error < np.inf:
+        raise SceneError(f"standard error {error:g} of '{name}': give a positive number")
 
 
 def _number(text: str) -> float | None:

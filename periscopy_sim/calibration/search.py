@@ -12,12 +12,10 @@ negative, and of little variation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from periscopy_sim.calibration.evidence import warps
 from periscopy_sim.calibration.level import Level, Look
 from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -26,16 +24,13 @@ from periscopy_sim.scenario import Array
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of a coarse descent: colder starts end in the nearest minimum."""
 
-FINE_COOLING = 10.0, 3.0, 1.0, 1.0
+FINE_COOLING = 10.0, 3.0, 1.0, 1.0, 1.0
 """Temperatures of a fine descent."""
 
 STEPS = 2
 """Of a descent at each temperature."""
 
-JUMP = 1000.0
-"""Temperature of a jump by a patch."""
-
-DRAWS = 3
+DRAWS = 5
 """Centres drawn from the prior, beside its own."""
 
 DAMPING = 1e-3
@@ -55,41 +50,41 @@ Visit = Callable[[Look], None]
 
 def descend(level: Level, start: Look, steps: int, temperature: float, visit: Visit) -> Look:
     """Return the look at the end of so many steps of Levenberg and Marquardt's method."""
-    here, damping = replace(start, temperature=temperature), DAMPING
+    look, damping = replace(start, temperature=temperature), DAMPING
     for _ in range(steps):
-        if here.predicted_gain < NEGLIGIBLE:
+        if look.predicted_gain < NEGLIGIBLE:
             break
         for _ in range(TRIALS):
-            step = _step(level, here, damping)
-            objective = level.objective(here.point + step, temperature)
-            if objective < here.objective:
+            step = _step(level, look, damping)
+            objective = level.objective(look.point + step, temperature)
+            if objective < look.objective:
                 break
             damping = max(damping, DAMPING) * 10
         else:
             break
         # Valleys are rough: the information nearby exceeds that over the valley.
-        while (farther := level.objective(here.point + 2 * step, temperature)) < objective:
+        while (farther := level.objective(look.point + 2 * step, temperature)) < objective:
             step, objective = 2 * step, farther
-        gain, damping = here.objective - objective, damping / 5
-        here = level.look(here.point + step, temperature)
-        visit(here)
+        gain, damping = look.objective - objective, damping / 5
+        look = level.look(look.point + step, temperature)
+        visit(look)
         if gain < NEGLIGIBLE:
             break
-    return here
+    return look
 
 
-def _step(level: Level, here: Look, damping: float) -> Array:
+def _step(level: Level, look: Look, damping: float) -> Array:
     """Return Newton's step; parameters that alone would cross the border of the physical stay."""
-    free = np.ones(len(here.point), bool)
+    free = np.ones(len(look.point), bool)
     for _ in range(2):
         step = np.zeros(len(free))
-        curvature = here.curvature(damping)[np.ix_(free, free)]
-        step[free] = -np.linalg.solve(curvature, here.downhill[free])
-        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(here.precision))) / LONGEST)
-        if level.scene.is_physical(level.values(here.point + step)):
+        curvature = look.curvature(damping)[np.ix_(free, free)]
+        step[free] = -np.linalg.solve(curvature, look.downhill[free])
+        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / LONGEST)
+        if level.scene.is_physical(level.values(look.point + step)):
             break
         for k in range(len(level.centers)):
-            alone = here.point.copy()
+            alone = look.point.copy()
             alone[k] += step[k]
             free[k] = level.scene.is_physical(level.values(alone))
     return step
@@ -97,17 +92,13 @@ def _step(level: Level, here: Look, damping: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Levels of the same photographs: `coarse`, `middle` and `fine` to descend, `whole` to judge.
-
-    The images of the coarse level are hats, those of the others patches.
-    """
+    """Levels of the same photographs: `coarse` and `fine` to descend on, `whole` to judge by."""
 
     coarse: Level
-    middle: Level
     fine: Level
     whole: Level
     seed: int
-    visit: Callable[[int, Look], None]  # with the number of the level, from 0
+    visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one
 
     def best(self) -> Look:
         """Return the fine look that the noise-aware image favours.
@@ -119,37 +110,33 @@ class Search:
         for _ in range(DRAWS):
             deviation = random.standard_normal(len(self.coarse.centers))
             centers = self.coarse.centers + self.coarse.errors * deviation
-            with suppress(SceneError):
+            try:
                 ends.append(self._coarse_end(replace(self.coarse, centers=centers)))
-        look = self.followed(min(ends, key=self.judge))
-        # An image of patches follows by whole patches: each is a minimum of the evidence.
-        others = [look.point]
-        for warp in warps(self.fine.scene.scenario.hidden_shape):
-            point = self.fine.undo(look, warp, JUMP)
-            with suppress(SceneError):
-                others.append(self._cooled(1, self.middle, point, (10.0, 1.0), 1).point)
-        best = min(others, key=self.judge)
-        return look if best is look.point else self.followed(best)
+            except SceneError:
+                continue
+        judged = [self.judge(end) for end in ends]
+        # The prior's own end is followed whatever the judge says: it is the most likely before.
+        starts = {0, int(np.argmin(judged))}
+        looks = [self.followed(ends[k]) for k in sorted(starts)]
+        return min(looks, key=lambda look: self.judge(look.point)) if looks[1:] else looks[0]
 
     def _coarse_end(self, level: Level) -> Array:
-        return self._cooled(0, level, level.center, COOLING, STEPS).point
+        return self._cooled(0, level, level.center, COOLING).point
 
     def followed(self, point: Array) -> Look:
         """Return the look where the fine level leads from a point, at its own temperature."""
-        look = self._cooled(2, self.fine, point, FINE_COOLING, STEPS)
+        look = self._cooled(1, self.fine, point, FINE_COOLING)
         temperature = self.fine.temperature(look)
-        return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(2, look))
+        return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(1, look))
 
-    def _cooled(
-        self, number: int, level: Level, point: Array, cooling: Sequence[float], steps: int
-    ) -> Look:
+    def _cooled(self, number: int, level: Level, point: Array, cooling: Sequence[float]) -> Look:
         def visit(look: Look) -> None:
             self.visit(number, look)
 
         look = level.look(point)
         visit(look)
         for temperature in cooling:
-            look = descend(level, look, steps, temperature, visit)
+            look = descend(level, look, STEPS, temperature, visit)
         return look
 
     def judge(self, point: Array) -> float:

@@ -48,6 +48,7 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
+        light = light.resolved(scenario)
         used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario, session.seed)

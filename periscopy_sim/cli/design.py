@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import number, option
+from periscopy_sim.cli.options import Model, number, option
 from periscopy_sim.cli.output import (
     progress,
     resumed_folder,
@@ -70,7 +70,7 @@ _EQUAL = "Scenes share SNR and SBR (level), or exposure and the room's light (ti
 
 def design(
     session: Annotated[Session, {"hidden": "15x18"}],
-    light: Annotated[Light, {"samples": 36}],
+    light: Annotated[Light, {"samples": 36, "model": Model.rendered}],
     vary: Annotated[
         str, option("NAME=LOW:HIGH,...", "Scene <default>s to vary: occluder_dx=-0.05:0.05.")
     ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +11,23 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli.options import (
     BouncesOption,
+    ClosedOption,
     LightModelOption,
     Model,
-    ModelOption,
     OptionGroup,
-    Samples,
+    RaysOption,
 )
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_scene
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
     from periscopy_sim.storage.transport_matrix import Transport
+
+SAMPLES = 16
+"""Rays to a patch where A has no closed form."""
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
@@ -34,11 +37,12 @@ GRID = "grid"
 class Light(OptionGroup):
     """The options of A and B, checked before anything is rendered.
 
-    B has the columns of all sources that `light_model` names, in this order.
+    Without samples and model, A has its closed form where there is one; see `resolved`. B has the
+    columns of all sources that `light_model` names, in this order.
     """
 
-    samples: Samples = 16
-    model: ModelOption = Model.rendered
+    samples: RaysOption = None
+    model: ClosedOption = None
     bounces: BouncesOption = "direct"
     light_model: LightModelOption = None
 
@@ -61,12 +65,22 @@ class Light(OptionGroup):
         """The sources of ambient light."""
         return self.light_model or [GRID]
 
+    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> Light:
+        """Return the light with its model and samples set, for a scene and a method."""
+        from periscopy_sim.analytic.area_transport import has_areas
+
+        by_rays = self.samples is not None or (method in METHODS and METHODS[method].rays)
+        closed = not by_rays and has_areas(scenario)
+        model = self.model or (Model.analytic if closed else Model.rendered)
+        samples = (self.samples or SAMPLES) if model is Model.rendered else None
+        return replace(self, model=model, samples=samples)
+
     def origin(self, matrix: Path | None = None) -> dict[str, Any]:
         """Return the entries of a summary, where a file may hold A."""
         from periscopy_sim.rendering.transport.bounced import bounces_in_words
 
         return {
-            "model": "file" if matrix else self.model.value,
+            "model": "file" if matrix or self.model is None else self.model.value,
             "transport": matrix,
             "samples": None if matrix else self.samples,
             "bounces": bounces_in_words(self.most_bounces),
@@ -87,16 +101,21 @@ class Light(OptionGroup):
         Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
         """
         from periscopy_sim.rendering.transport import bounced
+        from periscopy_sim.rendering.transport.shadow_rays import require_light
 
         bounces = self.most_bounces
         if bounces != bounced.DIRECT:
             bounced.check_bouncing_wall(scenario)
         if self.model is Model.analytic:
-            A = ps.analytic_transport(scenario)
+            from periscopy_sim.analytic.area_transport import pixel_transport
+
+            A = pixel_transport(scenario)
+            require_light(A, scenario)
         else:
+            samples = self.samples or SAMPLES
             with progress("rendering the transport matrix") as report:
                 A = ps.render_transport(
-                    scenario, samples=self.samples, strata=strata, seed=seed, progress=report
+                    scenario, samples=samples, strata=strata, seed=seed, progress=report
                 )
         if bounces == bounced.DIRECT:
             return A

@@ -21,14 +21,15 @@ SENTENCES = {
         "allows for this smooth gain"
     ),
     "does_not_fit": (
-        "the scene does not fit: no hidden image explains {unexplained} % of the photograph, where "
-        "noise alone would leave {noise_alone} %. Render A with more rays (--samples 256), measure "
-        "or calibrate the scene (periscopy calibrate), or mask what is not bare wall (--mask)"
+        "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
+        "photograph, where noise alone would leave {noise_alone:.3g} %. Measure or calibrate the "
+        "scene (periscopy calibrate), mask what is not bare wall (--mask), or, where rays render A,"
+        " take more of them (--samples 256)"
     ),
     "uneven_paint": (
-        "the wall's paint is uneven: no hidden image explains {unexplained} % of the photograph, "
-        "where noise alone would leave {noise_alone} %. Add a photograph with the monitor off "
-        "(--monitor-off)"
+        "no hidden image explains {unexplained_by_any:.3g} % of the photograph, where noise alone "
+        "would leave {noise_alone:.3g} %. The rest differs from pixel to pixel and is alike in all "
+        "channels, as where paint is uneven: add a photograph with the monitor off (--monitor-off)"
     ),
     "not_linear": (
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
@@ -60,7 +61,7 @@ SENTENCES = {
         "no geometry is for {splits}: make more samples, or choose a smaller samples_per_geometry"
     ),
 }
-"""By the code of a `Note`, the diagnosis of a `Residual`, or the code that a command gives."""
+"""By the code of a `Note`, or the code that a command gives."""
 
 
 def sentence(code: str, **values: Any) -> str:
@@ -73,14 +74,9 @@ def sentences(notes: Iterable[Note]) -> list[str]:
     return [sentence(note.code, **note.values) for note in notes]
 
 
-def warnings_of(report: Report) -> list[str]:
-    """Return the warnings of a report, with that of its residual."""
-    return [*sentences(report.warnings), *filter(None, [residual_warning(report.residual)])]
-
-
 def report_sentences(report: Report) -> list[str]:
     """Return the sentences of a report, warnings first."""
-    return [*warnings_of(report), *sentences(report.notes)]
+    return sentences([*report.warnings, *report.notes])
 
 
 def residual_summary(residual: Residual) -> str:
@@ -90,15 +86,6 @@ def residual_summary(residual: Residual) -> str:
     if residual.noise_alone is None:
         return summary
     return f"{summary}; noise alone would leave {alone} %"
-
-
-def residual_warning(residual: Residual | None) -> str:
-    """Return the warning that a residual's diagnosis calls for; empty where the scene fits."""
-    if residual is None or residual.diagnosis not in SENTENCES:
-        return ""
-    by_any = residual.unexplained_by_any or 0.0
-    unexplained, alone = percentages(by_any, residual.noise_alone or 0.0, 4)
-    return sentence(residual.diagnosis, unexplained=unexplained, noise_alone=alone)
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

@@ -27,7 +27,14 @@ def _one_of(words: str, names: Collection[str]) -> Any:
 
 
 def _listed(offered: Offered) -> str:
-    return "; ".join(f"{name}: {METHODS[name].help}" for name in offered)
+    """Return each method's help, with its certainty for stills."""
+    words = []
+    for name in offered:
+        certainty = METHODS[name].certainty if offered is FOR_STILLS else ""
+        words.append(
+            f"{name}: {METHODS[name].help}" + (f" (with {certainty})" if certainty else "")
+        )
+    return "; ".join(words)
 
 
 _OWN = "yours as module:callable or file.py:callable"

@@ -101,6 +101,7 @@ _SET = "Set one of the scene's <default>s; repeatable."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
+_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
@@ -113,6 +114,7 @@ MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
 MonitorOffOption = Annotated[
     list[Path] | None, option("FILE", _OFF, "--monitor-off", group=PHOTOGRAPH)
 ]
+ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
 
 # -- light ---------------------------------------------------------------------------------------
 
@@ -124,8 +126,10 @@ class Model(StrEnum):
     analytic = "analytic"
 
 
-_SAMPLES = "Samples of a patch for each wall point."
-_MODEL = "A by shadow rays, or in closed form (planar scenes, convex parts)."
+_SAMPLES = "Shadow rays to a patch from each wall point."
+_MODEL = "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles)."
+_IF_RAYS = f"{_SAMPLES} [default: see --model; then 16]"
+_IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for preconditioned, unrolled]"
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _MATRIX = "NPY file of A, instead of a rendering."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's lamps; repeatable."
@@ -133,6 +137,12 @@ _LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's la
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
 ModelOption = Annotated[Model, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
+RaysOption = Annotated[
+    int | None, option("NUMBER", _IF_RAYS, "--samples", group=LIGHT, min=1, max=65536)
+]
+ClosedOption = Annotated[
+    Model | None, typer.Option("--model", help=_IF_CLOSED, rich_help_panel=LIGHT)
+]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[Path | None, option("FILE", _MATRIX, "--transport", group=LIGHT)]
 LightModelOption = Annotated[

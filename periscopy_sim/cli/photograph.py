@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim import measurement
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import sentence
@@ -50,6 +51,7 @@ def photograph(
         float | None,
         option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT),
     ] = None,
+    colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     electrons: Annotated[
         float | None,
@@ -83,9 +85,11 @@ def photograph(
         raise PeriscopyError(f"{', '.join(described)} of a sensor need --electrons")
     with fixable("sensor"):
         sensor = None if electrons is None else measurement.Sensor(electrons, **described)
+    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     settings: dict[str, Any] = {
         "image": image, "hidden": session.hidden, "samples": samples, "ambient": ambient,
         "sbr": sbr, "snr": snr,
+        "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
         shown = session.hidden_image(image)
@@ -96,6 +100,7 @@ def photograph(
             if background is not None and sbr is not None:
                 signal, y = y, measurement.composite(y, background, sbr)
                 grain *= float(y.mean() / signal.mean()) * sbr / (1 + sbr)
+            y = y if colours is None else colours.mix(y)
             level = float(np.sqrt(np.mean(y**2)))
             if snr is not None:
                 added = measurement.noise_level(y, snr)

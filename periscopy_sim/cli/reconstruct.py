@@ -8,14 +8,12 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import (
     assumptions,
     residual_summary,
-    residual_warning,
     sentence,
     sentences,
-    warnings_of,
 )
 from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, StillNumbers, settings_for
 from periscopy_sim.cli.options import SCENE, option
@@ -61,6 +59,7 @@ def reconstruct(
     ] = None,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,
+    colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
@@ -77,18 +76,20 @@ def reconstruct(
         given = options.parse_errors(named, "--uncertain")
         errors = options.known_errors(given, session.path, session.definitions)
     light.check_methods(method)
+    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
+        light = light.resolved(session.scenario, method)
         wall = session.wall(photo, mask, monitor_off, maskable=method in METHODS)
         known = None if truth is None else session.hidden_image(truth)
         moved = None
         if errors:
             moved = _derivatives(session, lambda **how: ps.uncertain_transport(
-                session.scenario, errors, samples=light.samples, **how
+                session.scenario, errors, samples=light.samples or SAMPLES, **how
             ))  # fmt: skip
         elif counts_errors and uncertain is None:
-            moved = _calibrated_transport(session, light.samples)
-        fitted = session.fit(method, settings, light, matrix, wall, moved)
+            moved = _calibrated_transport(session, light.samples or SAMPLES)
+        fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
         with (
             session.timed("reconstruct"),
             fixable(f"{photo} by {method}", wall.monitor_off),
@@ -97,7 +98,7 @@ def reconstruct(
             image, solved = _recovered(fitted, wall.values, session.scenario.hidden_shape)
             report = Report() if solved is None else fitted.report(wall.values, solved)
             as_json(report.numbers)
-        for line in warnings_of(report):
+        for line in sentences(report.warnings):
             session.warn(f"{photo}: {line}")
         write_report(folder, report, image, wall.values, session.metadata)
         session.suggest_mask(folder)
@@ -112,11 +113,12 @@ def reconstruct(
                 **settings,
                 **report.numbers,
                 **pixel_record(mask, wall.mask, wall.monitor_off),
+                "colour_matrix": None if colours is None else colours.matrix,
                 "truth": truth,
                 **compared,
             },
         )
-    if report.residual is not None and not residual_warning(report.residual):
+    if report.residual is not None and not report.warnings:
         say(residual_summary(report.residual))
     for line in sentences(report.notes):
         say(line)
@@ -125,7 +127,8 @@ def reconstruct(
         say(
             f"against the truth: PSNR {compared['psnr']:.2f} dB, "
             f"{compared['psnr_registered']:.2f} dB after the best shift (patches down, right: "
-            f"{compared['shift']}{limit})"
+            f"{compared['shift']}{limit}), {compared['psnr_colour_matched']:.2f} dB after the "
+            "matrix of colours that fits the truth best"
         )
 
 
@@ -222,6 +225,7 @@ def _compare(
         "psnr": psnr,
         "mean_squared_error": metrics.mean_squared_error(image, truth),
         "psnr_registered": best.psnr,
+        "psnr_colour_matched": metrics.colour_matched_psnr(image, truth),
         "shift": best.shift,
         "shift_at_limit": best.at_limit,
     }

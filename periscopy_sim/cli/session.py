@@ -240,6 +240,7 @@ class Session(OptionGroup):
         matrix: Path | None,
         wall: ps.Photograph,
         uncertain: ps.UncertainTransport | None = None,
+        colour_matrix: ps.ColourMatrix | None = None,
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import fit_method
@@ -256,8 +257,9 @@ class Session(OptionGroup):
             fixable(place, wall.monitor_off),
         ):
             return fit_method(
-                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, **settings
-            )
+                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
+                **settings,
+            )  # fmt: skip
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""

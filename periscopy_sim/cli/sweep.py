@@ -10,8 +10,8 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli import photograph as photographs
-from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.light import SAMPLES, Light
+from periscopy_sim.cli.options import PHOTOGRAPH, Model, option
 from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.cli.transport import write_transport
@@ -36,7 +36,7 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 def sweep(
     session: Session,
-    light: Light,
+    light: Annotated[Light, {"samples": SAMPLES, "model": Model.rendered}],
     out: options.ResumedFolder,
     photograph: Annotated[
         Path | None,

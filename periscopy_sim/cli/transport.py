@@ -37,7 +37,7 @@ def write_transport(session: Session, light: Light, out: Path) -> None:
         record = {
             "photograph_shape": session.scenario.photograph_shape,
             "hidden_shape": session.scenario.hidden_shape,
-            "model": light.model.value,
+            "model": light.model,
             "samples": light.samples,
             **session.provenance,
         }

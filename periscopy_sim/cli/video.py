@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.messages import residual_summary, warnings_of
+from periscopy_sim.cli.messages import residual_summary, sentences
 from periscopy_sim.cli.method_options import (
     FOR_VIDEOS,
     Coupling,
@@ -71,6 +71,7 @@ def video(
     ] = 16,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,
+    colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
@@ -85,11 +86,13 @@ def video(
     for_stills = {name: value for name, value in settings.items() if name in of_still}
     weights = {name: value for name, value in settings.items() if name not in of_still}
     light.check_methods(method)
+    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
+        light = light.resolved(session.scenario, method)
         clip = _read_clip(session, frames, mask, monitor_off, truth, Path(scratch))
         _check_former(out, len(clip.names))
-        still = session.fit(method, for_stills, light, matrix, clip.wall)
+        still = session.fit(method, for_stills, light, matrix, clip.wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
         images, records, report, rates = _recover(
             session, recovery, still, clip, folder / "frames.npy", batch
@@ -128,6 +131,7 @@ def video(
             "formats": formats,
             "white": white,
             **pixel_record(mask, clip.wall.mask, clip.wall.monitor_off),
+            "colour_matrix": None if colours is None else colours.matrix,
             "truth": truth,
             "median": medians,
             "frames_per_second": rates,
@@ -221,7 +225,7 @@ def _recover(
                 numbers = solution.numbers()
                 records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
                 frame_done(k + 1, count)
-    for warning in warnings_of(report):
+    for warning in sentences(report.warnings):
         session.warn(f"{clip.name}: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
     return mapped_stack(file), records, report, rates

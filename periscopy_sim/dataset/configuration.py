@@ -10,6 +10,7 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
@@ -21,6 +22,8 @@ EXAMPLE = Path(__file__).with_name("example.yaml")
 SPLITS = ("train", "validation", "test")
 
 Count = Annotated[int, Field(strict=True, ge=1)]
+
+Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 Files = Annotated[tuple[str, ...], Field(min_length=1)]
 """Paths, relative to the configuration's folder."""
@@ -180,6 +183,7 @@ class Configuration(Strict):
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
+    colour_matrix: tuple[Triple, Triple, Triple] | None = None
     saturation: Annotated[FiniteFloat, Field(gt=0)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"
     keep_background: bool = False
@@ -195,6 +199,16 @@ class Configuration(Strict):
             if size % of:
                 raise ValueError(f"{whole} ({size}) must be a multiple of {part} ({of})")
         return self
+
+    @model_validator(mode="after")
+    def _tell_colours_apart(self) -> Self:
+        self.colours  # noqa: B018  raises where the matrix does not
+        return self
+
+    @property
+    def colours(self) -> ColourMatrix | None:
+        """From the monitor's primaries to the camera's channels; None for the identity."""
+        return None if self.colour_matrix is None else ColourMatrix(np.array(self.colour_matrix))
 
     @property
     def geometries(self) -> int:
@@ -218,6 +232,8 @@ class Configuration(Strict):
     def identity(self) -> dict[str, Any]:
         """Return all entries that a sample depends on, of JSON's types, without paths."""
         entries = self.model_dump(mode="json", exclude={"count", "folder"})
+        if self.colour_matrix is None:
+            del entries["colour_matrix"]  # older data sets have none
         for name, sources in self.sources.items():
             for entry, source in zip(entries[name], sources, strict=True):
                 entry |= source.identity()

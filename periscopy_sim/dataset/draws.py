@@ -100,7 +100,9 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     """Draw the frames and the light of a clip."""
     rng = generator(configuration, CLIP, number)
     source = configuration.hidden_images[_weighted(rng, configuration.hidden_images)]
-    hidden = source.draw(rng, configuration.hidden, configuration.clip_length)
+    size = configuration.hidden
+    shown = source.draw(rng, size, configuration.clip_length)
+    hidden = np.broadcast_to(shown, (configuration.clip_length, *size, 3))
     ambient = _draw_ambient(configuration, rng)
     measured = (configuration.sbr, configuration.snr, configuration.exposure)
     sbr, snr, exposure = (distribution.draw(rng) for distribution in measured)

@@ -36,9 +36,9 @@ def export_samples(
     from periscopy_sim.storage.formats.exr import write_exr
 
     data = open_dataset(path, incomplete=True)
-    count = data.sizes["sample"]
-    if beyond := [index for index in indices if not 0 <= index < count]:
-        raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {count - 1}")
+    last = data.sizes["sample"] - 1
+    if beyond := [index for index in indices if not 0 <= index <= last]:
+        raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {last}")
     labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
     written, titles = [], []
     sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}

@@ -120,15 +120,15 @@ def backgrounds_of(
     keeps rendered conditions, in a folder for each view of a wall.
     """
     conditions = {n: s for n, s in enumerate(settings.ambient) if isinstance(s, Conditions)}
-    found: dict[str, dict[int, NDArray[np.float32]]] = {}
+    backgrounds: dict[str, dict[int, NDArray[np.float32]]] = {}
     for scenario in scenarios if given or conditions else ():
         view = view_digest(scenario)
-        if view not in found:
-            found[view] = dict(given) | {
+        if view not in backgrounds:
+            backgrounds[view] = dict(given) | {
                 number: _conditions(source, scenario, folder / view, settings.seed, progress)
                 for number, source in conditions.items()
             }
-    return found
+    return backgrounds
 
 
 def _conditions(
@@ -150,14 +150,13 @@ def given_light(settings: Configuration, scenario: Scenario) -> dict[int, NDArra
 
     They must show the scene's wall, with a positive mean. Each is (K, rows, columns, 3).
     """
-    found = {}
+    light = {}
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Pictures):
-            shape = scenario.photograph_shape
+            shape, gain = scenario.photograph_shape, scenario.channel_gain.astype(np.float32)
             pictures = [read_photograph(file, shape).values for file in source.files]
             for name, picture in zip(source.files, pictures, strict=True):
                 if not picture.mean() > 0:
                     raise ConfigurationError(f"{name}: its mean is not positive")
-            gain = scenario.channel_gain.astype(np.float32)
-            found[number] = np.stack(pictures).astype(np.float32) / gain
-    return found
+            light[number] = np.stack(pictures).astype(np.float32) / gain
+    return light

@@ -1,7 +1,7 @@
 """Images and short videos on the hidden monitor: generators, and folders of pictures.
 
-Each source is an entry of the configuration and draws clips, (frames, R, C, 3) of linear light in
-[0, 1] with some light in every frame, from a random generator alone.
+Each source is an entry of the configuration. From a random generator alone it draws an image, (R,
+C, 3) of linear light in [0, 1], or the frames of a clip, (frames, R, C, 3), each with some light.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Shapes(Source):
     speed: within(0, 10) | None = None  # type: ignore[valid-type]
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
-        """Draw a clip."""
+        """Draw a clip, or an image of shapes at rest."""
         aspect = shape[1] / shape[0]
         usual = {"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0}
         speed = self.speed or Distribution.model_validate(usual)
@@ -72,15 +72,15 @@ class Text(Source):
     length: within(1, 40) | None = None  # type: ignore[valid-type]
     height: within(0.05, 2) = Distribution(uniform=(0.35, 0.9))  # type: ignore[valid-type]
 
-    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
-        """Draw a clip, at rest."""
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
+        """Draw an image."""
         digits = self.kind == "digits"
         characters = self.characters or ("0123456789" if digits else _LETTERS)
         length = self.length or Distribution(choice=(1,) if digits else (1, 2, 3, 4))
         text = "".join(rng.choice(list(characters), round(length.draw(rng))))
         covered = _lettering(text, self.height.draw(rng), rng.random(2), shape)
         ground, ink = _contrasting(rng)
-        return _at_rest(ground + covered * (ink - ground), frames)
+        return ground + covered * (ink - ground)
 
 
 class Gratings(Source):
@@ -90,18 +90,17 @@ class Gratings(Source):
     periods: within(0.01, 1000) = Distribution(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
     square: Annotated[float, Field(ge=0, le=1)] = 0.5  # share of stripes
 
-    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
-        """Draw a clip, at rest."""
-        y, x = _grid(shape)
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
+        """Draw an image."""
+        rows, columns = (OVERSAMPLING * size for size in shape)
+        y, x = (np.arange(rows)[:, None] + 0.5) / rows, (np.arange(columns) + 0.5) / rows
         direction, phase = rng.uniform(0, 2 * np.pi, 2)
         across = np.cos(direction) * x + np.sin(direction) * y
         wave = np.sin(2 * np.pi * self.periods.draw(rng) * across + phase)
         if rng.random() < self.square:
             wave = np.where(wave > 0, 1.0, -1.0)
         ground, ink = _contrasting(rng)
-        return _at_rest(
-            ground + _averaged((1 + wave[..., None]) / 2, shape) * (ink - ground), frames
-        )
+        return ground + _averaged((1 + wave[..., None]) / 2, shape) * (ink - ground)
 
 
 class Smooth(Source):
@@ -115,8 +114,8 @@ class Smooth(Source):
     exponent: within(0, 10) = Distribution(uniform=(1.5, 3.0))  # type: ignore[valid-type]
     saturation: within(0, 1) = Distribution(uniform=(0.0, 1.0))  # type: ignore[valid-type]
 
-    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
-        """Draw a clip, at rest."""
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
+        """Draw an image."""
         # Twice as large as needed, so that opposite edges differ.
         tall, wide = 2 * shape[0], 2 * shape[1]
         frequency = np.hypot(np.fft.fftfreq(tall)[:, None], np.fft.rfftfreq(wide))
@@ -129,7 +128,7 @@ class Smooth(Source):
         s = self.saturation.draw(rng)
         image = np.moveaxis((1 - s) * fields[:1] + s * fields[1:], 0, -1)
         low, high = image.min(), image.max()
-        return _at_rest((image - low) / (high - low) if high > low else image + 0.5, frames)
+        return np.asarray((image - low) / (high - low) if high > low else image + 0.5)
 
 
 class Folder(Source):
@@ -150,13 +149,11 @@ class Folder(Source):
         """Return the name of the folder; `version` tells its pictures."""
         return {"folder": Path(self.folder).name}
 
-    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
-        """Draw a clip, at rest; the folder is an absolute path by now."""
+    def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
+        """Draw an image; the folder is an absolute path by now."""
         files = pictures_in(self.folder, self.version)
         image = _picture(str(files[int(rng.integers(len(files)))]), shape, self.version)
-        if self.flip and rng.random() < 0.5:
-            image = image[:, ::-1]
-        return _at_rest(image, frames)
+        return image[:, ::-1] if self.flip and rng.random() < 0.5 else image
 
 
 HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discriminator="kind")]
@@ -200,10 +197,6 @@ def _picture(file: str, shape: tuple[int, int], version: str) -> Array:  # noqa:
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789&?!#%+=@"
 
 
-def _at_rest(image: Array, frames: int) -> Array:
-    return np.broadcast_to(image, (frames, *image.shape))
-
-
 def _colour(rng: Rng) -> Array:
     """Draw a colour whose brightest channel is 1 or, half of the time, less."""
     colour = rng.random(3) ** 2 + 1e-3
@@ -235,46 +228,37 @@ def _reflected(places: Array, size: tuple[float, float]) -> Array:
     return np.asarray(np.abs((places + size) % (2 * np.array(size)) - size))
 
 
-def _grid(shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Return coordinates y and x of an oversampled image, in image heights."""
-    rows, columns = (OVERSAMPLING * size for size in shape)
-    y = (np.arange(rows) + 0.5) / rows
-    return y[:, None], (np.arange(columns) + 0.5) / rows
-
-
 def _averaged(image: Array, shape: tuple[int, int]) -> Array:
+    """Return the mean of an oversampled image over each patch: (R, C, channels)."""
     k = OVERSAMPLING
     return np.asarray(image.reshape(shape[0], k, shape[1], k, -1).mean(axis=(1, 3)))
 
 
 def _drawn(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
-    """Return the share of each patch that a drawing covers: (R, C, 1)."""
+    """Return the fraction of each patch that a drawing covers: (R, C, 1)."""
     from PIL import Image, ImageDraw
 
-    rows, columns = (OVERSAMPLING * size for size in shape)
-    mask = Image.new("L", (columns, rows))
+    mask = Image.new("L", (OVERSAMPLING * shape[1], OVERSAMPLING * shape[0]))
     draw(ImageDraw.Draw(mask))
     return _averaged(np.asarray(mask, np.float64)[..., None] / 255, shape)
 
 
 def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
-    """Return the share of each patch within a polygon given in image heights: (R, C, 1)."""
-    places = (corners * (OVERSAMPLING * shape[0])).ravel().tolist()
+    """Return the fraction of each patch within a polygon given in image heights: (R, C, 1)."""
+    places = (OVERSAMPLING * shape[0] * corners).ravel().tolist()
     return _drawn(shape, lambda canvas: canvas.polygon(places, fill=255))
 
 
 def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -> Array:
-    """Return the share of each patch within letters: (R, C, 1)."""
-    rows, columns = (OVERSAMPLING * size for size in shape)
-    font: Any = _font(max(8, round(height * rows / 0.72)))  # a capital is 0.72 of the font's size
-    left, top, right, bottom = font.getbbox(text)
-    shrink = min(1.0, 0.96 * columns / (right - left), 0.96 * rows / (bottom - top))
-    if shrink < 1:
+    """Return the fraction of each patch within letters: (R, C, 1)."""
+    room = OVERSAMPLING * np.array(shape[::-1])
+    font = _font(max(8, round(height * room[1] / 0.72)))  # a capital is 0.72 of the font's size
+    box = np.reshape(font.getbbox(text), (2, 2))
+    if (shrink := np.min(0.96 * room / (box[1] - box[0]))) < 1:
         font = _font(max(8, int(font.size * shrink)))
-        left, top, right, bottom = font.getbbox(text)
-    x = place[0] * (columns - (right - left)) - left
-    y = place[1] * (rows - (bottom - top)) - top
-    return _drawn(shape, lambda canvas: canvas.text((x, y), text, fill=255, font=font))
+        box = np.reshape(font.getbbox(text), (2, 2))
+    corner = place * (room - (box[1] - box[0])) - box[0]
+    return _drawn(shape, lambda canvas: canvas.text(tuple(corner), text, fill=255, font=font))
 
 
 @lru_cache(maxsize=256)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.storage.outputs.store import Block, attributes_of, digest_of
+from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
+
+KIND = "periscopy data set"
 
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
@@ -45,13 +46,10 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 
 @dataclass(frozen=True)
 class Layout:
-    """The sizes of a data set, a `StoreLayout`."""
-
-    what: ClassVar[str] = "data set"
-    kind: ClassVar[str] = "periscopy data set"
+    """The sizes of a data set."""
 
     count: int  # samples
-    block_size: int  # samples in a block
+    block: int  # samples in a block
     photograph_shape: tuple[int, int]  # (rows, columns)
     hidden_shape: tuple[int, int]  # (R, C)
     photograph_type: str
@@ -60,59 +58,35 @@ class Layout:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Return the sizes without the count, of JSON's types, as `read_head` reads them."""
-        sizes = {
-            "block": self.block_size,
-            "photograph_shape": list(self.photograph_shape),
-            "hidden_shape": list(self.hidden_shape),
-            "photograph_type": self.photograph_type,
-            "keep_background": self.keep_background,
-        }
-        return sizes | ({BOUNCED_ERROR: True} if self.bounced_error else {})
+        """The sizes without the count, of JSON's types, as `read_head` reads them."""
+        sizes = {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
+        left_out = {"count"} if self.bounced_error else {"count", BOUNCED_ERROR}
+        return {name: size for name, size in sizes.items() if name not in left_out}
 
-    @property
-    def blocks(self) -> int:
-        """Return the number of blocks; the last may be cut short."""
-        return -(-self.count // self.block_size)
-
-    def block(self, number: int) -> Block:
-        """Return a block: a file of each variable."""
-        first = number * self.block_size
-        samples = slice(first, min(first + self.block_size, self.count))
-        files = {name: f"{name}/c/{number}" for name in self._labels()}
-        files |= {name: f"{name}/c/{number}/0/0/0" for name in self._stacks()}
-        return Block(number, {"sample": samples}, files)
-
-    def variables(self) -> dict[str, dict[str, Any]]:
-        """Return the layout of each variable that every sample has."""
+    def of_store(self) -> StoreLayout:
+        """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
         laid_out: dict[str, dict[str, Any]] = {}
         for name, (shape, dimensions, dtype) in self._stacks().items():
             # Noise leaves signs and exponents alike: shuffled bits compress them.
-            size = np.dtype(dtype).itemsize
-            blosc = BloscCodec(
-                cname="zstd", clevel=1, shuffle="bitshuffle", typesize=size, blocksize=0
-            )
+            settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
+            blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
-                "shards": (self.block_size, *shape), "dtype": dtype, "fill_value": np.nan,
+                "shards": (self.block, *shape), "dtype": dtype, "fill_value": np.nan,
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
                 "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
             }  # fmt: skip
         for name, (dtype, long_name, units) in self._labels().items():
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
-                "shape": (self.count,), "chunks": (self.block_size,), "dtype": dtype,
+                "shape": (self.count,), "chunks": (self.block,), "dtype": dtype,
                 "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
                 "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
-        return laid_out
-
-    @staticmethod
-    def recognizes(attributes: Mapping[str, Any]) -> bool:
-        """Return whether attributes are those of a data set."""
-        return attributes.get("kind") == Layout.kind and isinstance(attributes.get("count"), int)
+        cuts = {"sample": (self.count, self.block)}
+        return StoreLayout("data set", laid_out, cuts, self.count)
 
     def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
         """Return those of `LABELS` that there are."""
@@ -125,18 +99,15 @@ class Layout:
         return {**stacks, **({"background": pixels} if self.keep_background else {})}
 
 
-def read_head(path: Path) -> tuple[dict[str, Any], Layout, str]:
-    """Return the attributes of a data set, its layout, and the digest that its records bear.
+def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
+    """Return the attributes of a data set, its layout and the records of its blocks.
 
     A path without a data set, or one whose head is damaged, is a `DatasetError`.
     """
     attributes = attributes_of(path)
-    if not Layout.recognizes(attributes):
+    if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
-    sizes = attributes["layout"]
-    layout = Layout(
-        attributes["count"], sizes["block"], tuple(sizes["photograph_shape"]),
-        tuple(sizes["hidden_shape"]), sizes["photograph_type"], sizes["keep_background"],
-        sizes.get(BOUNCED_ERROR, False),
-    )  # fmt: skip
-    return attributes, layout, digest_of(attributes)
+    sizes: dict[str, Any] = dict(attributes["layout"])
+    sizes |= {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
+    layout = Layout(attributes["count"], **sizes)
+    return attributes, layout, Records(path, layout.of_store(), attributes)

@@ -20,7 +20,7 @@ from periscopy_sim.dataset.geometry import (
     given_light,
     scenario_of,
 )
-from periscopy_sim.dataset.layout import Layout
+from periscopy_sim.dataset.layout import KIND, Layout
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
@@ -36,7 +36,7 @@ SHARES_PER_THREAD = 4
 
 @dataclass(frozen=True)
 class Made:
-    """Numbers of a run: it made `made` of `count` samples, of so many `geometries`.
+    """Numbers of a run: samples there are, those made now, and their geometries.
 
     `empty_splits` were asked for, but have no geometry.
     """
@@ -96,7 +96,7 @@ def make_dataset(
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})
-    check_place(out, Layout.what, Layout.recognizes)
+    check_place(out, "data set")
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
@@ -110,34 +110,32 @@ def make_dataset(
     )  # fmt: skip
     versions = _versions(settings.seed)
     attributes = {
-        "kind": Layout.kind,
+        "kind": KIND,
         "configuration": settings.identity(),
         "layout": layout.attributes,
         "versions": versions,
     }
     with alone_in(out / MAKING):
-        store = BlockStore(out, layout, attributes, _labels(settings, draws))
-        blocks_each = settings.samples_per_geometry // layout.block_size
+        store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
+        blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
-        made = sum(layout.block(number).size for blocks in shares.values() for number in blocks)
+        made = sum(store.layout.block(n).size for blocks in shares.values() for n in blocks)
         done = layout.count - made
-        report(done, layout.count)
-        if made:
-            # Renderings of another seed or version, left before any sample, are not taken.
-            lit_by = digest_of({"seed": settings.seed, **versions})[:8]
-            folder = out / MAKING / f"ambient-{lit_by}"
-            scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
-            backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
-            # No sample depends on the count, and a geometry is remembered by this text.
-            text = settings.model_copy(update={"count": 1}).model_dump_json()
-            making = partial(make_block, text, layout.photograph_shape, backgrounds)
-            for block, values in _made(making, text, shares, scheduler):
-                # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
-                report(done, layout.count)
-                store.write(block, values)
-                done += layout.block(block).size
+        # Renderings of another seed or version, left before any sample, are not taken.
+        lit_by = digest_of({"seed": settings.seed, **versions})[:8]
+        folder = out / MAKING / f"ambient-{lit_by}"
+        scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
+        backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
+        # No sample depends on the count, and a geometry is remembered by this text.
+        text = settings.model_copy(update={"count": 1}).model_dump_json()
+        making = partial(make_block, text, layout.photograph_shape, backgrounds)
+        for block, values in _made(making, text, shares, scheduler):
+            # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
+            store.write(block, values)
+            done += store.layout.block(block).size
+        report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
@@ -150,10 +148,7 @@ def make_block(
     geometry: int,
     block: int,
 ) -> Block:
-    """Make the samples of a block of a geometry, whose photographs must have the shape given.
-
-    The configuration is JSON.
-    """
+    """Make a block of samples of a geometry, given the configuration as JSON."""
     settings = Configuration.model_validate_json(configuration)
     ready = geometry_of(configuration, geometry)
     _check_shape(geometry, ready.scenario, photograph_shape)
@@ -176,7 +171,7 @@ def _made(
     scheduler: str | None,
 ) -> Iterator[tuple[int, Block]]:
     """Make blocks, geometry by geometry or wherever a worker is free."""
-    if scheduler is None:
+    if scheduler is None or not shares:
         for geometry, blocks in shares.items():
             make = partial(making, geometry)
             # Rendered here, not in the threads; path tracing is parallel by itself.
@@ -215,9 +210,9 @@ def _versions(seed: int) -> dict[str, Any]:
 def _labels(
     settings: Configuration, draws: Sequence[GeometryDraw]
 ) -> dict[str, tuple[str, list[Any]]]:
-    """Return dimension and values of the variables that an archive has before any sample.
+    """Return each geometry's scene, split and parameters, and the channels' names.
 
-    These are each geometry's scene, split and parameters, and the channels' names.
+    An archive has these before any sample: a dimension and values for each name.
     """
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],

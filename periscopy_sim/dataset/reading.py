@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -12,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import is_complete, is_recorded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,9 +31,9 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Variables with labelled dimensions, units and, as attributes, all that they depend on. The
-        variables of one text or number for each sample are coordinates:
-        ``data.sel(sample=data.split == "train")``.
+        Variables with labelled dimensions, units and, as attributes, all that they depend on, as
+        text of JSON where it is nested. The variables of one text or number for each sample are
+        coordinates: ``data.sel(sample=data.split == "train")``.
 
     Raises
     ------
@@ -46,9 +46,9 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     import xarray as xr
 
     path = Path(path)
-    _, layout, digest = read_head(path)
-    blocks = map(layout.block, range(layout.blocks))
-    ready = sum(b.size for b in takewhile(lambda b: is_recorded(path, digest, b), blocks))
+    _, layout, records = read_head(path)
+    blocks = records.layout.blocks
+    ready = sum(records.layout.block(n).size for n in takewhile(records.has, blocks))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -61,12 +61,12 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
             data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
-    if lost := set(layout.variables()) - set(data.variables):
+    if lost := set(records.layout.variables) - set(data.variables):
         raise DatasetError(f"{path}: has lost its variable '{min(lost)}'; make it again")
-    labels = [
-        str(name) for name, values in data.data_vars.items()
-        if values.dims in (("sample",), ("geometries",))
-    ]  # fmt: skip
+    of_one_value = (("sample",), ("geometries",))
+    labels = [name for name, values in data.data_vars.items() if values.dims in of_one_value]
+    # netCDF has no nested attributes.
+    data.attrs = {n: json.dumps(v) if isinstance(v, dict) else v for n, v in data.attrs.items()}
     return data.isel(sample=slice(ready)).set_coords(labels)
 
 
@@ -79,32 +79,33 @@ def verify_dataset(
     `progress` is called with the blocks checked and their number.
     """
     path = Path(path)
-    _, layout, digest = read_head(path)
+    _, _, records = read_head(path)
     data = open_dataset(path, incomplete=True)
     for name, values in data.variables.items():
         if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
             raise DatasetError(f"{path}: has lost the values of '{name}'; make it again")
     damaged: list[tuple[int, int]] = []
-    for block in map(layout.block, range(layout.blocks)):
-        first, after = block.place["sample"].start, block.place["sample"].stop
-        if not is_complete(path, digest, block):
-            if damaged and damaged[-1][1] == first:
-                first = damaged.pop()[0]
-            damaged.append((first, after))
+    blocks = records.layout.blocks
+    for number in blocks:
+        samples = records.layout.block(number).place["sample"]
+        if not records.verify(number):
+            joins = damaged and damaged[-1][1] == samples.start
+            damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
         if progress is not None:
-            progress(block.number + 1, layout.blocks)
+            progress(number + 1, len(blocks))
     return damaged
 
 
 def describe(path: str | Path) -> dict[str, Any]:
     """Return a data set's sizes, its progress, and a summary of its samples, of JSON's types."""
     path = Path(path)
-    attributes, layout, digest = read_head(path)
+    attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    blocks = map(layout.block, range(layout.blocks))
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": sum(block.size for block in blocks if is_recorded(path, digest, block)),
+        "finished": sum(
+            records.layout.block(n).size for n in records.layout.blocks if records.has(n)
+        ),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

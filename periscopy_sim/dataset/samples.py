@@ -67,7 +67,11 @@ def make_samples(
             exposed = composite(signals[frames], np.stack([light] * length), clip.sbr)
             if configuration.keep_background:
                 ambient[frames] = light * (clip.exposure * (1 - share) / light.mean())
+                if configuration.colours is not None:
+                    ambient[frames] = configuration.colours.mix(ambient[frames])
         scales[frames] = clip.exposure * share / mean
+        if configuration.colours is not None:
+            exposed = configuration.colours.mix(exposed)
         for k, picture in enumerate(exposed, first):
             noise = random_seed(configuration, NOISE, start + k)
             photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)
@@ -146,9 +150,8 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
 
 def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
-    of_geometry: dict[str, Any] = {
-        "geometry": geometry.draw.number, "split": geometry.draw.split
-    }  # fmt: skip
+    draw = geometry.draw
+    of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}
     if isinstance(geometry.transport, BouncedTransport):
         of_geometry[BOUNCED_ERROR] = geometry.transport.bounced.relative_error
     records = [

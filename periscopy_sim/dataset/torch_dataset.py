@@ -58,9 +58,7 @@ class TorchDataset:
         if not len(self.samples):
             found = ", ".join(sorted(set(data["split"].values.tolist())))
             raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
-        self.path = Path(path)
-        self.variables = variables
-        self.transform = transform
+        self.path, self.variables, self.transform = Path(path), variables, transform
         self._opened: tuple[int, Any] | None = None
 
     def __len__(self) -> int:
@@ -76,10 +74,7 @@ class TorchDataset:
         group = self._archive()
         wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
         columns = {name: group[name].oindex[wanted][places] for name in self.variables}
-        samples = [
-            {name: _tensor(values[k]) for name, values in columns.items()}
-            for k in range(len(places))
-        ]
+        samples = [{n: _tensor(v[k]) for n, v in columns.items()} for k in range(len(places))]
         return samples if self.transform is None else [self.transform(each) for each in samples]
 
     def __getstate__(self) -> dict[str, Any]:

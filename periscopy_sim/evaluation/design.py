@@ -6,7 +6,6 @@ A point that makes no scene fails alone. A design that was stopped goes on from 
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from periscopy_sim.errors import OutputError, SceneError, VariantError
-from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Merit, Reference, merit_of
+from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Reference, merit_of
 from periscopy_sim.rendering.checks import pierced, shadow_doubt
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -29,9 +28,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 Row = dict[str, Any]
-"""A point: ``point``, its number, 0 of the scene as it stands; ``values`` of the parameters, as
-text; the numbers and the ``remark`` of a `Merit`, None where missing; ``failure``, why it makes no
-scene."""
+"""A point: its number ``point``, 0 of the scene as it stands; the parameters' ``values`` as text;
+the numbers and the ``remark`` of a `Merit`, None where missing; ``failure``, why it is no scene."""
 
 
 def points_of(
@@ -39,17 +37,9 @@ def points_of(
 ) -> list[dict[str, str]]:
     """Return the points of a design in order: the value of each parameter, as text.
 
-    Parameters
-    ----------
-    ranges
-        The lowest and the highest value of each parameter, by its name.
-    grid
-        Values of each parameter, both ends included, all combined; None for draws.
-    draws
-        Points spread over the ranges instead: Halton's sequence, scrambled by the seed. A larger
-        number begins with the points of a smaller one.
-    seed
-        Of the draws.
+    A grid of so many values of each parameter combines all, both ends included; without a grid,
+    `draws` points of Halton's sequence, scrambled by the seed, spread over the ranges. A larger
+    number of draws begins with the points of a smaller one.
     """
     low, high = np.transpose(list(ranges.values()))
     if grid is None:
@@ -69,16 +59,13 @@ def as_text(value: float) -> str:
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
     """Write rows as CSV, all or none."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("point", *rows[0]["values"], *NUMBERS, "failure", "remark"))
-    for row in rows:
-        numbers = ("" if row[name] is None else f"{row[name]:.9g}" for name in NUMBERS)
-        table.writerow(
-            (row["point"], *row["values"].values(), *numbers, row["failure"], row["remark"])
-        )
-    with staged_file(path) as staged:
-        staged.write_text(text.getvalue(), encoding="utf-8", newline="")
+    with staged_file(path) as staged, staged.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(("point", *rows[0]["values"], *NUMBERS, "failure", "remark"))
+        for row in rows:
+            numbers = ("" if row[name] is None else f"{row[name]:.9g}" for name in NUMBERS)
+            values = row["values"].values()
+            table.writerow((row["point"], *values, *numbers, row["failure"], row["remark"]))
 
 
 def read_table(path: Path, names: Iterable[str]) -> list[Row]:
@@ -101,9 +88,7 @@ def read_table(path: Path, names: Iterable[str]) -> list[Row]:
                 for record in csv.DictReader(stream, strict=True)
             ]
     except (OSError, ValueError, KeyError, TypeError, csv.Error):
-        raise OutputError(
-            f"{path}: is damaged; remove it, or name another folder, to start anew"
-        ) from None
+        raise OutputError(f"{path}: is damaged; remove it to start anew") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +122,37 @@ class Design:
     prototypes: Callable[[Scenario], Image]
     images: Mapping[str, Array]
 
+    def row(
+        self, number: int, values: Mapping[str, str], reference: Reference | None = None
+    ) -> tuple[Row, Reference | None]:
+        """Return a point's row, given the reference of the scene as it stands, and its own.
+
+        A point that makes no scene has the reason as its failure, and no reference.
+        """
+        merit, own, remarks, failure = None, None, "", ""
+        try:
+            scenario = self.scenario(values)
+            light = self.transport(scenario), self.prototypes(scenario)
+            merit, own = merit_of(
+                scenario, *light, self.comparison, self.images, reference=reference
+            )
+            remarks = "; ".join(filter(None, (shadow_doubt(scenario), merit.remark)))
+        except (OutputError, VariantError):  # not the point's fault
+            raise
+        except ValueError as error:  # a SceneError too
+            if reference is None:
+                raise
+            failure = " ".join(str(error).replace(f"scene '{self.path}': ", "").split())
+        numbers = {name: getattr(merit, name, None) for name in NUMBERS}
+        row = {"point": number, "values": values, **numbers, "failure": failure, "remark": remarks}
+        return row, own
+
     def scenario(self, values: Mapping[str, str]) -> Scenario:
         """Return the scene of a point; a SceneError says that it is none."""
         scenario = load_scenario(self.path, self.hidden, {**self.parameters, **values})
         if fault := pierced(scenario):
             raise SceneError(f"scene '{self.path}': {fault}")
         return scenario
-
-    def merit(self, scenario: Scenario, first: Reference | None = None) -> tuple[Merit, Reference]:
-        """Return the merit of a point's scene, given the reference of the scene as it stands."""
-        light = self.transport(scenario), self.prototypes(scenario)
-        return merit_of(scenario, *light, self.comparison, self.images, reference=first)
 
     def as_it_stands(self) -> dict[str, str]:
         """Return the values of what varies in the scene as it stands."""
@@ -160,19 +165,8 @@ def run_design(
 ) -> list[Row]:
     """Assess a scene as it stands and at each point; go on from the rows that a table holds.
 
-    Parameters
-    ----------
-    design
-        What to do.
-    table
-        CSV file of a row for each point, renewed after each. It must be of this design.
-    progress
-        Called with how many points are done, and of how many.
-
-    Returns
-    -------
-    list of Row
-        That of the scene as it stands first.
+    The table is a CSV file of a row for each point, the scene as it stands first, renewed after
+    each; `progress` is called with how many points are done, and of how many.
 
     Raises
     ------
@@ -190,31 +184,14 @@ def run_design(
         )
     if len(rows) == len(points):
         return rows
-    scenario = design.scenario({})
-    merit, reference = design.merit(scenario)
-    rows = rows or [_row(0, points[0], merit, shadow_doubt(scenario))]
+    first, reference = design.row(0, points[0])
+    rows = rows or [first]
     for number in range(len(rows), len(points)):
         progress(number, len(points))
-        try:
-            scenario = design.scenario(points[number])
-            merit, _ = design.merit(scenario, reference)
-            row = _row(number, points[number], merit, shadow_doubt(scenario))
-        except (OutputError, VariantError):  # not the point's fault
-            raise
-        except ValueError as error:  # a SceneError too
-            failure = " ".join(str(error).replace(f"scene '{design.path}': ", "").split())
-            row = _row(number, points[number], None) | {"failure": failure}
-        rows.append(row)
+        rows.append(design.row(number, points[number], reference)[0])
         write_table(table, rows)
     progress(len(points), len(points))
     return read_table(table, points[0])  # the same digits, however often it stopped
-
-
-def _row(number: int, values: Mapping[str, str], merit: Merit | None, *doubts: str) -> Row:
-    """Return the row of a point; its remark includes doubts about the scene."""
-    numbers = {name: getattr(merit, name, None) for name in NUMBERS}
-    remark = "; ".join(filter(None, (*doubts, getattr(merit, "remark", ""))))
-    return {"point": number, "values": values, **numbers, "failure": "", "remark": remark}
 
 
 def ranked(rows: Sequence[Row], number: str) -> list[Row]:

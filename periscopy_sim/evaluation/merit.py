@@ -1,8 +1,8 @@
 """How well one scene determines its hidden image: Cramér-Rao bound, errors of the default method.
 
-The bound of a patch is σ² (A⊥ᵀA⊥)⁻¹, range(B) projected out, with σ the noise of a photograph of a
-white screen. Random rays give A noise that looks like information: take an A without noise, by
-``strata="gauss"``, see `render_transport`.
+The mean bound of the patches is σ² tr (A⊥ᵀA⊥)⁻¹ / N, range(B) projected out, with σ the noise of a
+photograph of a white screen. Random rays give A noise that looks like information: take an A
+without noise, by ``strata="gauss"``, see `render_transport`.
 
 Scenes differ in how much light they send to the wall, so units alone must win nothing. Two
 comparisons are fair. At an equal level each photograph is exposed to the same mean: all scenes have
@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_level
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.fit import VISIBLE, Fit
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -72,16 +73,8 @@ class Comparison:
     ) -> tuple[Array, float]:
         """Return a photograph, (M, channels), in the signal's unit, and its noise σ.
 
-        Parameters
-        ----------
-        signal
-            (M, channels) light of the monitor, in any unit.
-        light
-            (M, channels) ambient light of mean 1.
-        reference
-            Mean signal of the scene as it stands, in the same unit.
-        pixels
-            Pixels of the photograph over those of the scene as it stands.
+        `signal` is the light of the monitor, `light` ambient light of mean 1; `reference` is the
+        mean signal of the scene as it stands, `pixels` the ratio of the two scenes' pixels.
         """
         level = reference if self.equal_time else float(signal.mean())
         photograph = np.asarray(signal + light * (level / self.sbr), np.float64)
@@ -133,11 +126,10 @@ NUMBERS = tuple(each.name for each in fields(Merit) if each.name != "remark")
 class Reference:
     """Quantities of the scene as it stands, which other scenes are compared with.
 
-    `white` is the mean of a white screen's photograph, `signals` those of the images, `pixels` the
-    count of pixels, `bound` the bound in equal time.
+    `signals` are the means of the photographs of a white screen, "", and of images, by name;
+    `pixels` counts them, `bound` is the bound in equal time.
     """
 
-    white: float
     signals: Mapping[str, float]
     pixels: int
     bound: float
@@ -176,34 +168,31 @@ def merit_of(
     shapes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
     observed = observation_of(A, *shapes)
     B = B if comparison.has_ambient_light else np.zeros((len(A), 0))
-    used, prototypes = observed.used_transport(A), observed.used(B)
-    gain = np.broadcast_to(observed.used_gain, (len(used), 3))
-    light = _ambient_light(prototypes)[:, None] * gain
-    white = used.sum(axis=1)[:, None] * gain
-    signals = {name: (used @ f.reshape(-1, 3)) * gain for name, f in images.items()}
-    own = Reference(
-        float(white.mean()), {n: float(y.mean()) for n, y in signals.items()}, len(used), 0.0
-    )
+    used, gain = observed.used_transport(A), observed.used_gain
+    light = _ambient_light(observed.used(B))[:, None] * gain
+    shown = {"": np.ones((*scenario.hidden_shape, 3)), **images}
+    signals = {name: (used @ f.reshape(-1, 3)) * gain for name, f in shown.items()}
+    own = Reference({name: float(y.mean()) for name, y in signals.items()}, len(used), 0.0)
     first = reference or own
     pixels = own.pixels / first.pixels
 
     def noise(compared: Comparison) -> float:
         """Return σ of a white screen's photograph, each channel divided by its gain."""
-        _, σ = compared.exposed(white, light, first.white, pixels)
-        return σ * float(np.sqrt(np.mean(1 / gain**2)))
+        _, σ = compared.exposed(signals[""], light, first.signals[""], pixels)
+        return σ * float(np.sqrt(np.mean(1 / np.broadcast_to(gain, light.shape) ** 2)))
 
-    σ, noise_gain = noise(comparison), _root_noise_gain(used, prototypes)
-    own = replace(own, bound=noise(replace(comparison, equal_time=True)) * noise_gain)
+    σ, unit_bound = noise(comparison), _unit_bound(Fit(observed, A, B, RANK_TOLERANCE))
+    own = replace(own, bound=noise(replace(comparison, equal_time=True)) * unit_bound)
     bound = own.bound if reference is None else reference.bound
     merit = Merit(
-        light=own.white / first.white,
-        bound=σ * noise_gain,
-        bound_without_ambient=σ * _root_noise_gain(used, None),
+        light=own.signals[""] / first.signals[""],
+        bound=σ * unit_bound,
+        bound_without_ambient=σ * _unit_bound(Fit(observed, A, None, RANK_TOLERANCE)),
         exposure_time=None if np.isinf(bound) else float((own.bound / bound) ** 2),
     )
     if not images:
         return merit, own
-    reported, actual = [], []
+    squares = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         method = NoiseAware.for_scene(scenario, A, B)
@@ -213,21 +202,18 @@ def merit_of(
             noisy = np.random.default_rng([seed, number]).normal(y, σ)
             photograph[... if observed.mask is None else observed.mask.ravel()] = noisy
             solution = method.solve(photograph.reshape(*scenario.photograph_shape, 3))
-            reported.append(np.mean(method.standard_errors(solution) ** 2))
-            actual.append(np.mean((solution.image - image) ** 2))
+            errors = method.standard_errors(solution), solution.image - image
+            squares.append([np.mean(each**2) for each in errors])
+    told_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()
     remarks = dict.fromkeys(" ".join(str(each.message).split()) for each in caught)
-    told_error, error = (float(np.sqrt(np.mean(each))) for each in (reported, actual))
     return replace(merit, told_error=told_error, error=error, remark="; ".join(remarks)), own
 
 
-def _root_noise_gain(A: Image, B: Image | None) -> float:
-    """Return the root of the mean bound for unit noise; infinite if A lacks full rank."""
-    try:
-        return float(np.sqrt(form_preconditioner(A, B).noise_gain.mean()))
-    except ValueError as error:
-        if "full column rank" not in str(error):
-            raise
-        return float("inf")
+def _unit_bound(fit: Fit) -> float:
+    """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
+    curvatures = np.linalg.eigvalsh(fit.gram)
+    light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
+    return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > VISIBLE * light else np.inf
 
 
 def _ambient_light(B: Image) -> Array:

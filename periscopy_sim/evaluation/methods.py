@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.reconstruction.method import Method
@@ -34,7 +35,7 @@ Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
 """Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
 gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photographs with the monitor
-off, which are columns of B for other methods."""
+off, which are columns of B for other methods; with a keyword `colour_matrix` a `ColourMatrix`."""
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
 
@@ -115,6 +116,7 @@ def fit_method(
     mask: Mask | None = None,
     backgrounds: Backgrounds | None = None,
     uncertain: UncertainTransport | None = None,
+    colour_matrix: ColourMatrix | None = None,
     **options: float,
 ) -> Method:
     """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
@@ -122,8 +124,9 @@ def fit_method(
     A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used, the backgrounds
     are photographs with the monitor off, (rows, columns, 3) each. An uncertain scene and the
     options are for methods whose entry in `METHODS` takes them. It warns of a user's own callable
-    that takes no mask. A PeriscopyError says that the callable raised an error or returned no
-    method, a ValueError that one of `METHODS` cannot be fitted to A and B.
+    that takes no mask. A PeriscopyError says that the callable takes no keyword colour_matrix where
+    one is given, raised an error or returned no method, a ValueError that one of `METHODS` cannot
+    be fitted to A and B.
     """
     from threadpoolctl import threadpool_limits
 
@@ -141,6 +144,10 @@ def fit_method(
             f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
             stacklevel=2,
         )
+    if colour_matrix is not None:
+        if not _takes(fit, "colour_matrix"):
+            raise PeriscopyError(f"method '{name}' takes no keyword colour_matrix; add one")
+        keywords["colour_matrix"] = colour_matrix
     if uncertain is not None:
         keywords["uncertain"] = uncertain
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):

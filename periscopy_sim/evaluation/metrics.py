@@ -1,6 +1,7 @@
 """How close a reconstruction is to the truth.
 
-Every metric uses the truth: for the gain of each channel, and where it says so for the shift.
+Every metric uses the truth: for the gain of each channel or a matrix of colours, and where it says
+so for the shift.
 """
 
 from __future__ import annotations
@@ -73,7 +74,22 @@ def mean_squared_error(estimate: Image, truth: Image) -> float:
 
 def psnr(estimate: Image, truth: Image) -> float:
     """Peak signal-to-noise ratio in dB for a peak of 1, after `gain_matched`."""
-    return -10 * float(np.log10(max(mean_squared_error(estimate, truth), 1e-30)))
+    return _decibels(mean_squared_error(estimate, truth))
+
+
+def colour_matched_psnr(estimate: Image, truth: Image) -> float:
+    """Peak signal-to-noise ratio in dB, with the colours that the truth itself tells.
+
+    The estimate, (rows, columns, channels), is multiplied by the matrix of colours that fits the
+    truth best by least squares, and clipped to [0, 1]. So this is no measure of the colours.
+    """
+    pixels, known = (np.reshape(image, (-1, image.shape[2])) for image in (estimate, truth))
+    matrix = np.linalg.lstsq(pixels, known, rcond=None)[0]
+    return _decibels(float(np.mean((np.clip(pixels @ matrix, 0, 1) - known) ** 2)))
+
+
+def _decibels(mean_squared_error: float) -> float:
+    return -10 * float(np.log10(max(mean_squared_error, 1e-30)))
 
 
 def registered(

@@ -90,6 +90,7 @@ class Sweep:
     mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
+        """Reject what cannot be swept."""
         mask = np.ones(self.signal.shape[:2], bool) if self.mask is None else self.mask
         if mask.dtype != np.bool_ or mask.shape != self.signal.shape[:2] or not mask.any():
             raise PeriscopyError(
@@ -100,19 +101,17 @@ class Sweep:
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         for name, image in {"signal": self.signal, **self.backgrounds}.items():
-            if image.shape != self.signal.shape:
+            fits = image.shape == self.signal.shape
+            if not (fits and np.isfinite(image[mask]).all() and image[mask].mean() > 0):
                 raise PeriscopyError(
-                    f"'{name}' has shape {image.shape}, the signal {self.signal.shape}"
+                    f"'{name}': give finite values of shape {self.signal.shape} and positive mean"
                 )
-            used = image[mask]
-            if not (np.isfinite(used).all() and used.mean() > 0):
-                raise PeriscopyError(f"'{name}' must be finite, with a positive mean")
         if self.truth.ndim != 3 or self.truth.shape[2] != 3:
             raise PeriscopyError(f"the truth has shape {self.truth.shape}; give (R, C, 3)")
-        if not all(np.isfinite(sbr) and sbr > 0 for sbr in self.sbrs):
-            raise PeriscopyError(f"not every SBR is a positive number: {list(self.sbrs)}")
-        if not np.isfinite(self.snr):
-            raise PeriscopyError(f"the SNR must be a finite number of dB, not {self.snr}")
+        if not (np.isfinite([*self.sbrs, self.snr]).all() and min(self.sbrs) > 0):
+            raise PeriscopyError(
+                f"SBR {list(self.sbrs)}, SNR {self.snr}: give positive SBRs and an SNR in dB"
+            )
 
     def labels(self) -> dict[str, list[Any]]:
         """Return the algorithms, backgrounds, SBRs and seeds, under those names in the singular."""
@@ -196,11 +195,10 @@ def run_sweep(
     Parameters
     ----------
     sweep
-        What to do.
+        Methods, photographs and what varies.
     folder
-        Where ``sweep.zarr``, ``sweep.csv`` (a row for each method and measurement) and
-        ``seconds.csv`` are written. The last is no part of the results: times are measured, and
-        differ from run to run.
+        Gets ``sweep.zarr``, ``sweep.csv`` (a row for each method and measurement) and
+        ``seconds.csv``, measured times, which differ from run to run.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
     progress
@@ -233,7 +231,7 @@ def run_sweep(
                 store.write(trial, outcomes)
                 _append_seconds(folder / "seconds.csv", sweep, trial, seconds)
                 if progress is not None:
-                    progress(1 - (len(missing) - finished) / store.blocks)
+                    progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
     write_table(folder / "sweep.csv", results)
     return results

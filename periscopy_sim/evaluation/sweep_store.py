@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import Block, BlockStore
+from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,14 +50,11 @@ class Outcome(NamedTuple):
 
 
 class SweepStore:
-    """A sweep's results, in the making or complete; also their `StoreLayout`, a trial a block.
+    """A sweep's results, in the making or complete, a trial a block.
 
     `labels` are the values of each of `LABELS`, `hidden_shape` is (R, C) of the images, and
     `configuration` all that the results depend on, of JSON's types: the store's attributes.
     """
-
-    what = "sweep"
-    count = None
 
     def __init__(
         self,
@@ -72,23 +69,11 @@ class SweepStore:
         pixels = (*map(range, hidden_shape), ["red", "green", "blue"])
         coordinates = {**labels, **dict(zip(PIXELS, pixels, strict=True))}
         named = {name: (name, values) for name, values in coordinates.items()}
-        self._store = BlockStore(path, self, configuration, named)
+        cuts = {name: (len(labels[name]), 1) for name in LABELS[1:]}
+        layout = StoreLayout("sweep", self._variables(), cuts)
+        self._store = BlockStore(path, layout, configuration, named)
 
-    @property
-    def blocks(self) -> int:
-        """Return the number of trials."""
-        return len(self.trials)
-
-    def block(self, number: int) -> Block:
-        """Return the block of a trial: a file of each variable."""
-        place = [int(i) for i in np.unravel_index(number, self._shape[1:])]
-        chunk = "/".join(map(str, (0, *place)))
-        files = {name: f"{name}/c/{chunk}" for name in (*METRICS, "failure")}
-        files["reconstruction"] = f"reconstruction/c/{chunk}/0/0/0"
-        slices = [slice(i, i + 1) for i in place]
-        return Block(number, dict(zip(LABELS[1:], slices, strict=True)), files)
-
-    def variables(self) -> dict[str, dict[str, Any]]:
+    def _variables(self) -> dict[str, dict[str, Any]]:
         """Return how each variable is laid out."""
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
@@ -114,10 +99,6 @@ class SweepStore:
                 "attributes": {"long_name": "why the method failed, or nothing"},
             },
         }  # fmt: skip
-
-    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
-        """Return whether a store's attributes are those of a sweep."""
-        return "base_seed" in attributes
 
     def missing(self) -> list[Trial]:
         """Return the trials that are not complete yet."""

@@ -40,7 +40,9 @@ def timed_solutions(
     """Yield solutions in turn, and the seconds of each: its own and its share of its batch's."""
     for start in range(0, len(photographs), batch):
         clock = time.perf_counter()
-        remaining: list[Callable[[], Any]] = list(video.begun(photographs[start : start + batch]))
+        remaining: list[Callable[[], Any]] = list(
+            video.recoveries(photographs[start : start + batch])
+        )
         share = (time.perf_counter() - clock) / len(remaining)
         for finish in remaining:
             clock = time.perf_counter()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from importlib import metadata
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -23,21 +23,21 @@ Result = TypeVar("Result")
 IN_FLIGHT = 256
 """Tasks that the scheduler holds at once; each waits with its result until that is taken."""
 
-PATIENCE = 10
-"""Seconds within which a scheduler must answer."""
-
 
 @contextmanager
 def connect(scheduler: str | None) -> Iterator[Client]:
     """Reach a Dask scheduler, ``tcp://host:8786`` say, or start one here, a thread for each core.
 
-    Meanwhile Dask does not log, and the linear algebra of this process runs on one thread if the
-    workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers.
+    Meanwhile nothing is logged, and the linear algebra of this process runs on one thread if the
+    workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers of
+    the same versions.
     """
     from distributed import Client
     from threadpoolctl import threadpool_limits
 
-    with _silenced():
+    disabled = logging.root.manager.disable
+    logging.disable()  # Dask's log: what matters is raised
+    try:
         if scheduler is None:
             local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
             # Its server cannot be switched off; on a free port it disturbs no other.
@@ -45,9 +45,7 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                 yield client
             return
         try:
-            with ThreadPoolExecutor(1) as thread:  # a notebook has a loop of its own
-                thread.submit(asyncio.run, _check_answer(scheduler)).result()
-            client = Client(scheduler, timeout=PATIENCE)
+            client = Client(scheduler, timeout=10)
         except Exception as error:  # of whatever listens there
             raise PeriscopyError(
                 f"no Dask scheduler answers at '{scheduler}'; start one by `dask scheduler`, and "
@@ -59,17 +57,24 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                     f"the Dask scheduler at '{scheduler}' has no workers; start some by "
                     f"`dask worker {scheduler}`"
                 )
+            _check_versions(client)
             yield client
+    finally:
+        logging.disable(disabled)
 
 
-async def _check_answer(address: str) -> None:
-    """Raise an error unless a scheduler answers: `Client` would wait forever for anything else."""
-    from distributed.core import rpc
+def _check_versions(client: Client) -> None:
+    """Raise unless all workers have the versions of this process, on which results depend."""
 
-    async with rpc(address, timeout=PATIENCE) as scheduler:
-        identity = await asyncio.wait_for(scheduler.identity(), PATIENCE)
-    if identity["type"] != "Scheduler":
-        raise ConnectionError(f"{address} is no scheduler")
+    def versions() -> dict[str, str]:
+        return {package: metadata.version(package) for package in ("periscopy-sim", "mitsuba")}
+
+    here = versions()
+    for worker, there in client.run(versions, on_error="return").items():
+        if there != here:
+            raise PeriscopyError(
+                f"the Dask worker at '{worker}' has {there}, this process {here}; install the same"
+            )
 
 
 def compute(
@@ -129,18 +134,3 @@ def _on_one_thread(
     # Never undone: another task of this process may be in the midst of its products.
     threadpool_limits(1)
     return item, task(parcel.content, item)
-
-
-@contextmanager
-def _silenced() -> Iterator[None]:
-    """Let Dask log nothing: what matters is raised."""
-    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] == "distributed"]
-    loggers = [logging.getLogger(name) for name in ("distributed", *names)]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:  # those that come later inherit the first one's level
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)

@@ -1,15 +1,13 @@
 """Animated panels side by side under their titles: PNG, MP4 (H.264) and WebM (VP9).
 
-Pillow would draw each frame of a PNG twice, keep all of them in memory (346 MB for 400 frames of
-756 x 286 pixels) and merge equal ones, so the chunks are put together here. PyAV writes the others.
+Pillow keeps all frames of a PNG in memory (346 MB for 400 frames of 756 x 286 pixels); PyAV encodes
+the others as they come.
 """
 
 from __future__ import annotations
 
 import json
-import struct
-import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,12 +20,15 @@ from periscopy_sim.extras import require
 from periscopy_sim.figures.panels import Image
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.pictures import area_average, png_bytes
+from periscopy_sim.storage.pictures import area_average
 
 Pixels = NDArray[np.uint8]
 
 PANEL = (240, 480)
 """Rows that a panel has about, and columns that it has at most, unless patches are smaller."""
+
+MARGINS = {"title": 34, "gap": 12}
+"""Pixels above the panels, and between and below them."""
 
 ENCODINGS = {
     "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
@@ -35,13 +36,8 @@ ENCODINGS = {
 }
 """Encoder and its settings, which keep the patches' borders, by the ending of the file's name."""
 
-BT709, SRGB = 1, 13
-"""Primaries and matrix, and transfer, by their numbers in ITU-T H.273."""
-
-
-_TITLE_ROWS, _GAP = 34, 12
-_FONT = "fonts/ttf/DejaVuSans.ttf"  # Matplotlib's own: the same on every machine
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+COLOURS = {"color_primaries": 1, "colorspace": 1, "color_trc": 13}
+"""BT.709's primaries and matrix, and sRGB's transfer, by their numbers in ITU-T H.273."""
 
 
 def draw_animation(
@@ -49,56 +45,25 @@ def draw_animation(
     titles: Sequence[str],
     frames: Iterable[Sequence[Image]],
     *,
-    count: int,
     rate: float,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw linear images side by side as an animated PNG that repeats for ever.
 
-    For each of `count` moments, `frames` gives a (rows, columns, 3) linear image in [0, 1] for
-    each panel, of constant sizes. Frames are drawn and encoded one at a time, so that a long video
-    takes no more memory than a short one. `rate` is in frames a second. Viewers without animation
-    show the first frame. A ValueError says that there are more or fewer frames than `count`.
-
-    References
-    ----------
-    Portable Network Graphics (PNG) Specification, third edition, W3C 2025: chunks acTL, fcTL, fdAT.
+    For each moment, `frames` gives a (rows, columns, 3) linear image in [0, 1] for each panel, of
+    constant sizes. `rate` is in frames a second. Viewers without animation show the first frame.
     """
-    delay = Fraction(1 / rate).limit_denominator(10_000)
-    number = -1
-    with staged_file(path) as staged, staged.open("wb") as stream:
+    from PIL import Image as Pillow
+    from PIL.PngImagePlugin import PngInfo
 
-        def write(kind: bytes, content: bytes) -> None:
-            stream.write(struct.pack(">I", len(content)) + kind + content)
-            stream.write(struct.pack(">I", zlib.crc32(kind + content)))
-
-        stream.write(_SIGNATURE)
-        for number, frame in enumerate(frames):
-            picture = side_by_side(titles, frame)
-            chunks = list(_chunks(png_bytes(picture, {} if number else metadata or {})))
-            data = b"".join(content for kind, content in chunks if kind == b"IDAT")
-            if number == 0:
-                for kind, content in chunks:
-                    if kind not in (b"IDAT", b"IEND"):
-                        write(kind, content)
-                write(b"acTL", struct.pack(">2I", count, 0))  # 0: for ever
-            # Control and data chunks are numbered in turn; the first picture's data bear no number.
-            place = (max(2 * number - 1, 0), picture.shape[1], picture.shape[0], 0, 0)
-            timing = (delay.numerator, delay.denominator, 0, 0)
-            write(b"fcTL", struct.pack(">5I2H2B", *place, *timing))
-            write(*((b"fdAT", struct.pack(">I", 2 * number) + data) if number else (b"IDAT", data)))
-        if number + 1 != count:
-            raise ValueError(f"got {number + 1} frames, not {count}")
-        write(b"IEND", b"")
-
-
-def _chunks(file: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kinds and contents of the chunks of a PNG file."""
-    start = len(_SIGNATURE)
-    while start < len(file):
-        (length,) = struct.unpack_from(">I", file, start)
-        yield file[start + 4 : start + 8], file[start + 8 : start + 8 + length]
-        start += length + 12
+    text = PngInfo()
+    for name, value in (metadata or {}).items():
+        text.add_itxt(name, value)
+    first, *others = (Pillow.fromarray(side_by_side(titles, images)) for images in frames)
+    with staged_file(path) as staged:
+        first.save(
+            staged, save_all=True, append_images=others, duration=1000 / rate, loop=0, pnginfo=text
+        )
 
 
 def require_encoder(ending: str) -> None:
@@ -147,7 +112,7 @@ def draw_movie(
             if stream is None:
                 stream = _stream(container, ending, picture.shape[:2], rate)
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-                format="yuv420p", dst_colorspace=BT709, dst_color_range=BT709
+                format="yuv420p", dst_colorspace=COLOURS["colorspace"], dst_color_range=1
             )
             container.mux(stream.encode(frame))
         if stream is None:
@@ -162,10 +127,9 @@ def _stream(container: Any, ending: str, size: tuple[int, ...], rate: float) -> 
     stream = container.add_stream(encoder, exact, options=dict(settings))
     stream.height, stream.width = size
     stream.pix_fmt = "yuv420p"  # what every player takes
-    context = stream.codec_context
-    context.color_primaries = context.colorspace = BT709
-    context.color_trc = SRGB
-    context.thread_count = 1  # the same bytes on every machine
+    for name, number in COLOURS.items():
+        setattr(stream.codec_context, name, number)
+    stream.codec_context.thread_count = 1  # the same bytes on every machine
     return stream
 
 
@@ -184,24 +148,23 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
 
     Columns hold both. The images are (rows, columns, 3) in [0, 1].
     """
-    import matplotlib
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    font = ImageFont.truetype(Path(matplotlib.get_data_path(), _FONT), 20)
+    font = ImageFont.load_default(20)
     panels = [_panel(image) for image in images]
     widths = [
         max(panel.shape[1], int(np.ceil(font.getlength(title))))
         for title, panel in zip(titles, panels, strict=True)
     ]
+    top, gap = MARGINS["title"], MARGINS["gap"]
     rows = max(panel.shape[0] for panel in panels)
-    size = (sum(widths) + _GAP * (len(widths) + 1), _TITLE_ROWS + rows + _GAP)
-    picture = Pillow.new("RGB", size, "white")
+    picture = Pillow.new("RGB", (sum(widths) + gap * (len(widths) + 1), top + rows + gap), "white")
     draw = ImageDraw.Draw(picture)
-    left = _GAP
+    left = gap
     for title, panel, width in zip(titles, panels, widths, strict=True):
-        draw.text((left + width / 2, _TITLE_ROWS / 2), title, "black", font, anchor="mm")
-        corner = (left + (width - panel.shape[1]) // 2, _TITLE_ROWS + (rows - panel.shape[0]) // 2)
+        draw.text((left + width / 2, top / 2), title, "black", font, anchor="mm")
+        corner = (left + (width - panel.shape[1]) // 2, top + (rows - panel.shape[0]) // 2)
         picture.paste(Pillow.fromarray(panel), corner)
-        left += width + _GAP
+        left += width + gap
     return np.asarray(picture)

@@ -1,4 +1,4 @@
-"""A calibration: its residuals of the photograph, and the path of its search."""
+"""A calibration: its residual of the photograph, and where each parameter ended."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import show_light, show_signed
+from periscopy_sim.figures.style import OKABE_ITO, drawn
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from periscopy_sim.calibration.result import Calibration
 
 
@@ -26,95 +24,68 @@ def draw_calibration(
     calibration: Calibration,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the photograph, its residual before and after, and each parameter's path.
+    """Draw the photograph, its residual before and after, and the parameters.
 
     The photograph is (rows, columns, 3), linear.
     """
-    figure = calibration_figure(photograph, calibration)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    warning = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
+    heights = [2.9 + warning, 1.1 + 0.22 * len(calibration.parameters)]
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(9.3, sum(heights))
+        above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+        _draw_residuals(above.subplots(1, 3), photograph, calibration)
+        if calibration.doubts:
+            reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
+            above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
+        _draw_parameters(beneath.subplots(), calibration)
 
 
-def calibration_figure(photograph: Array, calibration: Calibration) -> Figure:
-    """Return the figure that `draw_calibration` saves."""
-    from matplotlib.figure import Figure
-
-    count = len(calibration.parameters)
-    rows = -(-count // 4)
-    columns = -(-count // rows)
-    warned = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
-    heights = [3.0 + warned, 0.4 + 2.3 * rows]
-    figure = Figure(figsize=(3.1 * max(3, columns), sum(heights)), layout="constrained")
-    above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    _draw_residuals(above, photograph, calibration)
-    if calibration.doubts:
-        reasons = "\n".join(textwrap.fill(doubt, 100) for doubt in calibration.doubts)
-        above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d", fontsize=9)
-    axes = beneath.subplots(rows, columns, squeeze=False)
-    for k, ax in enumerate(axes.flat[:count]):
-        _draw_path(ax, calibration, k)
-    for ax in axes.flat[count:]:
-        ax.set_axis_off()
-    beneath.supylabel("value, in the scene's units", fontsize=8)
-    beneath.supxlabel("pixels of the photograph at each level", fontsize=8)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    beneath.legend(
-        handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False
-    )
-    return figure
-
-
-def _draw_residuals(figure: Any, photograph: Array, calibration: Calibration) -> None:
+def _draw_residuals(axes: Any, photograph: Array, calibration: Calibration) -> None:
     """Show the photograph and the mean residual over its channels, in percent, twice."""
     times = "at the start", "after calibration"
     residuals = calibration.residual_before, calibration.residual
-    parts = percentages(*calibration.unexplained)
+    numbers = percentages(*calibration.unexplained)
     maps = {
-        f"unexplained {when}: {part} %": 100 * residual.mean(axis=2)
-        for when, part, residual in zip(times, parts, residuals, strict=True)
+        f"unexplained {time}: {number} %": 100 * residual.mean(axis=2)
+        for time, number, residual in zip(times, numbers, residuals, strict=True)
     }
     bound = 100 * float(np.percentile(np.abs(residuals[0].mean(axis=2)), 99)) or 1.0
-    axes = figure.subplots(1, 3)
     show_light(axes[0], "photograph", photograph)
     show_signed(axes[1:], maps, bound, "% of the photograph's root mean square")
 
 
-def _draw_path(ax: Any, calibration: Calibration, k: int) -> None:
-    """Show a parameter at all points that were visited, level by level, and where it ended."""
-    parameter = calibration.parameters[k]
-    looks = ("looked at, low resolution", "#a0a0a0"), ("looked at", "#6baed6")
-    for level, (visited, (label, color)) in enumerate(zip(calibration.path, looks, strict=True)):
-        # A level's points take equal room, however many they are.
-        place = level + (np.arange(len(visited.values)) + 0.5) / len(visited.values)
-        values = visited.values[:, k]
-        ax.plot(place, values, ".", color=color, markersize=3, label=label)
-    best = _best_so_far(visited.evidence)
-    ax.plot(place, values[best], color="#08519c", linewidth=0.9, label="best so far")
-    ax.set_ylim(*_range(calibration, k))
-    ax.axhline(parameter.start, color="black", linewidth=0.8, linestyle=":", label="start")
-    ax.axhline(parameter.value, color="#d94801", linewidth=0.8, label="found")
-    low, high = parameter.value + parameter.standard_error * np.array([-1, 1])
-    ax.axhspan(low, high, color="#fd8d3c", alpha=0.35, linewidth=0, label="± standard error")
-    ax.set_title(
-        f"{parameter.name}: {parameter.value:.4g} ± {parameter.standard_error:.2g}", fontsize=9
+def _draw_parameters(ax: Any, calibration: Calibration) -> None:
+    """Show values and errors over those of the ruler, a row each, and the fine level's path."""
+    parameters = calibration.parameters
+    rows = np.arange(len(parameters))
+    starts, errors = np.array([(p.start, p.ruler_error) for p in parameters]).T
+    path = (calibration.path[-1].values - starts) / errors
+    ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
+    ax.axvline(0, color="black", linewidth=0.8)
+    ax.plot(
+        path.ravel(),
+        np.tile(rows, len(path)),
+        ".",
+        color=OKABE_ITO[0],
+        ms=3,
+        zorder=3,
+        label="search",
     )
-    ax.set_xticks(np.arange(len(calibration.path)) + 0.5)
-    ax.set_xticklabels(
-        ["{} x {}".format(*visited.photograph_shape) for visited in calibration.path], fontsize=7
-    )
-    ax.tick_params(labelsize=7)
-
-
-def _best_so_far(evidence: Array) -> NDArray[np.intp]:
-    """Return for each point visited, (n,), which one has the least evidence until then."""
-    least = np.minimum.accumulate(evidence)
-    is_best = np.arange(len(evidence)) * (evidence <= least)
-    return np.asarray(np.maximum.accumulate(is_best))
-
-
-def _range(calibration: Calibration, k: int) -> tuple[float, float]:
-    """Return the range of a parameter's start, end and descent; the search is wider."""
-    parameter = calibration.parameters[k]
-    ends = parameter.value + parameter.standard_error * np.array([-1, 1])
-    shown = np.concatenate([[parameter.start], ends, calibration.path[-1].values[:, k]])
-    margin = 0.08 * float(np.ptp(shown)) or 1.0
-    return float(shown.min()) - margin, float(shown.max()) + margin
+    kinds = ("by the photograph", OKABE_ITO[1], True), ("by the ruler", "0.55", False)
+    for label, colour, determined in kinds:
+        kept = [k for k in rows if parameters[k].determined == determined]
+        ax.errorbar(
+            [parameters[k].ruler_errors_off for k in kept],
+            kept,
+            xerr=[parameters[k].standard_error / errors[k] for k in kept],
+            fmt="o",
+            color=colour,
+            markersize=4,
+            capsize=2,
+            label=f"value ± standard error, {label}",
+        )
+    names = [f"{p.name} = {p.value:.4g} ± {p.standard_error:.2g}" for p in parameters]
+    ax.set_yticks(rows, names)
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlabel("value − measured value, over the measured value's standard error")
+    ax.figure.legend(loc="outside upper center", ncols=4)

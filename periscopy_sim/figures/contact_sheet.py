@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from periscopy_sim.figures.panels import Image
+from periscopy_sim.figures.style import drawn
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
 
@@ -34,28 +35,24 @@ def draw_contact_sheet(
     The titles stand above the columns, the notes beneath. Of more than `columns` columns, the
     others follow below. The text is `fontsize` points high.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     columns = min(columns or len(titles), len(titles))
     lines = -(-len(titles) // columns)
     aspects = [images[0].shape[0] / images[0].shape[1] for _, images in rows]
-    width = 1.35
-    size = (width * columns + 0.35, lines * (1.06 * width * sum(aspects) + 0.6))
-    layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
-    figure = Figure(figsize=size, layout=layout)
-    axes = figure.subplots(lines * len(rows), columns, height_ratios=aspects * lines, squeeze=False)
-    for ax in axes.flat:
-        ax.set(xticks=[], yticks=[])
-        ax.spines[:].set_visible(False)
-    for k, title in enumerate(titles):
-        line, column = divmod(k, columns)
-        below = axes[line * len(rows) : (line + 1) * len(rows), column]
-        for ax, (name, images) in zip(below, rows, strict=True):
-            ax.imshow(srgb_encode(images[k]), interpolation="nearest", aspect="equal")
-            if column == 0:
-                ax.set_ylabel(name, fontsize=fontsize)
-        below[0].set_title(title, fontsize=fontsize)
-        if notes is not None:
-            below[-1].set_xlabel(notes[k], fontsize=fontsize)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(1.35 * columns + 0.35, lines * (1.43 * sum(aspects) + 0.6))
+        figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
+        shape = lines * len(rows), columns
+        axes = figure.subplots(*shape, height_ratios=aspects * lines, squeeze=False)
+        for ax in axes.flat:
+            ax.set(xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        for k, title in enumerate(titles):
+            line, column = divmod(k, columns)
+            below = axes[line * len(rows) : (line + 1) * len(rows), column]
+            for ax, (name, images) in zip(below, rows, strict=True):
+                ax.imshow(srgb_encode(images[k]))
+                if column == 0:
+                    ax.set_ylabel(name, fontsize=fontsize)
+            below[0].set_title(title, fontsize=fontsize)
+            if notes is not None:
+                below[-1].set_xlabel(notes[k], fontsize=fontsize)

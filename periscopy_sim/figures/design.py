@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.evaluation.design import Row
-from periscopy_sim.figures.panels import OKABE_ITO, plain_ticks
+from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
 
 Array = NDArray[np.float64]
+Marked = Sequence[tuple[Row, Mapping[str, Any]]]
 
 DRAWN = {
     "bound": ("bound, without prior knowledge", 100.0),
@@ -26,11 +27,10 @@ FAILED = "0.85"
 MARKS = (
     "circle: as it stands; star: best by what was asked; grey: no scene, or undetermined patches"
 )
-MOST_DRAWN = 300.0
-"""Percent of white: larger errors leave nothing to see in an image."""
-
-STANDS: dict[str, Any] = {"marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4}
-BEST: dict[str, Any] = {"marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0}
+MARKERS: dict[str, dict[str, Any]] = {
+    "as it stands": {"ls": "", "marker": "o", "mfc": "none", "mec": "black", "ms": 7, "mew": 1.4},
+    "best": {"ls": "", "marker": "*", "mfc": "white", "mec": "black", "ms": 13, "mew": 1.0},
+}
 
 
 def draw_design(
@@ -47,32 +47,24 @@ def draw_design(
     Errors are in percent of white. Rows are `run_design`'s, failed points are grey; `grid` is the
     number of values of each parameter, None for draws.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(layout="constrained")
     shown = [name for name in DRAWN if any(row[name] is not None for row in rows)]
-    marked = [(rows[0], STANDS), *([] if best is None else [(best, BEST)])]
-    if len(rows[0]["values"]) == 2 and grid is not None and grid > 1:
-        _draw_maps(figure, rows, marked, shown, grid)
-    else:
-        _draw_curves(figure, rows, marked, shown)
-    figure.supxlabel("\n".join(filter(None, (caption, MARKS))), fontsize=8)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
-
-
-Marked = Sequence[tuple[Row, dict[str, Any]]]
+    marked = [(rows[0], MARKERS["as it stands"])]
+    if best is not None:
+        marked.append((best, MARKERS["best"]))
+    with drawn(path, metadata) as figure:
+        if len(rows[0]["values"]) == 2 and grid is not None and grid > 1:
+            _draw_maps(figure, rows, marked, shown, grid)
+        else:
+            _draw_curves(figure, rows, marked, shown)
+        figure.supxlabel("\n".join(filter(None, (caption, MARKS))))
 
 
 def _draw_curves(figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str]) -> None:
     """Draw the errors over each parameter, and below them the exposure time if there is one."""
-    from matplotlib.ticker import MaxNLocator
-
     names = list(rows[0]["values"])
     is_curve, columns = len(names) == 1, min(len(names), 3)
     lines = 2 if is_curve else -(-len(names) // columns)
-    figure.set_size_inches(
-        5.6 if is_curve else 3.4 * columns, 0.6 + (2.3 if is_curve else 2.6) * lines
-    )
+    figure.set_size_inches(5.6 if is_curve else 3.4 * columns, 0.6 + 2.5 * lines)
     grid = {"height_ratios": (2, 1), "sharex": True} if is_curve else {}
     axes = figure.subplots(lines, columns, squeeze=False, **grid).ravel()
     errors = [number for number in shown if number != "exposure_time"]
@@ -83,36 +75,40 @@ def _draw_curves(figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequen
     for ax, name, numbers in panels:
         order = sorted(rows, key=lambda row: float(row["values"][name]))
         for number in numbers:
-            look = {"color": colours[number], "label": DRAWN[number][0], "ms": 3 if is_curve else 5}
-            x, y = _values(order, name), _percent(order, number)
-            ax.plot(x, y, "-o" if is_curve else ".", lw=1.3, **look)
+            look = {"color": colours[number], "label": DRAWN[number][0]}
+            ax.plot(
+                _values(order, name), _percent(order, number), "-o" if is_curve else ".", **look
+            )
             for row, mark in marked:  # matplotlib leaves out NaN
-                ax.plot(_values([row], name), _percent([row], number), ls="", **mark)
+                ax.plot(_values([row], name), _percent([row], number), **mark)
         if is_curve:
             edges = _edges(np.unique(_values(rows[1:], name)))
             for x in _values([row for row in rows if row["failure"]], name):
                 cell = max(1, int(np.searchsorted(edges, x)))
                 ax.axvspan(*edges[cell - 1 : cell + 1], color=FAILED, lw=0, zorder=0)
-        _style(ax, MOST_DRAWN if numbers == errors else np.inf)
-        ax.xaxis.set_major_locator(MaxNLocator(5))
-        ax.set_xlabel(name, fontsize=9)
+        ax.set_yscale("log")
+        low, high = ax.get_ylim()
+        if numbers == errors:  # above 300 % of white an image shows nothing
+            ax.set_ylim(low, min(high, max(300.0, 2 * low)))
+        ax.grid(True, which="major")
+        plain_ticks(ax.yaxis)
+        ax.locator_params(axis="x", nbins=5)
+        ax.set_xlabel(name)
     for ax in axes[len(panels) :]:
         ax.set_axis_off()
     for ax in axes[::columns]:
-        ax.set_ylabel("standard error of a patch,\n% of white", fontsize=9)
+        ax.set_ylabel("standard error of a patch,\n% of white")
     if is_curve:
         axes[0].set_xlabel("")
-        axes[1].set_ylabel("exposure time for an\nequal bound, relative", fontsize=9)
+        axes[1].set_ylabel("exposure time for an\nequal bound, relative")
     handles, labels = axes[0].get_legend_handles_labels()
-    where = {"loc": "outside upper center", "fontsize": 8, "frameon": False}
-    figure.legend(handles, labels, ncols=1 if is_curve else 3, **where)
+    figure.legend(handles, labels, loc="outside upper center", ncols=1 if is_curve else 3)
 
 
 def _draw_maps(
     figure: Any, rows: Sequence[Row], marked: Marked, shown: Sequence[str], size: int
 ) -> None:
     from matplotlib.colors import LogNorm
-    from matplotlib.ticker import MaxNLocator
 
     across, up = rows[0]["values"]
     lines = -(-len(shown) // 2)
@@ -121,26 +117,23 @@ def _draw_maps(
     x, y = (_edges(np.unique(_values(rows[1:], name))) for name in (across, up))
     for ax, number in zip(axes.flat, shown, strict=True):
         ax.set_facecolor(FAILED)
-        ax.set_title(DRAWN[number][0], fontsize=9)
-        ax.tick_params(labelsize=8)
-        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.set_title(DRAWN[number][0])
+        ax.locator_params(axis="x", nbins=5)
         values = np.ma.masked_invalid(_percent(rows[1:], number).reshape(size, size).T)
         if values.mask.all():
             continue
         norm = LogNorm(values.min(), max(values.max(), 1.001 * values.min()))
         picture = ax.pcolormesh(x, y, values, norm=norm, cmap="viridis_r", shading="flat")
-        bar = figure.colorbar(picture, ax=ax, shrink=0.92)
-        bar.set_label("relative" if number == "exposure_time" else "% of white", fontsize=8)
-        bar.ax.tick_params(labelsize=8, which="both")
-        plain_ticks(bar.ax.yaxis)
+        unit = "relative" if number == "exposure_time" else "% of white"
+        plain_ticks(figure.colorbar(picture, ax=ax, shrink=0.92, label=unit).ax.yaxis)
         for row, mark in marked:
             h, v = (float(row["values"][name]) for name in (across, up))
             if x[0] <= h <= x[-1] and y[0] <= v <= y[-1]:
-                ax.plot(h, v, ls="", clip_on=False, **mark)
+                ax.plot(h, v, clip_on=False, **mark)
     for ax in axes[-1]:
-        ax.set_xlabel(across, fontsize=9)
+        ax.set_xlabel(across)
     for ax in axes[:, 0]:
-        ax.set_ylabel(up, fontsize=9)
+        ax.set_ylabel(up)
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:
@@ -156,15 +149,5 @@ def _percent(rows: Sequence[Row], number: str) -> Array:
 def _edges(values: Array) -> Array:
     """Return the edges of cells about ascending values."""
     half = np.diff(values) / 2 if len(values) > 1 else np.zeros(1)
-    return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1],
-                           [values[-1] + half[-1]]])  # fmt: skip
-
-
-def _style(ax: Any, most: float) -> None:
-    """Give a panel a logarithmic vertical axis that ends at `most`, and a grid."""
-    ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, min(high, max(most, 2 * low)))
-    ax.grid(True, which="major", color="0.9", lw=0.5)
-    ax.tick_params(labelsize=8, which="both")
-    plain_ticks(ax.yaxis)
+    middles = values[:-1] + half[: len(values) - 1]
+    return np.concatenate([[values[0] - half[0]], middles, [values[-1] + half[-1]]])

@@ -13,9 +13,6 @@ from periscopy_sim.figures.panels import displayable, panel_row
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
-HEIGHT = 3.0
-"""Inches of an image on the screen."""
-
 
 def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     """Return linear light as a screen wants it: encoded by the sRGB curve, in [0, 1].
@@ -83,13 +80,11 @@ def show(
     if not images or (titles is not None and len(titles) != len(images)):
         raise ValueError(f"{len(images)} images and {len(titles or ())} titles: give one for each")
     pictures = [to_srgb(image, white) for image in images]
-    names = titles or [
-        _title(image, picture) for image, picture in zip(images, pictures, strict=True)
-    ]
+    names = titles or list(map(_title, images, pictures))
     from matplotlib import pyplot as plt
 
     figure = plt.figure(layout="constrained")
-    axes = panel_row(figure, list(zip(names, pictures, strict=True)), HEIGHT)
+    axes = panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     return tuple(axes)
@@ -98,8 +93,7 @@ def show(
 def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
     """Return an image scaled to [0, 1], still linear, (rows, columns, 3)."""
     values = np.asarray(_array_of(image))
-    if values.ndim == 2:
-        values = values[..., None]
+    values = values[..., None] if values.ndim == 2 else values
     is_shaped = values.ndim == 3 and values.shape[2] in (1, 3) and values.size > 0
     if not is_shaped or values.dtype.kind not in "fiub":
         raise ValueError(
@@ -119,15 +113,11 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
 
 def _array_of(image: Any) -> Any:
     """Return the array of a solution, a background or a photograph, or what was given."""
-    for name in ("image", "photograph", "values"):
-        held = getattr(image, name, None)
-        if isinstance(held, np.ndarray):
-            return held
-    return image
+    held = (getattr(image, name, None) for name in ("image", "photograph", "values"))
+    return next((each for each in held if isinstance(each, np.ndarray)), image)
 
 
 def _title(image: Any, picture: NDArray[np.float64]) -> str:
     """Return what an image is, and its size."""
-    rows, columns = picture.shape[:2]
     what = "" if isinstance(image, np.ndarray) else f"{type(image).__name__}, "
-    return f"{what}{rows} x {columns}"
+    return "{}{} x {}".format(what, *picture.shape[:2])

@@ -1,4 +1,4 @@
-"""Pictures that a person can read."""
+"""Pictures of images, maps and errors, side by side."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
@@ -18,12 +19,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Image = NDArray[np.floating[Any]]
-
-COLUMN_WIDTH = 3.5
-"""Width of a journal's column, in inches."""
-
-OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Colours that the colour-blind tell apart, after Okabe and Ito, the darker first."""
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
@@ -52,7 +47,7 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
 
     The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
-    ax.set_title(title, fontsize=10)
+    ax.set_title(title)
     ax.set_axis_off()
     return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
 
@@ -72,9 +67,7 @@ def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, un
     colours = colormaps["RdBu_r"].with_extremes(bad="0.6")
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
-    bar = axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8)
-    bar.set_label(unit, fontsize=8)
-    bar.ax.tick_params(labelsize=8)
+    axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8, label=unit)
 
 
 def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -> Any:
@@ -90,21 +83,6 @@ def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -
     return axes
 
 
-def plain_ticks(axis: Any) -> None:
-    """Tick a logarithmic axis with plain numbers, as many as there is room for."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-
-    low, high = axis.get_view_interval()
-    span = np.log10(max(high, 1e-300) / max(low, 1e-300))
-    if span < 0.9:
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_minor_locator(LogLocator(subs=()))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if span < 2.5 else (1,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
 def draw_panels(
     path: Path,
     panels: Sequence[tuple[str, Image]],
@@ -112,19 +90,13 @@ def draw_panels(
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title.
-
-    The metadata are text chunks of a PNG, such as provenance.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(layout="constrained")
-    panel_row(figure, [(title, srgb_encode(image)) for title, image in panels], 2.6)
-    if caption:
-        width, height = figure.get_size_inches()
-        figure.set_size_inches(width, height + 0.25)
-        figure.supxlabel(caption, fontsize=9)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title."""
+    with drawn(path, metadata) as figure:
+        panel_row(figure, [(title, srgb_encode(image)) for title, image in panels], 2.6)
+        if caption:
+            width, height = figure.get_size_inches()
+            figure.set_size_inches(width, height + 0.25)
+            figure.supxlabel(caption)
 
 
 def draw_maps(
@@ -140,25 +112,20 @@ def draw_maps(
     The maps are (rows, columns). The label is the quantity and its unit.
     """
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
     values = np.concatenate([np.ravel(values) for _, values in maps])
     norm = LogNorm(float(values.min()), float(values.max()))
-    height = 1.1 + 3.1 * max(each.shape[0] / each.shape[1] for _, each in maps)
-    figure = Figure(figsize=(3.6 * len(maps) + 0.9, height), layout="constrained")
-    axes = figure.subplots(1, len(maps), squeeze=False)[0]
-    for ax, (title, values) in zip(axes, maps, strict=True):
-        picture = ax.imshow(values, norm=norm, cmap="viridis", interpolation="nearest")
-        ax.set_title(title, fontsize=10)
-        ax.set_xlabel("patch column", fontsize=9)
-        ax.tick_params(labelsize=8)
-    axes[0].set_ylabel("patch row", fontsize=9)
-    bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
-    plain_ticks(bar.ax.yaxis)
-    bar.ax.tick_params(labelsize=8, which="both")
-    if caption:
-        figure.supxlabel(caption, fontsize=9)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    aspect = max(each.shape[0] / each.shape[1] for _, each in maps)
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(3.6 * len(maps) + 0.9, 3.1 * aspect + 1.1)
+        axes = figure.subplots(1, len(maps), squeeze=False)[0]
+        for ax, (title, values) in zip(axes, maps, strict=True):
+            picture = ax.imshow(values, norm=norm, cmap="viridis")
+            ax.set(title=title, xlabel="patch column")
+        axes[0].set_ylabel("patch row")
+        bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
+        plain_ticks(bar.ax.yaxis)
+        figure.supxlabel(caption)
 
 
 def draw_certainty(
@@ -173,23 +140,19 @@ def draw_certainty(
     Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
     in percent of the image's 99th percentile.
     """
-    from matplotlib.figure import Figure
-
     white = float(np.percentile(image, 99)) or 1.0
     errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
-    aspect = image.shape[1] / image.shape[0]
-    width = max(5.2 * aspect + 1.0, 4.5)
-    figure = Figure(figsize=(width, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    show_light(left, "reconstruction", image, white)
-    top = float(errors.max()) or 1.0
-    shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
-    bar = figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
-    bar.ax.tick_params(labelsize=8)
-    sentences = ["Right: how far each patch may be off (one standard deviation)."]
-    sentences += [f"This assumes that {assumed}."] * bool(assumed)
-    figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences), fontsize=7.5)
-    figure.savefig(path, dpi=200, metadata=dict(metadata or {}))
+    width = max(5.2 * image.shape[1] / image.shape[0] + 1.0, 4.5)
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(width, 3.4)
+        left, right = figure.subplots(1, 2)
+        show_light(left, "reconstruction", image, white)
+        top = float(errors.max()) or 1.0
+        shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
+        figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
+        sentences = ["Right: how far each patch may be off (one standard deviation)."]
+        sentences += [f"This assumes that {assumed}."] * bool(assumed)
+        figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
 
 
 def draw_sweep(
@@ -200,45 +163,32 @@ def draw_sweep(
     The results are `run_sweep`'s. Lines are means over backgrounds and seeds, bands reach from
     their 10th to their 90th percentile. Where a method failed it is left out.
     """
-    from matplotlib.figure import Figure
-
     labels = ("algorithm", "sbr", "background", "seed")
     errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
-    figure = Figure(layout="constrained")
-    ax = figure.subplots()
     looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
-    for method, (colour, dashes) in zip(errors, looks, strict=False):
-        finite = {float(e["sbr"]): e.values[np.isfinite(e.values)] for e in method}
-        seen = {sbr: e for sbr, e in finite.items() if e.size}
-        if not seen:
-            continue
-        sbrs = list(seen)
-        low, high = np.transpose([np.percentile(e, (10, 90)) for e in seen.values()])
-        # The edge keeps the band of a single SBR in sight.
-        ax.fill_between(sbrs, low, high, color=colour, alpha=0.18, linewidth=0.8)
-        ax.plot(
-            sbrs, [e.mean() for e in seen.values()], label=method["algorithm"].item(),
-            color=colour, linestyle=dashes, linewidth=1.3, marker="o", markersize=2.6,
+    with drawn(path, metadata) as figure:
+        ax = figure.subplots()
+        for method, (colour, dashes) in zip(errors, looks, strict=False):
+            finite = {float(e["sbr"]): e.values[np.isfinite(e.values)] for e in method}
+            finite = {sbr: e for sbr, e in finite.items() if e.size}
+            if not finite:
+                continue
+            means = [e.mean() for e in finite.values()]
+            low, high = np.transpose([np.percentile(e, (10, 90)) for e in finite.values()])
+            name = method["algorithm"].item()
+            ax.plot([*finite], means, "o", ls=dashes, ms=2.6, color=colour, label=name)
+            # The edge keeps the band of a single SBR in sight.
+            ax.fill_between([*finite], low, high, color=colour, alpha=0.18, linewidth=0.8)
+        ax.set(
+            xscale="log", yscale="log",
+            xlabel="signal-to-background ratio", ylabel="mean squared error",
         )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    for axis in (ax.xaxis, ax.yaxis):
-        plain_ticks(axis)
-    ax.set_xlabel("signal-to-background ratio", fontsize=8)
-    ax.set_ylabel("mean squared error", fontsize=8)
-    ax.tick_params(labelsize=7, which="both")
-    ax.grid(True, which="major", linewidth=0.4, color="0.85")
-    ax.set_axisbelow(True)
-    names = [str(line.get_label()) for line in ax.lines]
-    side_by_side = 2 if max(map(len, names), default=0) <= 22 else 1
-    if names:  # above the axes: inside, it would hide a curve
-        figure.legend(
-            loc="outside upper center", ncols=side_by_side, fontsize=7, frameon=False,
-            handlelength=2.8,
-        )  # fmt: skip
-        figure.supxlabel(
-            "lines: mean over backgrounds and noise draws; bands: 10th to 90th percentile",
-            fontsize=6,
-        )
-    figure.set_size_inches(COLUMN_WIDTH, 2.75 + 0.13 * -(-len(names) // side_by_side))
-    figure.savefig(path, dpi=300, metadata=dict(metadata or {}))
+        for axis in (ax.xaxis, ax.yaxis):
+            plain_ticks(axis)
+        ax.grid(True, which="major")
+        names = [str(line.get_label()) for line in ax.lines]
+        columns = 2 if max(map(len, names), default=0) <= 22 else 1
+        if names:  # above the axes: inside, it would hide a curve
+            figure.legend(loc="outside upper center", ncols=columns, handlelength=2.8)
+        figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=6)
+        figure.set_size_inches(3.5, 2.75 + 0.13 * -(-len(names) // columns))

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from periscopy_sim.figures.panels import show_light, show_signed
+from periscopy_sim.figures.style import drawn
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from periscopy_sim.model.residual import Residual
 
 LEAST_RANGE = 4.0
@@ -28,9 +27,13 @@ def draw_residual(
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw a photograph, (rows, columns, 3), linear, beside its residual; see `Residual`."""
-    residual_figure(photograph, residual, caption).savefig(
-        path, dpi=200, metadata=dict(metadata or {})
-    )
+    values, bound, unit = residual_map(residual)
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(6.4 * values.shape[1] / values.shape[0] + 1.3, 3.6)
+        axes = figure.subplots(1, 2)
+        show_light(axes[0], "photograph", photograph)
+        show_signed(axes[1:], {"unexplained": values}, bound, unit)
+        figure.supxlabel(caption)
 
 
 def residual_map(residual: Residual) -> tuple[Array, float, str]:
@@ -39,27 +42,11 @@ def residual_map(residual: Residual) -> tuple[Array, float, str]:
     The map is the mean over the channels, divided by the standard deviation of its noise, or, if
     noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN.
     """
-    mean = residual.light.mean(axis=2)
-    if not residual.noise_alone:
-        level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1)
-        mean, unit = 100 * mean / (level or 1), "% of the photograph's root mean square"
-        least = 0.0
+    level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1) or 1.0
+    mean = residual.light.mean(axis=2) / level
+    if residual.noise_alone:
+        values, unit = mean * np.sqrt(3) / residual.noise_alone, "standard deviations of noise"
+        least = LEAST_RANGE
     else:
-        level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1)
-        mean = mean / (residual.noise_alone * level / np.sqrt(3))
-        least, unit = LEAST_RANGE, "standard deviations of noise"
-    return mean, max(least, float(np.nanpercentile(np.abs(mean), 99))) or 1.0, unit
-
-
-def residual_figure(photograph: Array, residual: Residual, caption: str = "") -> Figure:
-    """Return the figure that `draw_residual` saves."""
-    from matplotlib.figure import Figure
-
-    mean, bound, unit = residual_map(residual)
-    aspect = mean.shape[1] / mean.shape[0]
-    figure = Figure(figsize=(6.4 * aspect + 1.3, 3.6), layout="constrained")
-    axes = figure.subplots(1, 2)
-    show_light(axes[0], "photograph", photograph)
-    show_signed(axes[1:], {"unexplained": mean}, bound, unit)
-    figure.supxlabel(caption, fontsize=8)
-    return figure
+        values, unit, least = 100 * mean, "% of the photograph's root mean square", 0.0
+    return values, max(least, float(np.nanpercentile(np.abs(values), 99))) or 1.0, unit

@@ -91,14 +91,11 @@ def draw_video(
         "reconstruction": (images, white),
         **({} if known is None else {"truth": (known, 1.0)}),
     }
-    count = len(images)
 
     def moments() -> Iterator[list[Image]]:
-        for k in range(count):
+        for k in range(len(images)):
             yield [displayable(shown[k], level) for shown, level in panels.values()]
-            progress((k + 1) / count)
+            progress((k + 1) / len(images))
 
-    if path.suffix == ".png":
-        draw_animation(path, list(panels), moments(), count=count, rate=rate, metadata=text)
-    else:
-        draw_movie(path, list(panels), moments(), rate=rate, metadata=text)
+    draw = draw_animation if path.suffix == ".png" else draw_movie
+    draw(path, list(panels), moments(), rate=rate, metadata=text)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from shutil import copyfile
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -68,13 +68,20 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
     bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
     given = [measurements, *(laboratory.folder / body.file for body in bodies)]
     spare_inputs((out, *files.values()), given)
-    named = {files[name].name: mesh for name, mesh in meshes.items()}
-    _check(text, named, laboratory.camera.film, out)
-    with ExitStack() as stack:
-        staged = stack.enter_context(staged_file(out))  # in its place last, once its meshes are
+    with TemporaryDirectory() as folder:  # the scene is tried before it is written
+        trial = Path(folder) / out.name
+        trial.write_text(text, encoding="utf-8")
         for name, file in files.items():
-            write_ply(stack.enter_context(staged_file(file)), meshes[name])
-        staged.write_text(text, encoding="utf-8")
+            write_ply(trial.with_name(file.name), meshes[name])
+        rows, columns = (min(pixels, MOST_CHECKED) for pixels in laboratory.camera.film)
+        try:
+            load_scenario(trial, (1, 1), photograph=(rows, columns))
+        except SceneError as error:
+            raise SceneError(str(error).replace(folder, str(out.parent))) from None
+        with ExitStack() as stack:  # the scene is in its place last
+            for file in (out, *files.values()):
+                copy = stack.enter_context(staged_file(file))
+                copyfile(trial.with_name(file.name), copy)
     return out, *files.values()
 
 
@@ -123,17 +130,3 @@ def _unit_cylinder() -> TriangleMesh:
     axis = [[0, 0, 0], [0, 0, 1]]
     prism = trimesh.creation.cylinder(radius, segment=axis, sections=SIDES)
     return TriangleMesh(np.asarray(prism.vertices), np.asarray(prism.faces))
-
-
-def _check(text: str, meshes: Mapping[str, TriangleMesh], film: tuple[int, int], out: Path) -> None:
-    """Load a scene before it is written where it shall lie."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / out.name
-        path.write_text(text, encoding="utf-8")
-        for name, mesh in meshes.items():
-            write_ply(path.with_name(name), mesh)
-        rows, columns = (min(pixels, MOST_CHECKED) for pixels in film)
-        try:
-            load_scenario(path, (1, 1), photograph=(rows, columns))
-        except SceneError as error:
-            raise SceneError(str(error).replace(folder, str(out.parent))) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,24 +9,17 @@ import numpy as np
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Array
 
-LIKELY = 23.5
-"""Sum of squared deviations of 4 degrees of freedom that chance exceeds once in 10,000 times."""
-
-SHARPEST = 1e-4
-"""Least standard deviation of a corner, in metres."""
-
-NAMES = ("target_x", "target_z", "camera_roll", "field_of_view")
-
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """Where a camera looks, after `NAMES`: values and standard deviations, metres and degrees.
+    """Where a camera looks: x and z of its target on the wall, roll, and field of view.
 
-    `residual` is the root mean square distance of the corners from the measured ones, in metres.
+    Their values and standard deviations are in metres and degrees; `residual` is the root mean
+    square distance of the corners from the measured ones, in metres.
     """
 
-    values: Mapping[str, float]
-    errors: Mapping[str, float]
+    values: tuple[float, ...]
+    errors: tuple[float, ...]
     residual: float
 
 
@@ -59,6 +51,7 @@ def aim_at_corners(
         If no camera there sees these corners, to within the errors.
     """
     from scipy.optimize import approx_fprime, least_squares
+    from scipy.stats import chi2
 
     a, b, c, d = corners
     sides = np.stack([c - a, b - d], axis=1)
@@ -70,34 +63,27 @@ def aim_at_corners(
     rightwards = corners[1] + corners[2] - corners[0] - corners[3]
     roll = -np.degrees(np.arctan2(rightwards[1], rightwards[0]))
     start = np.array([*middle, roll, 2 * np.degrees(np.arctan(extent / away))])
-    scale = np.array([extent, extent, 30.0, 30.0])
 
-    def misfit(values: Array) -> Array:
-        seen = corners_seen(position, distance, film, *values)
-        return np.asarray((seen - corners).ravel() / extent)
+    def misfit(aim: Array, place: Array = position) -> Array:
+        return np.asarray((corners_seen(place, distance, film, *aim) - corners).ravel() / extent)
 
-    solution = least_squares(misfit, start, x_scale=scale)
-    misfits = misfit(solution.x) * extent
-    slopes = approx_fprime(
-        position, lambda moved: corners_seen(moved, distance, film, *solution.x).ravel(), 1e-6
-    )
-    covariance = np.diag(np.maximum(corner_errors, SHARPEST).ravel() ** 2)
+    solution = least_squares(misfit, start, x_scale=np.array([extent, extent, 30.0, 30.0]))
+    slopes = approx_fprime(position, lambda place: misfit(solution.x, place), 1e-6)
+    # Corners are never known better than to a tenth of a millimetre.
+    covariance = np.diag(np.maximum(corner_errors, 1e-4).ravel() ** 2) / extent**2
     covariance += (slopes * position_errors**2) @ slopes.T
-    J = solution.jac * extent
-    inverse = np.linalg.pinv(J)
-    others = np.linalg.svd(J)[0][:, J.shape[1] :]  # misfits that no aim of the camera explains
-    unexplained = others.T @ misfits
-    spread = others.T @ covariance @ others
-    residual = float(np.sqrt(np.mean(misfits**2) * 2))
-    if not unexplained @ np.linalg.solve(spread, unexplained) < LIKELY:
+    inverse = np.linalg.pinv(solution.jac)
+    others = np.linalg.svd(solution.jac)[0][:, 4:]  # misfits that no aim of the camera explains
+    unexplained, spread = others.T @ solution.fun, others.T @ covariance @ others
+    residual = extent * float(np.sqrt(np.mean(solution.fun**2) * 2))
+    if not chi2.sf(unexplained @ np.linalg.solve(spread, unexplained), 4) >= 1e-4:
         raise ConfigurationError(
             "camera: from its position it cannot see these corners: they are "
             f"{1000 * residual:.0f} mm (rms) from those of the nearest picture of square pixels; "
             "check position, corners, their order (as the camera sees them) and film"
         )
     errors = np.sqrt(np.diag(inverse @ covariance @ inverse.T))
-    named = dict(zip(NAMES, map(float, solution.x), strict=True))
-    return Aim(named, dict(zip(NAMES, map(float, errors), strict=True)), residual)
+    return Aim(tuple(solution.x.tolist()), tuple(errors.tolist()), residual)
 
 
 def corners_seen(

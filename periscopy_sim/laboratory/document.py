@@ -21,10 +21,10 @@ from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 SIDES = ("left", "right", "bottom", "top")
-"""Of a frame; its bars are called after them."""
+"""The bars of a frame."""
 
 PLACES = ("center", "top_left", "top_right", "bottom_left", "bottom_right")
-"""Of the monitor."""
+"""The places by one of which a monitor is known."""
 
 TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal", "field"}
 """First words of the scene's own names; no occluder may be called so."""
@@ -71,16 +71,11 @@ class Wall(Strict):
     reflectance: Reflectance = (0.8, 0.8, 0.8)
 
 
-class _Camera(Strict):
-    """Film of all cameras, in pixels."""
-
-    film: RowsAndColumns
-
-
-class PerspectiveCamera(_Camera):
+class PerspectiveCamera(Strict):
     """A camera in the room: where it stands, where it looks, how wide or how high it sees."""
 
     kind: Literal["perspective"]
+    film: RowsAndColumns
     position: Place
     target: OnWall | None = None
     turn: Angle | None = None
@@ -114,18 +109,20 @@ class Corners(Strict):
     bottom_left: OnWall
 
 
-class CornersCamera(_Camera):
+class CornersCamera(Strict):
     """A camera whose direction and field of view follow from the four corners of what it sees."""
 
     kind: Literal["corners"]
+    film: RowsAndColumns
     position: Place
     corners: Corners
 
 
-class RectifiedCamera(_Camera):
+class RectifiedCamera(Strict):
     """A picture that was brought to an upright rectangle of the wall."""
 
     kind: Literal["rectified"]
+    film: RowsAndColumns
     bottom_left: OnWall
     width: Size
     height: Size
@@ -316,20 +313,8 @@ class Laboratory(Strict):
 
 
 def load_laboratory(path: str | Path) -> Laboratory:
-    """Read the measurements of a laboratory.
+    """Read the measurements of a laboratory from a YAML file like `EXAMPLE`.
 
-    Parameters
-    ----------
-    path
-        A YAML file, as ``periscopy lab --example`` prints one.
-
-    Returns
-    -------
-    Laboratory
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no YAML, or a number is missing, has no unit, or is out of range; with its line.
+    A ConfigurationError names the line where a number is missing, has no unit or is out of range.
     """
     return read_yaml(Path(path), Laboratory)

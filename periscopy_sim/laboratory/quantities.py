@@ -17,8 +17,8 @@ LENGTHS = {"m": "1", "cm": "0.01", "mm": "0.001", "in": "0.0254", "ft": "0.3048"
 ANGLES = {"deg": "1", "degree": "1", "degrees": "1", "°": "1"}
 """Units of angle in degrees."""
 
-LONGEST, WIDEST, HIGHEST = 1000, 360, 1000
-"""Metres, degrees and exponents that a laboratory may have."""
+LARGEST = 1000
+"""Metres, degrees or exponents that a laboratory may have."""
 
 _NUMBER = r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)"
 _UNIT = r"\s*([^\W\d_]+|°)?\s*"
@@ -40,12 +40,12 @@ EXACTLY_0 = Measured(0.0, 0.0)
 
 
 def parse_quantity(
-    given: Any, units: Mapping[str, str], example: str, most: float, above: float = -np.inf
+    given: Any, units: Mapping[str, str], example: str, above: float = -np.inf
 ) -> Measured:
     """Return a number from text such as ``12.5 cm +- 3 mm``, in the unit of factor 1.
 
     Also ``12.5 +- 0.3 cm``. No units are those of a bare number. A ValueError says that it is no
-    number with a unit, not above `above`, or beyond `most`.
+    number with a unit, not above `above`, or beyond `LARGEST`.
     """
     if isinstance(given, Measured):
         return given
@@ -59,8 +59,8 @@ def parse_quantity(
         raise ValueError(f"the error in '{given}' is negative; write it as in '{example}'")
     if value <= above:
         raise ValueError(f"'{given}' is not positive; give a larger number")
-    if max(abs(value), spread or 0) > most:
-        raise ValueError(f"'{given}' is beyond {most:g}; check the number and its unit")
+    if max(abs(value), spread or 0) > LARGEST:
+        raise ValueError(f"'{given}' is beyond {LARGEST}; check the number and its unit")
     return Measured(value, spread)
 
 
@@ -77,17 +77,15 @@ def _in_base(
     return float(Decimal(number) * Decimal(units[unit]))
 
 
-def _reader(
-    units: Mapping[str, str], example: str, most: float, above: float = -np.inf
-) -> BeforeValidator:
-    return BeforeValidator(lambda given: parse_quantity(given, units, example, most, above))
+def _reader(units: Mapping[str, str], example: str, above: float = -np.inf) -> BeforeValidator:
+    return BeforeValidator(lambda given: parse_quantity(given, units, example, above))
 
 
-Length = Annotated[Measured, _reader(LENGTHS, "12.5 cm +- 3 mm", LONGEST)]
+Length = Annotated[Measured, _reader(LENGTHS, "12.5 cm +- 3 mm")]
 """Metres."""
-Size = Annotated[Measured, _reader(LENGTHS, "12.5 cm +- 3 mm", LONGEST, 0.0)]
+Size = Annotated[Measured, _reader(LENGTHS, "12.5 cm +- 3 mm", 0.0)]
 """Metres, more than 0."""
-Angle = Annotated[Measured, _reader(ANGLES, "30 deg +- 1 deg", WIDEST)]
+Angle = Annotated[Measured, _reader(ANGLES, "30 deg +- 1 deg")]
 """Degrees."""
-Exponent = Annotated[Measured, _reader({}, "18 +- 2", HIGHEST, np.nextafter(0, -1))]
+Exponent = Annotated[Measured, _reader({}, "18 +- 2", np.nextafter(0, -1))]
 """A bare number, 0 or more."""

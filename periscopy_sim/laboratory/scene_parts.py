@@ -6,12 +6,12 @@ half of it a scaling by -2, a shift by the width, and a scaling by -1/2.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.corners import Aim, aim_at_corners, corners_seen
+from periscopy_sim.laboratory.corners import aim_at_corners, corners_seen
 from periscopy_sim.laboratory.document import (
     Box,
     CornersCamera,
@@ -28,11 +28,9 @@ from periscopy_sim.laboratory.quantities import EXACTLY_0, Measured
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
 from periscopy_sim.scenario import Array
 
-LEAST_WALL = 1.0
-"""Metres that the wall reaches, at least, to each side of the middle of the camera's view."""
-
-BEYOND = 1.5
-"""Size of the wall over the camera's view of it: numbers may change."""
+WALL = {"least": 1.0, "beyond": 1.5}
+"""Metres that the wall reaches at least to each side of the middle of the camera's view; its size
+over that of the view: numbers may change."""
 
 CYLINDER = "cylinder"
 """Name of the mesh that cylinders share."""
@@ -47,14 +45,14 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     `meshes` maps the name of each occluder that is a mesh, and `CYLINDER`, to its file beside the
     scene. A number without an error, or corners that no camera sees, is a `ConfigurationError`.
     """
-    scene, camera = SceneText(laboratory), laboratory.camera
-    _require_before_wall(laboratory)
-    aim = _aim_of(laboratory, camera) if isinstance(camera, CornersCamera) else None
-    _add_wall(scene, laboratory, _view(laboratory, aim))
+    scene, camera, note = SceneText(laboratory), laboratory.camera, ""
+    if isinstance(camera, CornersCamera):
+        camera, note = _aimed(laboratory, camera)
+    _add_wall(scene, laboratory, _view(camera, laboratory.wall.distance.value))
     if isinstance(camera, RectifiedCamera):
         _add_rectified(scene, camera)
     else:
-        _add_camera(scene, camera, aim)
+        _add_camera(scene, camera, note)
     _add_monitor(scene, laboratory)
     to_world: dict[str, list[str]] = {"": []}  # from each occluder's own coordinates
     for body in laboratory.occluders:
@@ -63,23 +61,8 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     return scene.text(title)
 
 
-def _require_before_wall(laboratory: Laboratory) -> None:
-    """Reject a camera, a monitor or an occluder behind the wall."""
-    places = {f"monitor.{name}": place for name, place in laboratory.monitor.places.items()}
-    if not isinstance(laboratory.camera, RectifiedCamera):
-        places["camera.position"] = laboratory.camera.position
-    for body in laboratory.occluders:
-        # Places of borne occluders are in their bearer's coordinates, or in a mesh file's.
-        if not body.bearer and getattr(body, "anchor", "") != "origin":
-            for name in ("start", "end", "position"):
-                places[f"occluder '{body.name}': {name}"] = getattr(body, name, None)
-    for entry, place in places.items():
-        if place is not None and place[1].value >= laboratory.wall.distance.value:
-            raise ConfigurationError(f"{entry}: it lies behind the wall; its y is too large")
-
-
-def _aim_of(laboratory: Laboratory, camera: CornersCamera) -> Aim:
-    """Return the direction and field of view that follow from a camera's corners."""
+def _aimed(laboratory: Laboratory, camera: CornersCamera) -> tuple[PerspectiveCamera, str]:
+    """Return the camera whose picture has the measured corners, and how well it fits them."""
     default = laboratory.errors.length or EXACTLY_0
 
     def error(measured: Measured) -> float:
@@ -87,7 +70,7 @@ def _aim_of(laboratory: Laboratory, camera: CornersCamera) -> Aim:
 
     named = camera.corners
     corners = (named.top_left, named.top_right, named.bottom_right, named.bottom_left)
-    return aim_at_corners(
+    aim = aim_at_corners(
         np.array([each.value for each in camera.position]),
         laboratory.wall.distance.value,
         np.array([[each.value for each in corner] for corner in corners]),
@@ -95,19 +78,26 @@ def _aim_of(laboratory: Laboratory, camera: CornersCamera) -> Aim:
         np.array([error(each) for each in camera.position]),
         np.array([[error(each) for each in corner] for corner in corners]),
     )
+    x, z, roll, width = map(Measured, aim.values, aim.errors)
+    note = (
+        "Found from the four corners on the wall, which this leaves by "
+        f"{1000 * aim.residual:.2g} mm (rms): the wall's point in the picture's middle, how far "
+        "the camera is rolled clockwise, and the angle of the picture's width."
+    )
+    solution = PerspectiveCamera(
+        kind="perspective", film=camera.film, position=camera.position, target=(x, z), roll=roll,
+        field_of_view=width,
+    )  # fmt: skip
+    return solution, note
 
 
-def _view(laboratory: Laboratory, aim: Aim | None) -> Array:
+def _view(camera: PerspectiveCamera | RectifiedCamera, distance: float) -> Array:
     """Return x and z of the wall's points in the corners of the picture, (4, 2)."""
-    camera, distance = laboratory.camera, laboratory.wall.distance.value
     if isinstance(camera, RectifiedCamera):
         x, z = (each.value for each in camera.bottom_left)
         right, top = x + camera.width.value, z + camera.height.value
         return np.array([(x, top), (right, top), (right, z), (x, z)])
     position = np.array([each.value for each in camera.position])
-    if aim is not None:
-        return corners_seen(position, distance, camera.film, *aim.values.values())
-    assert isinstance(camera, PerspectiveCamera)
     if camera.target is not None:
         x, z = (each.value for each in camera.target)
     else:
@@ -129,55 +119,38 @@ def _add_wall(scene: SceneText, laboratory: Laboratory, view: Array) -> None:
     """Add a wall that reaches beyond the camera's view of it."""
     low, high = view.min(axis=0), view.max(axis=0)
     x, z = map(float, np.round((low + high) / 2, 2))
-    half = max(LEAST_WALL, float(np.ceil(100 * BEYOND * np.max(high - low) / 2) / 100))
+    half = max(WALL["least"], float(np.ceil(50 * WALL["beyond"] * np.max(high - low)) / 100))
     scene.section("The wall: its y.")
     y = scene.declare("wall_distance", laboratory.wall.distance, "length", "wall.distance")
     place = tag("scale", value=half), tag("rotate", x=1, angle=90), tag("translate", x=x, y=y, z=z)
     scene.add("rectangle", "wall", transform(*place), paint(laboratory.wall.reflectance))
 
 
-def _add_camera(
-    scene: SceneText, camera: PerspectiveCamera | CornersCamera, aim: Aim | None
-) -> None:
+def _add_camera(scene: SceneText, camera: PerspectiveCamera, note: str) -> None:
     scene.section("The camera: its place, where it looks, how wide.")
     place = scene.place("camera", camera.position, "camera.position")
-    target: Iterable[Measured] | None
-    field, side = "field_of_view", "x"
-    if aim is not None:
-        solution = {name: Measured(value, aim.errors[name]) for name, value in aim.values.items()}
-        scene.section(
-            "Found from the four corners on the wall, which this leaves by "
-            f"{1000 * aim.residual:.2g} mm (rms): the wall's point in the picture's middle, how "
-            "far the camera is rolled clockwise, and the angle of the picture's width."
-        )
-        target = (solution["target_x"], solution["target_z"])
-        roll, width = solution["camera_roll"], solution["field_of_view"]
-    else:
-        assert isinstance(camera, PerspectiveCamera)
-        target, roll = camera.target, camera.roll
-        if camera.field_of_view is None:
-            field, side = "vertical_field_of_view", "y"
-        width = getattr(camera, field)
-    rolled = scene.declare("camera_roll", roll, "angle", "camera.roll")
+    if note:
+        scene.section(note)
+    rolled = scene.declare("camera_roll", camera.roll, "angle", "camera.roll")
     tags = [tag("rotate", z=1, angle=rolled)]
-    if target is not None:
-        scene.place("target", target, "camera.target", "xz")
+    if camera.target is not None:
+        scene.place("target", camera.target, "camera.target", "xz")
         eye, point = "$camera_x, $camera_y, $camera_z", "$target_x, $wall_distance, $target_z"
         tags.append(tag("lookat", origin=eye, target=point, up="0, 0, 1"))
     else:
-        assert isinstance(camera, PerspectiveCamera)
         tags.append(tag("lookat", origin="0, 0, 0", target="0, 1, 0", up="0, 0, 1"))
         for name, axis in (("tilt", "x"), ("turn", "z")):
             angle = getattr(camera, name) or EXACTLY_0
             declared = scene.declare(f"camera_{name}", angle, "angle", f"camera.{name}")
             tags.append(tag("rotate", **{axis: 1, "angle": declared}))
         tags.append(place)
-    angle = scene.declare(field, width, "angle", f"camera.{field}")
+    field = "vertical_field_of_view" if camera.field_of_view is None else "field_of_view"
+    angle = scene.declare(field, getattr(camera, field), "angle", f"camera.{field}")
     scene.add_camera(
         "perspective",
         camera.film,
         tag("float", name="fov", value=angle),
-        tag("string", name="fov_axis", value=side),
+        tag("string", name="fov_axis", value="x" if field == "field_of_view" else "y"),
         transform(*tags),
     )
 

@@ -31,20 +31,19 @@ class LiveLaboratory:
         show: Callable[[LivePictures], None],
         tell: Callable[[str], None],
     ) -> None:
-        self._levels = {"coarse": coarse, "full": full}
+        self._coarse, self._full = coarse, full
         self._show, self._tell = show, tell
         self._changed = Condition()
         self._choice: Choice | None = None
-        self._number = 0  # of the latest wish
-        self._rests = 0.0  # when it counts as at rest
-        self._done = {"coarse": 0, "full": 0}  # the number of the last wish of each level
+        self._behind: list[Level] = []  # the latest wish, coarse before full
+        self._rests = 0.0  # when the latest wish counts as at rest
         self._save: Save | None = None
         self._stopped = False
 
     def want(self, choice: Choice, rest: float = 0.0) -> None:
         """Ask for pictures; in full, unless another wish comes within so many seconds."""
         with self._changed:
-            self._choice, self._number = choice, self._number + 1
+            self._choice, self._behind = choice, [self._coarse, self._full]
             self._rests = time.monotonic() + rest
             self._changed.notify()
 
@@ -55,21 +54,24 @@ class LiveLaboratory:
             self._changed.notify()
 
     def stop(self) -> None:
-        """End `run`."""
+        """End `run` after the present stage of its work."""
         with self._changed:
             self._stopped = True
             self._changed.notify()
 
     def run(self) -> None:
-        """Follow the wishes until `stop`, or an interrupt."""
+        """Follow the wishes until `stop`."""
         pictures = None
         while (work := self._next()) is not None:
             try:
-                if isinstance(work, str):
-                    pictures = None
-                    pictures = self._follow(work)
-                elif pictures is not None:
-                    work(pictures)
+                if callable(work):
+                    if pictures is not None:
+                        work(pictures)
+                    continue
+                pictures = None
+                pictures = self._pictures(work)
+                self._show(pictures)
+                self._tell("")
             except Overtaken:
                 pass
             except Exception as error:  # one wish that fails must not end the page
@@ -79,33 +81,26 @@ class LiveLaboratory:
                     text = f"{type(error).__name__}: {text}"
                 self._tell(text)
 
-    def _next(self) -> str | Save | None:
+    def _next(self) -> Level | Save | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
                 pause = None
-                if self._done["coarse"] != self._number:
-                    return "coarse"
-                if self._done["full"] != self._number:
-                    pause = self._rests - time.monotonic()
+                if self._behind:
+                    is_coarse = self._behind[0] is self._coarse
+                    pause = 0.0 if is_coarse else self._rests - time.monotonic()
                     if pause <= 0:
-                        return "full"
+                        return self._behind.pop(0)
                 elif self._save is not None:
                     save, self._save = self._save, None
                     return save
                 self._changed.wait(pause)
         return None
 
-    def _follow(self, size: str) -> LivePictures:
-        with self._changed:
-            number, choice = self._number, self._choice
-            self._done[size] = number
-        assert choice is not None
+    def _pictures(self, level: Level) -> LivePictures:
+        assert self._choice is not None
 
         def is_overtaken() -> bool:  # coarse pictures are finished, so that a drag shows some
-            return self._stopped or (size == "full" and number != self._number)
+            return self._stopped or (level is self._full and self._coarse in self._behind)
 
-        pictures = self._levels[size].pictures(choice, is_overtaken)
-        self._show(pictures)
-        self._tell("")
-        return pictures
+        return level.pictures(self._choice, is_overtaken)

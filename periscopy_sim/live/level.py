@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.explanation.resolution_level import COVERED, MOST_PATCHES, fitted
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.photograph import blackened
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -33,12 +32,10 @@ COARSE = 32, 12
 from a scene that has moved to its pictures."""
 
 RAYS = {True: 4, False: 16}
-"""Of a patch for each wall point, where a scene has no closed form; fewer at the coarse size."""
+"""Rays per patch and wall point where a scene has no closed form; fewer at the coarse size."""
 
 SEED = 0
-"""Of all noise: the same while a scene moves, so that pictures do not flicker."""
-
-Mask = NDArray[np.bool_]
+"""The noise is the same while a scene moves: pictures do not flicker."""
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
@@ -46,40 +43,19 @@ class Overtaken(Exception):  # noqa: N818  nothing is wrong
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """A given photograph, (rows, columns, 3), and where the mask keeps it, (rows, columns)."""
-
-    values: Array
-    used: Mask | None = None
-
-    def averaged(self, shape: tuple[int, int]) -> Shot:
-        """Return it with fewer pixels; the mask excludes those that it mostly covers."""
-        if shape == self.values.shape[:2]:
-            return self
-        used = np.ones(self.values.shape[:2], bool) if self.used is None else self.used
-        coverage = area_average(used[..., None], shape)
-        light = area_average(blackened(self.values, used), shape)
-        kept = coverage > COVERED
-        means = np.where(kept, light / np.where(kept, coverage, 1), 0)
-        return Shot(means, None if kept.all() else kept[..., 0])
-
-
-@dataclass(frozen=True, eq=False)
 class LivePictures:
-    """A laboratory's photograph, (rows, columns, 3), and its reconstruction, (R, C, 3).
+    """A laboratory's photograph and its reconstruction, (R, C, 3).
 
-    `scenario` has the values of the choice, which the method believes. `used`, (rows, columns), is
-    where the mask keeps the wall, None for everywhere. `is_dark` says that the ambient light has
-    not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden image is unknown;
-    `report` is the method's, of a given photograph with its residual.
+    `scenario` has the values of the choice, which the method believes. `is_dark` says that the
+    ambient light has not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden
+    image is unknown; `report` is the method's, of a given photograph with its residual.
     """
 
     choice: Choice
     scenario: Scenario
     is_coarse: bool
     truth: Array | None
-    photograph: Array
-    used: Mask | None
+    photograph: Photograph
     is_dark: bool
     image: NDArray[np.float32]
     psnr: float | None
@@ -91,8 +67,8 @@ class Level:
     """A laboratory whose photograph and hidden image have certain sizes.
 
     `given` are values of those ``<default>``s that stay. `light` returns the light of a place,
-    (rows, columns, 3) of the full size, or None before it has come. `shot` is a given photograph of
-    any size, None for synthetic ones. A level keeps its last results, and computes only those anew
+    (rows, columns, 3) of any size, or None before it has come. `photograph` is a given one of any
+    size, None for synthetic ones. A level keeps its last results, and computes only those anew
     whose choices changed.
     """
 
@@ -100,17 +76,16 @@ class Level:
         self,
         path: Path,
         given: Mapping[str, str],
-        photograph: tuple[int, int],
-        hidden: tuple[int, int],
+        sizes: tuple[tuple[int, int], tuple[int, int]],
         light: Callable[[str], Array | None],
-        shot: Shot | None = None,
+        photograph: Photograph | None = None,
         *,
         is_coarse: bool,
     ) -> None:
         self._path, self._given = path, dict(given)
-        self.photograph_shape, self.hidden_shape = photograph, hidden
+        self.photograph_shape, self.hidden_shape = sizes
         self._light, self.is_coarse = light, is_coarse
-        self._shot = None if shot is None else shot.averaged(photograph)
+        self._given_photograph = photograph and averaged(photograph, self.photograph_shape)
         self._kept: dict[str, tuple[object, Any]] = {}
 
     def scenario(self, given: Mapping[str, str]) -> Scenario:
@@ -132,7 +107,7 @@ class Level:
             if is_overtaken():
                 raise Overtaken
 
-        begun = time.perf_counter()
+        start = time.perf_counter()
         values = tuple(choice.values.values())
         scenario, A = self._keep("A", values, lambda: self._transport(choice.values))
         unless_overtaken()
@@ -140,34 +115,34 @@ class Level:
         if choice.image:
             path = find_image(choice.image)
             truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
-        shot, is_dark = self._shot, False
-        if shot is None:
-            shot, is_dark = self._expose(choice, truth, scenario, A)
+        photograph, is_dark = self._given_photograph, False
+        if photograph is None:
+            photograph, is_dark = self._expose(choice, truth, scenario, A)
             unless_overtaken()
-        used = shot.used
+        mask = photograph.mask
         B = self._keep(
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
         )
         method = self._keep(
             "method", (choice.method, values),
-            lambda: fit_method(choice.method, scenario, A, B, used),
+            lambda: fit_method(choice.method, scenario, A, B, mask),
         )  # fmt: skip
         unless_overtaken()
         report = Report()
         with own_errors(choice.method, "failed"):
             if isinstance(method, StillMethod):
-                solution = method.solve(shot.values)
+                solution = method.solve(photograph.values)
                 image = np.asarray(solution.image, np.float32)
-                report = method.report(shot.values, solution)
-                if self._shot is None:
+                report = method.report(photograph.values, solution)
+                if self._given_photograph is None:
                     report = replace(report, residual=None)
             else:
-                image = image_by(method, shot.values, self.hidden_shape)
+                image = image_by(method, photograph.values, self.hidden_shape)
         unless_overtaken()
         return LivePictures(
-            choice, scenario, self.is_coarse, truth, shot.values, used, is_dark, image,
+            choice, scenario, self.is_coarse, truth, photograph, is_dark, image,
             None if truth is None else psnr(image, truth),
-            report, seconds=time.perf_counter() - begun,
+            report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 
     def _keep(self, name: str, key: object, make: Callable[[], Any]) -> Any:
@@ -190,7 +165,7 @@ class Level:
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
-    ) -> tuple[Shot, bool]:
+    ) -> tuple[Photograph, bool]:
         """Return a photograph, y = A f + b + noise, and whether its b is still missing."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
@@ -201,15 +176,45 @@ class Level:
         y /= y.mean()
         ambient = self._light(choice.place) if choice.place else None
         if ambient is not None:
-            y = composite(y, area_average(ambient, self.photograph_shape), choice.sbr)
-        return Shot(add_noise(y, choice.snr, SEED)), bool(choice.place) and ambient is None
+            y = composite(y, enlarged(ambient, self.photograph_shape), choice.sbr)
+        return Photograph(add_noise(y, choice.snr, SEED)), bool(choice.place) and ambient is None
+
+
+def averaged(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
+    """Return a photograph with fewer pixels; the mask excludes those that it mostly covers."""
+    if shape == photograph.shape:
+        return photograph
+    mask = np.ones(photograph.shape, bool) if photograph.mask is None else photograph.mask
+    coverage = area_average(mask[..., None], shape)
+    light = area_average(blackened(photograph.values, mask), shape)
+    used = coverage > 0.5
+    means = np.where(used, light / np.where(used, coverage, 1), 0)
+    return Photograph(means, None if used.all() else used[..., 0])
+
+
+def enlarged(light: Array, shape: tuple[int, int]) -> Array:
+    """Return smooth light of more pixels, by cubic splines; nowhere darker than it was."""
+    from scipy import ndimage
+
+    factors = [more / fewer for more, fewer in zip(shape, light.shape[:2], strict=True)]
+    finer: Array = ndimage.zoom(light, [*factors, 1], mode="nearest", grid_mode=True)
+    return np.asarray(np.maximum(finer, light.min()))
 
 
 def coarse_sizes(
     photograph: tuple[int, int], hidden: tuple[int, int], used: float = 1.0
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the coarse sizes of a photograph, used in part, and of a hidden image."""
+    """Return the coarse sizes of a photograph, of which a fraction is used, and a hidden image.
+
+    At least twice as many pixels as patches are used.
+    """
     pixels, patches = COARSE
-    shape, size = fitted(photograph, pixels), fitted(hidden, patches)
-    fewer = min(1.0, float(np.sqrt(MOST_PATCHES * used * np.prod(shape) / np.prod(size))))
-    return shape, fitted(size, max(1, int(fewer * max(size))))
+    shape = _shrunk(photograph, pixels)
+    most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
+    return shape, _shrunk(hidden, int(min(patches, most)))
+
+
+def _shrunk(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
+    factor = min(1.0, longest / max(size))
+    return max(1, round(factor * size[0])), max(1, round(factor * size[1]))

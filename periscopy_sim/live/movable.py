@@ -16,20 +16,9 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
 from periscopy_sim.scenario import Array, Scenario
 
-REACH = 10.0
-"""Standard errors of the prior to either side of a slider: farther than anyone calibrates."""
-
-FAR = 0.1
-"""Metres by which things move at a slider's ends, where the scene declares no error."""
-
-STEPS = 200
-"""Of a slider, at least, from its middle to either end."""
-
-NUDGE = 1e-3
-"""Change of a parameter that shows what it moves; relative, unless the parameter is 0."""
-
-STILL, RIGID = 1e-7, 1e-3
-"""Metres that count as not moved, and relative deviation from a rigid shift: single precision."""
+SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
+"""Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
+the scene declares none, in metres by which things move; least steps from the middle to an end."""
 
 Moves = dict[str, tuple[frozenset[str], Array]]
 """The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
@@ -90,8 +79,8 @@ def find_movables(
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
     document, errors = read_document(path), declared_errors(path, given)
-    here = load(given)
-    before = _parts(here)
+    scenario = load(given)
+    parts = _parts(scenario)
     movables: list[Movable] = []
     moves: Moves = {}
     for name, text in document.defaults.items():
@@ -99,29 +88,31 @@ def find_movables(
             continue
         try:
             value = float(given.get(name, text))
-            nudge = NUDGE * (abs(value) or 1.0)
-            there = load({**given, name: f"{value + nudge:.17g}"})
+            nudge = 1e-3 * (abs(value) or 1.0)
+            nudged = load({**given, name: f"{value + nudge:.17g}"})
         except (ValueError, SceneError):
             continue
-        if there.photograph_shape != here.photograph_shape:
+        if nudged.photograph_shape != scenario.photograph_shape:
             continue
-        moved = {
-            part: (points - before[part]) / nudge
-            for part, points in _parts(there).items()
-            if part in before and points.shape == before[part].shape
-            and np.abs(points - before[part]).max() > STILL
+        speeds = {
+            part: (points - parts[part]) / nudge
+            for part, points in _parts(nudged).items()
+            if part in parts and points.shape == parts[part].shape
+            and not np.allclose(points, parts[part], rtol=0, atol=1e-7)  # single precision
         }  # fmt: skip
-        if (shift := _shift(moved)) is not None:
-            moves[name] = frozenset(moved), shift
-        farthest = max((np.linalg.norm(m, axis=1).max() for m in moved.values()), default=0.0)
-        movables.append(_movable(name, value, errors.get(name, 0.0), farthest, name in moves))
+        shift = _shift(speeds)
+        if shift is not None:
+            moves[name] = frozenset(speeds), shift
+        fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
+        reach = _reach(value, errors.get(name, 0.0), float(fastest), is_place=shift is not None)
+        movables.append(_movable(name, value, reach, is_place=shift is not None))
     if not movables:
         raise SceneError(
             f"scene '{path}' declares nothing that can be moved; declare a number, such as "
             '<default name="occluder_dx" value="0"/>, and use it as $occluder_dx'
         )
     values = {each.name: each.value for each in movables}
-    return tuple(movables), tuple(_handles(values, moves, before))
+    return tuple(movables), tuple(_handles(values, moves, parts))
 
 
 def _parts(scenario: Scenario) -> dict[str, Array]:
@@ -131,37 +122,42 @@ def _parts(scenario: Scenario) -> dict[str, Array]:
     return {name: points for name, points in parts.items() if points is not None}
 
 
-def _shift(moved: Mapping[str, Array]) -> Array | None:
-    """Return the common shift, (3,), of all parts that move; None where there is none."""
-    if not moved:
+def _shift(speeds: Mapping[str, Array]) -> Array | None:
+    """Return the common velocity, (3,), of all parts that move; None where there is none."""
+    if not speeds:
         return None
-    every = np.concatenate(list(moved.values()))
+    every = np.concatenate(list(speeds.values()))
     shift = every.mean(axis=0)
-    length = float(np.linalg.norm(shift))
-    if np.abs(every - shift).max() > RIGID * length:
+    rounding = 1e-3 * float(np.linalg.norm(shift))
+    if np.abs(every - shift).max() > rounding:
         return None
-    return np.where(np.abs(shift) < RIGID * length, 0, shift)  # rounding would turn the handle
+    return np.where(np.abs(shift) < rounding, 0, shift)  # rounding would turn the handle
 
 
-def _movable(name: str, value: float, error: float, farthest: float, is_place: bool) -> Movable:
-    """Return a parameter with its range, from its error or from how far things move."""
-    half = FAR / farthest if farthest > 0 else abs(value) / 2 or 1.0
+def _reach(value: float, error: float, fastest: float, *, is_place: bool) -> float:
+    """Return how far a slider reaches, from the prior's error or from how fast things move."""
     if np.isfinite(error) and error > 0:
-        half = REACH * error
-    elif value and not is_place:  # a size, a factor, an exponent
-        half = min(half, abs(value) / 2)
-    step = 10.0 ** np.floor(np.log10(half / STEPS * 1.001))
-    low = value - half
-    if value > 0 and not is_place:
-        low = max(low, value / 10)  # a size stays positive
-    low, high = (value + round((end - value) / step) * step for end in (low, value + half))
-    return Movable(name, value, float(f"{low:.12g}"), float(f"{high:.12g}"), float(step))
+        return SLIDER["errors"] * error
+    half = abs(value) / 2 or 1.0
+    if fastest > 0:
+        far = SLIDER["metres"] / fastest
+        return far if is_place or not value else min(far, half)
+    return half
+
+
+def _movable(name: str, value: float, reach: float, *, is_place: bool) -> Movable:
+    """Return a parameter whose range, a whole number of decimal steps, keeps a size positive."""
+    step = float(10.0 ** np.floor(np.log10(reach / SLIDER["steps"] * 1.001)))
+    low = value - reach if is_place or value <= 0 else max(value - reach, value / 10)
+    steps = [round((end - value) / step) for end in (low, value + reach)]
+    low, high = (float(f"{value + step * count:.12g}") for count in steps)
+    return Movable(name, value, low, high, step)
 
 
 def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Array]) -> list[Handle]:
     """Return a handle for each set of parts that some parameters shift together.
 
-    A part of such a set has none: it would stand in the other's way.
+    A subset of another set has none: it would stand in the other's way.
     """
     sets = dict.fromkeys(group for group, _ in moves.values())
     handles = []

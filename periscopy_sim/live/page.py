@@ -6,7 +6,6 @@ All viewers see and set the same. The page computes nothing.
 from __future__ import annotations
 
 import contextlib
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,13 +23,10 @@ from periscopy_sim.live.sheet import draw_sheet
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.scenario import Scenario
 
-SLIDING, DRAGGING = 0.3, 1.0
-"""Seconds after which a slider and a handle count as at rest; only a handle reports its release."""
+REST = {"slider": 0.3, "handle": 1.0}
+"""Seconds after which a control counts as at rest; only a handle reports its release."""
 
 SBRS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-SNRS = 20, 80
-WIDTH = 470
-"""Of the controls beside the scene, in pixels."""
 
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
@@ -49,8 +45,8 @@ class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
     It calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences. `server` is
-    viser's, behind `gate`. A PeriscopyError says
+    `save` when its button is pressed. `describe` returns a report's sentences. With a photograph
+    (`is_given`) it offers methods alone. `server` is viser's, behind `gate`. A PeriscopyError says
     that the extra is not installed, or the port is taken.
     """
 
@@ -67,17 +63,17 @@ class Page:
         is_given: bool,
         describe: Callable[[Report], Sequence[str]],
     ) -> None:
-        self._describe = describe
         viser = require("viser")
         from periscopy_sim.live.gate import Gate
 
+        self._describe = describe
         self._choice, self._movables = first, {each.name: each for each in movables}
         self._lock = RLock()
         self._dragged: Handle | None = None
         self.want: Callable[[Choice, float], None] = lambda *_: None
         self.save: Callable[[], None] = lambda: None
         self.gate = Gate(host, port)
-        with _silence(), self.gate.guarding():
+        with contextlib.redirect_stdout(None), self.gate.guarding():
             self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
         self._room = Room(self.server, scenario)
         self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
@@ -92,27 +88,23 @@ class Page:
     @property
     def choice(self) -> Choice:
         """The present choice."""
-        with self._lock:
-            return self._choice
+        return self._choice
 
     def show(self, pictures: LivePictures) -> None:
         """Show pictures and their values, but for the handle that is being dragged."""
         sheet, captions = draw_sheet(pictures)
-        with self.server.atomic():
+        with self.server.atomic(), self._lock:
             self._room.show(pictures)
             self._sheet.image, self._captions.content = sheet, captions
-            with self._lock:
-                for name, slider in self._sliders.items():
-                    value = self._choice.values[name]
-                    if abs(slider.value - value) > self._movables[name].step / 2:
-                        slider.value = value
-                for handle, gizmo in self._handles.values():
-                    if handle is not self._dragged:
-                        gizmo.position = tuple(handle.position(self._choice.values))
+            for name, slider in self._sliders.items():
+                if self._differs(name, slider.value):
+                    slider.value = self._choice.values[name]
+            for handle, gizmo in self._handles.values():
+                if handle is not self._dragged:
+                    gizmo.position = tuple(handle.position(self._choice.values))
         self.server.flush()
         size = "coarse" if pictures.is_coarse else "full"
-        pace = f"{size} pictures in {pictures.seconds:.2g} s"
-        notes = [*self._describe(pictures.report), pace]
+        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
         self._notes.content = "  \n".join(notes)
 
     def tell(self, text: str) -> None:
@@ -121,7 +113,7 @@ class Page:
 
     def close(self) -> None:
         """End the page for all viewers."""
-        with _silence():
+        with contextlib.redirect_stdout(None):  # it would print a line
             self.server.stop()
 
     # -- controls ----------------------------------------------------------------------------------
@@ -130,7 +122,7 @@ class Page:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
+        gui.main_panel.set_width(470)
         blank = np.full((8, 8, 3), 255, np.uint8)
         self._sheet = gui.add_image(blank, format="jpeg", jpeg_quality=90)
         self._captions = gui.add_markdown("")
@@ -141,21 +133,18 @@ class Page:
             places = {"none": ""} | _names(offered.places, first.place)
             self._choose("Ambient light", "place", places)
             self._choose("SBR", "sbr", {str(sbr): sbr for sbr in sorted({*SBRS, first.sbr})})
-            low, high = min(SNRS[0], first.snr), max(SNRS[1], first.snr)
-            self._slide(
-                "SNR (dB)", low, high, 1.0, first.snr, lambda snr: self._change(SLIDING, snr=snr)
-            )
-        leading = {n.split("_")[0] for handle, _ in self._handles.values() for n in handle.names}
-        for title, is_leading in ("places", True), ("other parameters", False):
-            names = [n for n in self._movables if (n.split("_")[0] in leading) is is_leading]
+            noise = Movable("SNR (dB)", first.snr, min(20.0, first.snr), max(80.0, first.snr), 1.0)
+            self._slide(noise, lambda snr: self._change(REST["slider"], snr=snr))
+        placing = {name for handle, _ in self._handles.values() for name in handle.names}
+        others = self._movables.keys() - placing
+        for title, names in ("places", placing), ("other parameters", others):
             if names:
-                with gui.add_folder(title, expand_by_default=is_leading or not leading):
-                    for name in names:
-                        m = self._movables[name]
-                        act = partial(self._slid, m)
-                        self._sliders[name] = self._slide(name, m.low, m.high, m.step, m.value, act)
-        back = {name: each.value for name, each in self._movables.items()}
-        self._press("Back to the file's values", lambda: self._set(back, 0.0))
+                with gui.add_folder(title, expand_by_default=names is placing or not placing):
+                    for name in filter(names.__contains__, self._movables):
+                        act = partial(self._follow_slider, name)
+                        self._sliders[name] = self._slide(self._movables[name], act)
+        start = {name: each.value for name, each in self._movables.items()}
+        self._press("Back to the file's values", lambda: self._set(start, 0.0))
         self._press("Write scene and pictures", lambda: self.save())
         self._notes = gui.add_markdown("")
 
@@ -165,18 +154,12 @@ class Page:
         self.gate.offer_names(box._impl.uuid, list(options))
         box.on_update(lambda event: self._change(0.0, **{field: options[event.target.value]}))
 
-    def _slide(
-        self, label: str, low: float, high: float, step: float, value: float, act: Any
-    ) -> Any:
-        slider = self.server.gui.add_slider(label, low, high, step, value)
-        self.gate.offer_range(slider._impl.uuid, low, high)
+    def _slide(self, number: Movable, act: Callable[[float], None]) -> Any:
+        ends = number.low, number.high
+        slider = self.server.gui.add_slider(number.name, *ends, number.step, number.value)
+        self.gate.offer_range(slider._impl.uuid, *ends)
         slider.on_update(lambda event: act(float(event.target.value)))
         return slider
-
-    def _slid(self, movable: Movable, value: float) -> None:
-        with self._lock:  # a slider also follows a handle
-            if abs(value - self._choice.values[movable.name]) > movable.step / 2:
-                self._set({movable.name: value}, SLIDING)
 
     def _press(self, label: str, act: Callable[[], None]) -> None:
         button = self.server.gui.add_button(label)
@@ -201,10 +184,16 @@ class Page:
 
     # -- choices -----------------------------------------------------------------------------------
 
+    def _differs(self, name: str, value: float) -> bool:
+        return abs(value - self._choice.values[name]) > self._movables[name].step / 2
+
+    def _follow_slider(self, name: str, value: float) -> None:
+        if self._differs(name, value):  # a slider also follows a handle
+            self._set({name: value}, REST["slider"])
+
     def _drag(self, handle: Handle, position: Any, phase: str) -> None:
-        with self._lock:
-            self._dragged = None if phase == "end" else handle
-            self._set(handle.values(position), 0.0 if phase == "end" else DRAGGING)
+        self._dragged = None if phase == "end" else handle
+        self._set(handle.values(position), 0.0 if phase == "end" else REST["handle"])
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
@@ -219,8 +208,3 @@ class Page:
 
 def _names(offered: Sequence[str], first: str) -> dict[str, str]:
     return {name: name for name in (*offered, first) if name}
-
-
-def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """Keep the server from printing the line of the command."""
-    return contextlib.redirect_stdout(io.StringIO())

@@ -11,10 +11,7 @@ from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
 from periscopy_sim.scenario import Array, Occluder, Scenario, WallFrame, wall_frame
 
-AHEAD = 2e-3
-"""Metres by which pictures stand before their surface."""
-
-WALL, WOOD, FLOOR = (236, 236, 232), (150, 111, 78), (222, 222, 222)
+COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222), "occluder": (150, 111, 78)}
 
 MARGIN = 0.12
 """Width of wall and floor beyond everything else, over its size."""
@@ -32,14 +29,15 @@ class Room:
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
         width, depth, _ = high - low + MARGIN * size
         self._scene.add_grid(
-            "/floor", width, depth, cell_size=0.1, section_size=0.1, section_color=FLOOR,
-            position=(middle[0], middle[1], low[2]),
+            "/floor", width, depth, cell_size=0.1, section_size=0.1,
+            section_color=COLOURS["floor"], position=(middle[0], middle[1], low[2]),
         )  # fmt: skip
-        # The wall is an image, which no lamp shades, behind everything.
+        # The wall is an image, which no lamp shades, just behind everything.
         local = _on_wall(points, frame)
         low, high = local.min(axis=0), local.max(axis=0) + MARGIN * size
         low[0] -= MARGIN * size
-        self._show_on_wall("/wall", np.full((8, 8, 3), WALL, np.uint8), low, high, frame, -AHEAD)
+        blank = np.full((8, 8, 3), COLOURS["wall"], np.uint8)
+        self._show_on_wall("/wall", blank, low, high, frame, -0.002)
         # The first view: from beside the viewer of the wall, and from above.
         back = 0.7 * frame.normal + 0.6 * frame.across + np.array([0, 0, 0.35])
         server.initial_camera.look_at = tuple(middle)
@@ -51,7 +49,7 @@ class Room:
         frame = _frame_of(scenario)
         local = _on_wall(scenario.wall_points, frame)
         shown, low, high = on_rectangle(local, photograph_pixels(pictures))
-        self._show_on_wall("/photograph", shown, low, high, frame, AHEAD)
+        self._show_on_wall("/photograph", shown, low, high, frame, 0.002)
         rows, columns = scenario.hidden_shape
         self._show_image(
             "/monitor", monitor_pixels(pictures), scenario.patch_centers.mean(axis=0),
@@ -59,8 +57,6 @@ class Room:
         )  # fmt: skip
         for occluder in scenario.occluders:
             self._show_occluder(occluder)
-
-    # -- only changes are sent ---------------------------------------------------------------------
 
     def _show_on_wall(
         self, name: str, pixels: Pixels, low: Array, high: Array, frame: WallFrame, ahead: float
@@ -75,8 +71,7 @@ class Room:
     ) -> None:
         size = tuple(round(float(np.linalg.norm(axis)), 6) for axis in (across, up))
         changing = {"image": pixels, "wxyz": pose_of(across, up), "position": tuple(center)}
-        width, height = size
-        add = partial(self._scene.add_image, name, render_width=width, render_height=height)
+        add = partial(self._scene.add_image, name, render_width=size[0], render_height=size[1])
         self._show(name, add, size, changing)
 
     def _show_occluder(self, occluder: Occluder) -> None:
@@ -89,15 +84,15 @@ class Room:
             vertices, faces = np.asarray(around.vertices), np.asarray(around.faces)
         name = f"/occluders/{occluder.name}"
         add = partial(
-            self._scene.add_mesh_simple, name, faces=faces, color=WOOD, side="double",
-            flat_shading=True,
+            self._scene.add_mesh_simple, name, faces=faces, color=COLOURS["occluder"],
+            side="double", flat_shading=True,
         )  # fmt: skip
-        self._show(name, add, (), {"vertices": vertices.astype(np.float32)})
+        self._show(name, add, None, {"vertices": vertices.astype(np.float32)})
 
     def _show(self, name: str, add: Any, size: Any, changing: dict[str, Any]) -> None:
-        """Add a node, or set those of its changing properties that differ from before."""
+        """Add a node, or send those of its changing properties that differ from before."""
         node, size_before, before = self._nodes.get(name, (None, None, {}))
-        if size != size_before:
+        if node is None or size != size_before:
             node = add(**changing, cast_shadow=False, receive_shadow=False)
         for key, value in changing.items():
             if key in before and not np.array_equal(before[key], value):

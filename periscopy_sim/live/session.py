@@ -7,12 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Self
 
+import numpy as np
+
 from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.laboratory import LiveLaboratory
-from periscopy_sim.live.level import Level, LivePictures, Shot, coarse_sizes
+from periscopy_sim.live.level import Level, LivePictures, coarse_sizes
 from periscopy_sim.live.light import AmbientLight
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.scenario import Scenario
 
@@ -21,7 +24,7 @@ class LiveSession:
     """A laboratory on a page; a context, at whose end neither thread nor process is left.
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
-    `shot` a given photograph or None for synthetic ones. The page's button calls `save` with the
+    `photograph` a given one or None for synthetic ones. The page's button calls `save` with the
     full pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says
     that the extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
@@ -34,30 +37,25 @@ class LiveSession:
         save: Callable[[LivePictures], str],
         describe: Callable[[Report], Sequence[str]],
         *,
-        shot: Shot | None = None,
+        photograph: Photograph | None = None,
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
         path, given, hidden = scenario.path, scenario.parameters, scenario.hidden_shape
-        share = 1.0 if shot is None or shot.used is None else float(shot.used.mean())
+        is_given = photograph is not None
+        used = 1.0 if photograph is None else len(photograph.used) / np.prod(photograph.shape)
         sizes = scenario.photograph_shape, hidden
-        self._light = AmbientLight(path, given, hidden, self._arrived)
+        small = coarse_sizes(*sizes, used)
+        self._light = AmbientLight(path, given, small[0], self._arrive)
         light = self._light.photograph
-        coarse = Level(path, given, *coarse_sizes(*sizes, share), light, shot, is_coarse=True)
-        full = Level(path, given, *sizes, light, shot, is_coarse=False)
+        coarse = Level(path, given, small, light, photograph, is_coarse=True)
+        full = Level(path, given, sizes, light, photograph, is_coarse=False)
         movables, handles = find_movables(path, given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         self.page = Page(
-            host,
-            port,
-            scenario,
-            movables,
-            handles,
-            offered,
-            first,
-            is_given=shot is not None,
-            describe=describe,
-        )
+            host, port, scenario, movables, handles, offered, first,
+            is_given=is_given, describe=describe,
+        )  # fmt: skip
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
         self.page.want = self._want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
@@ -67,13 +65,13 @@ class LiveSession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all."""
-        self._laboratory.stop()
-        self._light.close()
+        """End all; the page first, which may ask for light."""
+        self.stop()
         self.page.close()
+        self._light.close()
 
     def run(self) -> None:
-        """Show whatever is set, until `stop` or an interrupt."""
+        """Show whatever is set, until `stop`."""
         from threadpoolctl import threadpool_limits
 
         # Coarse pictures, full ones and the browser share the cores: products split among threads
@@ -84,13 +82,13 @@ class LiveSession:
             self._laboratory.run()
 
     def stop(self) -> None:
-        """End `run`."""
+        """End `run` after the present stage of its work."""
         self._laboratory.stop()
 
     def _want(self, choice: Choice, rest: float) -> None:
         self._light.want(choice.place)
         self._laboratory.want(choice, rest)
 
-    def _arrived(self, place: str) -> None:
+    def _arrive(self, place: str) -> None:
         if self.page.choice.place == place:
             self._laboratory.want(self.page.choice)

@@ -22,9 +22,10 @@ SIDE, GAP = 348, 16
 
 def photograph_pixels(pictures: LivePictures) -> Pixels:
     """Return the photograph for display, (rows, columns, 3), grey where the mask excludes it."""
-    shown = srgb_bytes(displayable(pictures.photograph))
-    if pictures.used is not None:
-        shown[~pictures.used] = 150
+    photograph = pictures.photograph
+    shown = srgb_bytes(displayable(photograph.values))
+    if photograph.mask is not None:
+        shown[~photograph.mask] = 150
     return shown
 
 
@@ -54,7 +55,7 @@ def draw_sheet(pictures: LivePictures) -> tuple[Pixels, str]:
 
 
 def _photograph(pictures: LivePictures) -> Tile:
-    choice, (rows, columns) = pictures.choice, pictures.photograph.shape[:2]
+    choice, (rows, columns) = pictures.choice, pictures.photograph.shape
     caption = f"**Photograph** {rows} x {columns}"
     if pictures.report.residual is None:
         if choice.place:

@@ -1,1 +1,1 @@
-"""The model y = g ∘ (A f) + B b + e of a photograph, fitted to one scene and the pixels used."""
+"""The model y = g ∘ (A f) + B c + n of a photograph, fitted to one scene and the pixels used."""

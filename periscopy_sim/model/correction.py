@@ -1,4 +1,4 @@
-"""What else shapes a photograph than A f + B b + e: corrections, each an object in a list.
+"""What else shapes a photograph than A f + B c + n: corrections, each an object in a list.
 
 A method for stills is given a list of corrections; a method without them is the plain method. The
 gain over the wall has gained on a real photograph. Paint is measured on rendered photographs alone,

@@ -16,24 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.numerics.products import (
-    combine_rows,
-    rejected,
-    subtract_combinations,
-    times_rows,
-)
+from periscopy_sim.numerics.products import project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 VISIBLE = 1e-12
 """Curvature over the largest, below which the wall does not show a pattern."""
-
-STRONG = 1e-8
-"""Curvature over the largest, above which a pattern explains more than rounding does."""
 
 ROUNDING = 1e-12
 """Fraction of a photograph outside of the ambient light that is rounding."""
@@ -49,7 +42,8 @@ class Evidence:
     Attributes
     ----------
     coefficients
-        (3, N) WᵀA⊥ᵀ y⊥, y⊥ over its level and A⊥ over a patch's root mean square energy.
+        (3, N) WᵀA⊥ᵀ y⊥ in the camera's channels, y⊥ over its level and A⊥ over a patch's root mean
+        square energy.
     noise
         (3,) standard deviation of the noise in y⊥, over the level.
     level
@@ -163,21 +157,23 @@ class Fit:
 
     def operator(self) -> TransportOperator:
         """Return A⊥ as a linear operator, (M', N)."""
-        A = np.ascontiguousarray(self.transport.T)
-        return TransportOperator(A, self.background.T, self.gram)
+        return self._operator
+
+    @cached_property
+    def _operator(self) -> TransportOperator:
+        return TransportOperator(self.transport.T, self.background.T, self.gram)
 
     def project_out(self, rows: Image) -> Image:
         """Return rows, (J, M'), with all ambient light projected out."""
-        return rejected(rows, self.background)
+        return project_out(rows, self.background)
 
     def evidence(self, planes: Array) -> tuple[list[Evidence], Array]:
         """Return the evidence of photographs' planes, (K, 3, M'), and y⊥ over its level, likewise.
 
         Aᵀ is applied to all photographs in one product.
         """
-        y = np.array(planes, order="C")
-        rows = y.reshape(-1, y.shape[-1])
-        subtract_combinations(rows, times_rows(rows, self.background), self.background)
+        rows = self.project_out(planes.reshape(-1, self.pixels))
+        y = np.asarray(rows, np.float64).reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
         y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
         levels[levels <= ROUNDING * whole] = 1
@@ -202,22 +198,14 @@ class Fit:
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
         """Return what A⊥ can explain of y⊥, (3, N'), and what an image leaves of that, over σ."""
-        f = image.reshape(-1, 3).T / (evidence.level * self.unit)
+        f = self.observation.mixed(image).T / (evidence.level * self.unit)
         scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self.visible] / scales
         return whole, whole - self.shown(f) / scales
 
     def unexplained(self, rows: Array) -> Array:
         """Return what no hidden image and no ambient light explain of rows, (J, M')."""
-        rest = self.project_out(rows).astype(np.float32)
-        shown = times_rows(times_rows(rest, self.transport), self.patterns.rows)
-        # Weaker patterns explain nothing beyond single precision.
-        least = STRONG * self.patterns.curvatures[-1]
-        shown[:, self.patterns.curvatures <= least] = 0
-        curvatures = np.maximum(self.patterns.curvatures, least)
-        coefficients = (shown / (self.unit**2 * curvatures)).astype(np.float32)
-        images = combine_rows(coefficients, self.patterns.rows)
-        return rest - self.project_out(combine_rows(images, self.transport))
+        return self.operator().unexplained(rows.T).T
 
     def response(self, light: Array) -> Array:
         """Return A⊥ᵀ of light, (K, 3, M'), as (K, 3, N)."""
@@ -229,14 +217,11 @@ class Fit:
 
         y⊥ is (K, 3, M'), its coefficients in the visible patterns are (K, 3, N').
         """
-        energies = np.sum(y * y, axis=-1)
-        rest = energies - np.sum(coefficients**2 / self.curvatures, axis=-1)
-        freedom = max(self.pixels - len(self.background) - len(self.curvatures), 1)
-        noise = np.sqrt(np.maximum(rest, 0) / freedom)
-        # Without noise there is still finite precision.
-        rounding = 1e-7 * np.sqrt(energies.max(axis=-1, keepdims=True) / self.pixels) + 1e-30
-        largest = noise.max(axis=-1, keepdims=True)
-        return np.asarray(np.maximum(noise, np.maximum(rounding, largest / LARGEST_NOISE_RATIO)))
+        explained = np.sum(coefficients**2 / self.curvatures, axis=-1)
+        freedom = self.pixels - len(self.background) - len(self.curvatures)
+        noise = residual_noise(np.sum(y * y, axis=-1), explained, freedom)
+        largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none
+        return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
 
     def _noise_to_signal(self, noise: Array) -> Array:
         """Return the noise's energy over the signal's, (K,), for noise, (K, 3), over the level."""

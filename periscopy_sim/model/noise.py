@@ -1,9 +1,9 @@
-"""The camera's noise, from differences of neighbouring pixels: no scene is needed.
+"""The camera's noise: from neighbouring pixels, where no scene is needed, or from a fit's residual.
 
 The difference D = (1, −2, 1)ᵀ(1, −2, 1)/6 removes light that varies linearly down or across, most
 of penumbrae, and keeps the whole variance of white noise. The median of its size is that of noise
-even where some edges remain. Noise that neighbours share, as after rectification, comes out too
-small.
+even where some edges remain. Of noise that neighbours share, as after rectification, this estimate
+is too small.
 """
 
 from __future__ import annotations
@@ -18,6 +18,20 @@ FEWEST = 25
 
 NORMAL = 1.4826
 """Standard deviation of a normal variable over the median of its size."""
+
+ROUNDING = 1e-7
+"""Noise over a photograph's size that rounding in single precision makes."""
+
+
+def residual_noise(energy: Array, explained: Array, freedom: int) -> Array:
+    """Return σ of white noise from the residual of least squares, of the shape of the energies.
+
+    σ² = (‖y⊥‖² − ‖A⊥ f̂‖²)/freedom, or what rounding makes, if more. The energy is ‖y⊥‖² of each
+    photograph's channels, `explained` is ‖A⊥ f̂‖², and the freedom counts the pixels less the
+    dimensions of ambient light and f̂.
+    """
+    rest = np.maximum(energy - explained, ROUNDING**2 * energy)
+    return np.asarray(np.sqrt(rest / max(freedom, 1)))
 
 
 def second_differences(planes: Array) -> Array:

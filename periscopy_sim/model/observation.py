@@ -1,4 +1,8 @@
-"""The pixels of a photograph that are used, and the way from images to the vectors of y = A f."""
+"""The pixels of a photograph that are used, and the way from images to the vectors of y = A f.
+
+With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B c_j + n_j, g the
+wall's colour, or its mean over the pixels. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import LIGHT_RANGE
+from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -19,10 +24,6 @@ Mask = NDArray[np.bool_]
 Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
 names, or by number."""
-
-SAME = 1e-10
-"""1 less the cosine of two photographs' angle below which they are one; noise of 80 dB makes 5e-9.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,8 @@ class Observation:
     mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
     photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
     backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
+    mixing: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) from f_k to grey planes
+    unmixing: Array | None = None  # (3, 3) that `planar` applies; None for none
 
     def used(self, matrix: Image | None) -> Image:
         """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
@@ -80,15 +83,29 @@ class Observation:
             raise ValueError("A must be finite")
         return used
 
+    def unmixed(self) -> Observation:
+        """Return an observation whose planes are in the monitor's primaries, their noise mixed."""
+        if np.array_equal(self.mixing, np.eye(3)):
+            return self
+        inverse = np.asarray(np.linalg.inv(self.mixing), np.float64)
+        backgrounds = {name: inverse @ planes for name, planes in self.backgrounds.items()}
+        return replace(self, mixing=np.eye(3), unmixing=inverse, backgrounds=backgrounds)
+
+    def mixed(self, image: Image) -> Array:
+        """Return what the planes show of an image, (R, C, 3) or (N, 3), as (N, 3) float64."""
+        return np.asarray(image, np.float64).reshape(-1, 3) @ self.mixing.T
+
     def vectorized(self, photograph: Image) -> Array:
         """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
 
         See `planar`, of one photograph.
         """
-        return np.ascontiguousarray(self.planar(np.asarray(photograph)[None])[0].T)
+        return np.ascontiguousarray(self.planar(plain_array(photograph)[None])[0].T)
 
     def planar(self, photographs: Image) -> Array:
         """Return photographs' planes, (K, 3, M') float64, each channel divided by its gain.
+
+        They are in the camera's channels, or of an `unmixed` observation in the primaries.
 
         Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they are of
         another size, see `check_size`, or not finite where they are used.
@@ -102,27 +119,20 @@ class Observation:
         gain = self.used_gain.reshape(-1, 3).T
         grey = np.divide(planes, gain, order="C", dtype=np.float64)
         _check(grey)
-        if self.backgrounds:
-            _check_distinct(grey, self.ambient(None), list(self.backgrounds))
-        return grey
+        return grey if self.unmixing is None else self.unmixing @ grey
 
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Refuse photographs of another shape than `planar` takes, or than the mask's."""
-        size, camera = shape[1:-1], self.photograph_shape
-        if camera is not None and len(size) == 2 and size != tuple(camera):
+        size, known = shape[1:-1], self.rows_and_columns
+        if known is not None and len(size) == 2 and size != tuple(known):
             raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera "
-                f"{camera[0]}x{camera[1]}"
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera or mask "
+                f"{known[0]}x{known[1]}"
             )
         if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
             raise ValueError(
                 f"the photograph has shape {shape[1:]}; A has {self.pixels} rows, so "
                 f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
-            )
-        if self.mask is not None and len(size) == self.mask.ndim == 2 and size != self.mask.shape:
-            raise ValueError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the mask "
-                f"{self.mask.shape[0]}x{self.mask.shape[1]}"
             )
 
     def placed(self, values: Array) -> Array:
@@ -185,6 +195,7 @@ def observation_of(
     mask: Mask | None = None,
     photograph_shape: tuple[int, int] | None = None,
     backgrounds: Backgrounds | None = None,
+    colour_matrix: ColourMatrix | None = None,
 ) -> Observation:
     """Return the observation of a scene, its parts checked; arguments as those of `StillMethod`.
 
@@ -208,7 +219,12 @@ def observation_of(
         whole = np.ones(photograph_shape or lit.shape, bool) if used is None else used
         used = checked_mask(whole & lit.reshape(whole.shape), A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
-    return replace(alone, backgrounds=_background_planes(alone, backgrounds))
+    planes = _background_planes(alone, backgrounds)
+    if colour_matrix is None:
+        return replace(alone, backgrounds=planes)
+    colour = np.atleast_2d(alone.used_gain).mean(axis=0)
+    mixing = colour_matrix.matrix * colour / colour[:, None]
+    return replace(alone, backgrounds=planes, mixing=mixing)
 
 
 def _background_planes(
@@ -236,20 +252,6 @@ def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
         raise ValueError("backgrounds are a sequence of photographs, (rows, columns, 3) each")
     count = len(backgrounds)
     return {f"background photograph {k} of {count}": b for k, b in enumerate(backgrounds, 1)}
-
-
-def _check_distinct(planes: Array, columns: Image, names: Sequence[str]) -> None:
-    """Raise if one of the photographs, (K, 3, M'), is a background, (M', 3 L), but for exposure."""
-    rows = planes.reshape(-1, planes.shape[-1])
-    sizes = np.linalg.norm(rows, axis=1)[:, None] * np.linalg.norm(columns, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosines = np.abs(rows @ columns) / sizes
-    same = (cosines.reshape(len(planes), 3, len(names), 3) > 1 - SAME).diagonal(axis1=1, axis2=3)
-    if same.all(axis=-1).any():
-        name = names[int(np.argmax(same.all(axis=-1).any(axis=0)))]
-        raise ValueError(
-            f"{name}: is the photograph itself; give one of the same wall with the monitor off"
-        )
 
 
 def checked_mask(

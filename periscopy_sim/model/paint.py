@@ -1,6 +1,6 @@
 """The wall's unevenness: what its paint does to all light, found without a model of it.
 
-    y = (1 + u) (A f + B e) + n,   b_k = (1 + u) (B e_k) + n_k
+    y = (1 + u) (A f + B c) + n,   b_k = (1 + u) (B c_k) + n_k
 
 A photograph b_k with the monitor off shows paint where no smooth light explains it,
 
@@ -110,14 +110,14 @@ class Unevenness:
         count, kinds = len(self._fields), [self._fields, *self._others]
         terms = np.stack(kinds) * y[:, None, None]  # (3, kinds, J, M')
         rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
-        left = unexplained(rows).astype(np.float64)
-        left, own = left[:3], left[3:].reshape(3, len(kinds), count, -1)
+        rest = unexplained(rows).astype(np.float64)
+        rest, own = rest[:3], rest[3:].reshape(3, len(kinds), count, -1)
         even = np.ones(planes.shape)
         explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms
         for channel in range(3):
-            variance = float(np.mean(left[channel] ** 2)) + 1e-14
+            variance = float(np.mean(rest[channel] ** 2)) + 1e-14
             for kind in range(len(kinds)):
-                shares, energy, rank = _fitted(own[channel, kind], left[channel])
+                shares, energy, rank = _fit_fields(own[channel, kind], rest[channel])
                 explained[kind] += energy / variance, rank
                 if kind == 0:
                     even[channel] -= shares @ self._fields
@@ -126,7 +126,7 @@ class Unevenness:
             return np.ones(planes.shape)
         ratio = (found / terms_found) / (by_chance / terms_by_chance + 1e-30)
         is_paint = special.fdtrc(terms_found, terms_by_chance, ratio) < ERROR_RATE
-        matters = found > WORTH * left.size
+        matters = found > WORTH * rest.size
         believed = np.abs(even - 1).max() < LARGEST
         return even if is_paint and matters and believed else np.ones(planes.shape)
 
@@ -139,11 +139,11 @@ def fine_structure(row: Array, smooth: Array) -> Array:
     return np.where(np.abs(d) < LARGEST, d, 0)
 
 
-def _fitted(terms: Array, left: Array) -> tuple[Array, float, int]:
-    """Return α of terms, (J, M''), the energy that they explain of what is left, their rank."""
+def _fit_fields(terms: Array, rest: Array) -> tuple[Array, float, int]:
+    """Return α of terms, (J, M''), the energy that they explain of the rest, their rank."""
     eigenvalues, V = np.linalg.eigh(terms @ terms.T)
     kept = eigenvalues > DEPENDENT * max(eigenvalues[-1], 1e-30)
-    coordinates = (V.T @ (terms @ left))[kept]
+    coordinates = (V.T @ (terms @ rest))[kept]
     shares = V[:, kept] @ (coordinates / eigenvalues[kept])
     return shares, float(np.sum(coordinates**2 / eigenvalues[kept])), int(kept.sum())
 

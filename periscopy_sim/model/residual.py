@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, ndimage
+from scipy import ndimage
 
 from periscopy_sim.model.noise import camera_noise, second_differences
 from periscopy_sim.model.transport_operator import TransportOperator
@@ -25,12 +25,6 @@ from periscopy_sim.model.transport_operator import TransportOperator
 Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "uneven_paint", "not_linear", "unknown"]
 """What a residual says of the scene; ``unknown`` where too few pixels have neighbours."""
-
-LARGEST_GRAM = 5e10
-"""M N² up to which the residual is judged by what no image explains: a second or two."""
-
-RIDGE = 1e-8
-"""Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge."""
 
 DRAWS = 6
 """Draws of white noise, a multiple of the three channels."""
@@ -124,16 +118,15 @@ def residual_of(
     uncorrected
         (M', 3) the photograph before corrections, of which other encodings are tried; None for y.
     """
-    r = transport.reject_background(y - signal)
+    r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
     freedom = max(len(y) - transport.Q.shape[1], 1)
     unexplained = float(np.sqrt(np.sum(r**2) / (3 * freedom))) / level
     light = np.moveaxis(place(r), 0, -1)
 
-    beyond_images = _beyond_images(transport)
     random = np.random.default_rng(0).standard_normal((len(y), DRAWS))
-    rest = place(beyond_images(r))
-    white = place(beyond_images(transport.reject_background(random)))
+    rest = place(transport.unexplained(r))
+    white = place(transport.unexplained(random))
     noise, of_white = camera_noise(rest), camera_noise(white)
     if noise is None or of_white is None or not noise.all():
         return Residual(light, unexplained, None, None, None, "unknown")
@@ -149,7 +142,7 @@ def residual_of(
         diagnosis = "does_not_fit"
         given = y if uncorrected is None else uncorrected
         codes = np.hstack([given, _recoded(given, GAMMA), _recoded(given, 1 / GAMMA)])
-        energies = np.sum(beyond_images(transport.reject_background(codes)) ** 2, axis=0)
+        energies = np.sum(transport.unexplained(codes) ** 2, axis=0)
         linear, *others = energies.reshape(3, 3).sum(axis=1)
         if min(others) < BETTER * linear:
             diagnosis = "not_linear"
@@ -158,22 +151,6 @@ def residual_of(
     if is_paint:
         alone *= float(np.sqrt(1 - alike.mean()))
     return Residual(light, unexplained, by_any, alone, excess, diagnosis)
-
-
-def _beyond_images(transport: TransportOperator) -> Callable[[Array], Array]:
-    """Return what gives the part of (M', K) light, range(B) projected out, beyond A⊥'s range.
-
-    Where A is too large for A⊥ᵀA⊥, all of the light.
-    """
-    pixels, patches = transport.shape
-    if pixels * patches**2 > LARGEST_GRAM:
-        return lambda light: light
-    gram = transport.gram()
-    gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram) / len(gram)
-    factor = linalg.cho_factor(gram)
-    return lambda light: np.asarray(
-        light - transport.matmat(linalg.cho_solve(factor, transport.rmatmat(light)))
-    )
 
 
 def _blurred_energy(planes: Array) -> float:

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from periscopy_sim.numerics.compilation import compiled_reordered
@@ -29,6 +31,12 @@ PARTS = 16
 
 CONVERTED_ROWS = 256
 """Rows converted to double precision at once where BLAS multiplies."""
+
+LARGEST_GRAM = 5e10
+"""M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
+
+RIDGE = 1e-8
+"""Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
 BLOCK_ENTRIES = 2**22
 """Entries of a memory map that are read at once where only some rows are used: 16 to 32 MB."""
@@ -148,10 +156,28 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         if not self.squared_norm > 1e-12 * squared_norm:
             raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
 
-    def reject_background(self, y: Image) -> Array:
-        """Project range(Q) out of (M, K) photographs: y − Q Qᵀ y."""
-        rejected: Array = y - self.Q @ (self.Q.T @ y)
-        return rejected
+    def project_out(self, y: Image) -> Array:
+        """Return photographs, (M, K), with range(Q) projected out: y − Q Qᵀ y."""
+        projected: Array = y - self.Q @ (self.Q.T @ y)
+        return projected
+
+    def unexplained(self, y: Image) -> Array:
+        """Return what no hidden image and no background explain of photographs, (M, K).
+
+        Where A is too large for A⊥ᵀA⊥, only range(Q) is projected out.
+        """
+        y = self.project_out(y)
+        if self.shape[0] * self.shape[1] ** 2 > LARGEST_GRAM:
+            return y
+        images = linalg.cho_solve(self._cholesky, self.rmatmat(y))
+        return np.asarray(y - self.matmat(images))
+
+    @cached_property
+    def _cholesky(self) -> tuple[Array, bool]:
+        gram = self.gram()
+        gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram) / len(gram)
+        factor: tuple[Array, bool] = linalg.cho_factor(gram)
+        return factor
 
     def gram_product(self, f: Array) -> Array:
         """Return A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f), (N, K), of f, (N, K), in one pass."""
@@ -203,13 +229,13 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         return y
 
     def _matmat(self, f: Array) -> Array:
-        return self.reject_background(self.light(f))
+        return self.project_out(self.light(f))
 
     def _rmatmat(self, y: Array) -> Array:
-        rejected = self.reject_background(y)
+        projected = self.project_out(y)
         f = np.zeros((self.shape[1], y.shape[1]))
         for rows, block in self._converted_blocks():
-            f += block.T @ rejected[rows]
+            f += block.T @ projected[rows]
         return f
 
     def _converted_blocks(self) -> Iterator[tuple[slice, Array]]:

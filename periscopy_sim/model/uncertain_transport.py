@@ -43,13 +43,7 @@ class UncertainTransport:
 
     def check(self, transport_shape: tuple[int, ...]) -> None:
         """Raise a ValueError if the sizes do not fit A, (M, N), or an error changes nothing."""
-        parameters, count = self.directions.shape
-        sizes = (len(self.names), len(self.values))
-        if sizes != (parameters, parameters) or count < 1:
-            raise ValueError(
-                f"uncertain: {sizes[0]} names and {sizes[1]} values of parameters, and directions "
-                f"of shape {self.directions.shape}; give (P,), (P,) and (P, K)"
-            )
+        count = self.directions.shape[1]
         if self.changes.shape != (count, *transport_shape):
             raise ValueError(
                 f"uncertain: changes have shape {self.changes.shape}; A is {transport_shape}, so "

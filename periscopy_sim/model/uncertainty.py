@@ -23,6 +23,9 @@ H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
     H⁻¹ A⊥ᵀT Σ TᵀA⊥ H⁻¹ / σ⁴,   T = (T_1, T_2, …):
 
 as the inverse of H beside the scene's errors has it, block by block.
+
+With a colour matrix M, Π = Mᵀ diag(1/σ_c²) M replaces 1/σ² and couples the primaries. With
+Π = V diag(π) Vᵀ, the channels Vᵀf are independent.
 """
 
 from __future__ import annotations
@@ -45,7 +48,7 @@ LEAST_SHOWN = 1e-3
 
 def standard_errors(
     gram: Array,
-    noise: Array,
+    precision: Array,
     image: NDArray[np.floating[Any]],
     weight: float,
     misfit: float,
@@ -62,24 +65,27 @@ def standard_errors(
     ----------
     gram
         (N, N) A⊥ᵀA⊥, of the given rank.
-    noise
-        (3,) σ_c.
+    precision
+        (3, 3) Π, of 1/σ_c² on its diagonal without a colour matrix.
     image
         (R, C, 3) f̂.
     weight
         λ > 0.
     misfit
-        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c².
+        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c², in the camera's channels.
     response
-        (K, 3, N) A⊥ᵀT Σ^½ of the scene's own errors; None where the scene is taken for right.
+        (K, 3, N) A⊥ᵀT Σ^½ of the scene's own errors, in the primaries; None where the scene is
+        taken for right.
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
     noises, pulls = np.empty((2, len(gram), 3))
     moved = np.zeros((0 if response is None else len(response), len(gram), 3))
     pulled = squared = 0.0
-    for channel, σ in enumerate(noise):
-        H = gram / σ**2 + P.toarray()
+    π, V = np.linalg.eigh(precision)
+    response = None if response is None else np.einsum("ck,jcn->jkn", V, response)
+    for channel, weight_of_data in enumerate(π):
+        H = weight_of_data * gram + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
         H[np.diag_indices_from(H)] += 1e-12 * np.trace(H) / len(H)
         factor, failed = linalg.lapack.dpotrf(H)
@@ -88,7 +94,7 @@ def standard_errors(
         upper, _ = linalg.lapack.dpotri(factor)
         inverse = np.triu(upper) + np.triu(upper, 1).T
         if response is not None:
-            moved[..., channel] = response[:, channel] @ inverse / σ**2
+            moved[..., channel] = weight_of_data * response[:, channel] @ inverse
         X = P @ inverse
         pulls[:, channel] = np.sum(inverse * X, axis=0)
         # Of H⁻¹ = H⁻¹D H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
@@ -97,8 +103,7 @@ def standard_errors(
         squared += float(np.sum(X * X.T))
     unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
     τ = contrast(misfit, pulled - unseen, squared - unseen)
-    variances = noises + τ * pulls
-    variances = variances + np.sum(moved**2, axis=0)
+    variances = (noises + τ * pulls) @ (V**2).T + np.sum((moved @ V.T) ** 2, axis=0)
     return np.asarray(np.sqrt(variances).reshape(f.shape))
 
 

@@ -3,16 +3,16 @@
 A lens darkens corners, a wall is not quite Lambertian, a monitor's fall-off with angle is fitted:
 all that multiplies the penumbrae by something smooth,
 
-    y = g (A f) + B e + noise,   g = 1 + Σ_k c_k p_k,
+    y = g (A f) + B c + n,   g = 1 + Σ_k a_k p_k,
 
 p_k the polynomials of degree ≤ 2 over the wall, without the constant, which no photograph tells. A
-first image f₀ tells the few c_k, by least squares from what no hidden image and no ambient light
+first image f₀ tells the few a_k, by least squares from what no hidden image and no ambient light
 explain:
 
-    ĉ = argmin_c Σ_channels ‖(I − F Fᵀ)(y − Σ_k c_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
+    â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
 
 S, the polynomials of degree ≤ 5, keeps apart the smooth ambient light that B leaves over. What the
-gain adds, Σ_k ĉ_k p_k A f₀, is to be subtracted: to divide y by the gain would bend the ambient
+gain adds, Σ_k â_k p_k A f₀, is to be subtracted: to divide y by the gain would bend the ambient
 light, too, out of range(B).
 
 Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
@@ -43,7 +43,7 @@ from scipy import optimize, special
 
 from periscopy_sim.model.correction import FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.numerics.products import combine_rows, rejected, times_rows
+from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -61,15 +61,15 @@ ERROR_RATE = 1e-3
 """Part, at most, of the photographs without a gain in which one is found."""
 
 BOUNDS = 0.2, 5.0
-"""No gain is believed beyond these."""
+"""Least and greatest gain that is accepted."""
 
 SPREAD = 0.07
 """Standard deviation of a polynomial's coefficient, where a gain is found beside the scene: a lens
 that darkens corners by v makes two of v / 3. With twice as much a gain took the place of geometry
 where there was none."""
 
-LEFT = 1e-5
-"""A polynomial of which less is left than this part is one that [A, B] explains."""
+LEAST_UNEXPLAINED = 1e-5
+"""Norm of what [A, B] leaves of a polynomial, below which they explain it."""
 
 ANGLE = 1e-3
 """Rows that are less apart are taken for one."""
@@ -82,7 +82,7 @@ INDEPENDENT = 1e-6
 class GainEstimate:
     """The gain, and how likely it is."""
 
-    coefficients: Array  # (K,) ĉ
+    coefficients: Array  # (K,) â
     probability: float  # that as large a ratio comes about without a gain, at most
     field: Array  # (rows, columns) g
     accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
@@ -120,7 +120,7 @@ class WallGain:
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph without the light that its gain adds, and the gain's range."""
         evidence = photograph.evidence
-        image = first_image(photograph).reshape(-1, 3).T / evidence.level
+        image = self._fit.observation.mixed(first_image(photograph)).T / evidence.level
         coordinates = self._fit.coordinates(evidence)
         gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
         planes = photograph.planes - evidence.level * gain.added
@@ -136,14 +136,14 @@ class WallGain:
 
         y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
         A⊥ W_k/√λ_k are (3, N'), its noise has standard deviation σ, (3,). The image is the first
-        one, f₀, (3, N), in units of y over those of A.
+        one, f₀, (3, N) in the camera's channels, in units of y over those of A.
         """
         count, σ = len(self._terms), noise[:, None]
         explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
         both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
         signal, explained = combine_rows(both, self._fit.transport).reshape(2, 3, -1) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
-        terms = self._without_background(light.astype(np.float32))
+        terms = project_out(light.astype(np.float32), self._background)
         shown = self._coordinates(terms)
         whole = products(terms)
         H = whole - products(shown) - products(times_rows(terms, self._ambient))
@@ -152,9 +152,9 @@ class WallGain:
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
         compared = times_rows(r, self._compared)
-        c, probability = np.zeros(count), 1.0
+        a, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
-            c = np.asarray(np.linalg.solve(H, q), np.float64)
+            a = np.asarray(np.linalg.solve(H, q), np.float64)
             images = (shown * self._scales) @ self._basis
             errors = self._errors_of_transport(r, images, image / σ)
             C = np.linalg.cholesky(H)
@@ -162,11 +162,11 @@ class WallGain:
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
             ratio = (least / count) / (_mean_square(compared) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
-        field = 1 + (c @ self._terms).reshape(self._shape)
+        field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
-        added = np.tensordot(c, terms.reshape(count, 3, -1), 1) * σ
+        added = np.tensordot(a, terms.reshape(count, 3, -1), 1) * σ
         return GainEstimate(
-            coefficients=c,
+            coefficients=a,
             probability=probability,
             field=field,
             accepted=bool(believed and probability < ERROR_RATE),
@@ -175,8 +175,8 @@ class WallGain:
 
     def _unexplained_light(self, y: Array, light: Array) -> Array:
         """Return r, what the hidden images' light and smooth ambient light leave of y, (3, M')."""
-        r = (y - self._without_background(light)).astype(np.float32)
-        return np.asarray(rejected(r, self._ambient), np.float64)
+        r = (y - project_out(light, self._background)).astype(np.float32)
+        return np.asarray(project_out(r, self._ambient), np.float64)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
@@ -185,25 +185,22 @@ class WallGain:
         shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
         return np.stack([own, -shared], axis=1).astype(np.float64)
 
-    def _without_background(self, vectors: Image) -> Image:
-        return rejected(vectors, self._background)
-
     def _coordinates(self, vectors: Image) -> Image:
         """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
         return times_rows(times_rows(vectors, self._fit.transport), self._basis) * self._scales
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
-        left = unit_rows(rows)
+        rest = unit_rows(rows)
         sizes = np.ones(len(rows))
-        for _ in range(3):  # each time from what is left, single precision suffices
-            left = self._without_background(left.astype(np.float32))
-            f = (self._coordinates(left) * self._scales) @ self._basis
-            left = self._without_background(left - f @ self._fit.transport)
-            left = rejected(left, others)
-            sizes *= np.linalg.norm(left, axis=1)
-            left = unit_rows(left)
-        _, sines, basis = np.linalg.svd(left[sizes > LEFT], full_matrices=False)
+        for _ in range(3):  # each time from what is rest, single precision suffices
+            rest = project_out(rest.astype(np.float32), self._background)
+            f = (self._coordinates(rest) * self._scales) @ self._basis
+            rest = project_out(rest - f @ self._fit.transport, self._background)
+            rest = project_out(rest, others)
+            sizes *= np.linalg.norm(rest, axis=1)
+            rest = unit_rows(rest)
+        _, sines, basis = np.linalg.svd(rest[sizes > LEAST_UNEXPLAINED], full_matrices=False)
         return np.ascontiguousarray(basis[sines > ANGLE], np.float32)
 
 

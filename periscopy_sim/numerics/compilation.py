@@ -10,16 +10,16 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Function, **options: Any) -> Function:
     """Compile a function as it stands; divisions by zero give infinity or NaN, as in NumPy."""
-    result: Function = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    settings = {"nogil": True, "error_model": "numpy", **options}
+    try:
+        result: Function = numba.njit(cache=True, **settings)(function)
+    except RuntimeError:  # no folder takes the cache: each process compiles anew
+        result = numba.njit(**settings)(function)
     return result
 
 
 def compiled_reordered(function: Function) -> Function:
     """Compile a function of finite numbers whose sums may be reordered, so that loops vectorize."""
-    options = {"reassoc", "nsz", "nnan", "contract"}
-    result: Function = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=options)(
-        function
-    )
-    return result
+    return compiled(function, fastmath={"reassoc", "nsz", "nnan", "contract"})

@@ -166,11 +166,11 @@ def combine_rows(coefficients: Array, rows: Array) -> Array:
     return combined
 
 
-def rejected(vectors: Array, basis: Array) -> Array:
-    """Return vectors, (K, M), without their parts in the span of orthonormal rows, (r, M)."""
-    left = np.array(vectors, np.result_type(vectors, basis), order="C")
-    subtract_combinations(left, times_rows(left, basis), basis)
-    return left
+def project_out(vectors: Array, basis: Array) -> Array:
+    """Return vectors, (K, M), with the span of orthonormal rows, (r, M), projected out."""
+    projected = np.array(vectors, np.result_type(vectors, basis), order="C")
+    subtract_combinations(projected, times_rows(projected, basis), basis)
+    return projected
 
 
 def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Array:

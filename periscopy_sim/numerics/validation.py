@@ -1,13 +1,35 @@
 """Validation of what solvers are given: light, images for compiled loops, weights, tolerances."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from periscopy_sim.errors import PhotographError
+
 LIGHT_RANGE = (1e-30, 1e30)
 """Least and greatest that a photograph's largest value may be: P is of single precision, and the
 squares of what is farther from 1 leave double precision."""
+
+AXES = ("row", "column", "channel")
+"""Names of a photograph's dimensions, where they are labelled."""
+
+
+def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
+    """Return values as an array in the order of their dimensions, where these have names.
+
+    NumPy drops masks and names. Masked values and other names are a `PhotographError`.
+    """
+    axes = getattr(values, "dims", ())
+    axes = axes if isinstance(axes, tuple) else ()
+    if set(axes) <= set(AXES):
+        values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
+    elif axes:
+        raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
+    if np.ma.is_masked(values):
+        raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
+    return np.asarray(values)
 
 
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
@@ -40,6 +62,19 @@ def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
         raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:
         raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+
+
+def warn_unconverged(
+    what: str, iterations: int, error: float, tolerance: float, stacklevel: int = 3
+) -> None:
+    """Warn, where an error exceeds its tolerance, that iterations stopped too early."""
+    if not error <= tolerance:
+        warnings.warn(
+            f"{what} stopped after {iterations} iterations at a relative error of {error:.1e}, "
+            f"above {tolerance:.1e}: raise max_iterations or tolerance",
+            RuntimeWarning,
+            stacklevel=stacklevel + 1,
+        )
 
 
 def check_weight(name: str, weight: float) -> None:

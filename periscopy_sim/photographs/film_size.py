@@ -37,21 +37,14 @@ _MOST_POINTS = 200_000
 class FilmAdvice:
     """The film that shows what a photograph holds of the hidden image.
 
-    Attributes
-    ----------
-    step
-        Metres on the wall by which the sharpest shadow moves from one patch to the next; None where
-        no mesh casts a shadow into the field of view.
-    pixel
-        Metres of the scene's own pixels on the wall, along their longer side.
-    shape, patches
-        (rows, columns) of the scene's own film, and the number of patches of the hidden image.
+    `step` is the distance on the wall by which the sharpest shadow moves from one patch to the
+    next; None where no mesh casts a shadow into the field of view.
     """
 
-    step: float | None
-    pixel: float
-    shape: tuple[int, int]
-    patches: int
+    step: float | None  # metres
+    pixel: float  # metres of the scene's own pixels on the wall, along their longer side
+    shape: tuple[int, int]  # (rows, columns) of the scene's own film
+    patches: int  # of the hidden image
 
     def pixels_in_step(self, shape: tuple[int, int]) -> float:
         """Return how many pixels a step has on a film of (rows, columns)."""
@@ -59,10 +52,7 @@ class FilmAdvice:
         return self.step / self.pixel * shape[0] / self.shape[0]
 
     def choose(self, shapes: list[tuple[int, int]]) -> tuple[int, int]:
-        """Return the coarsest film that is fine enough and that memory allows, else the finest.
-
-        `shapes` are (rows, columns).
-        """
+        """Return the coarsest film that is fine enough and that memory allows, else the finest."""
         ordered = sorted(shapes)
         allowed = [shape for shape in ordered if self.fits(shape)] or ordered[:1]
         if self.step is None:
@@ -89,9 +79,8 @@ def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
     """Return by how many metres the sharpest shadow moves from a patch to the next one.
 
     The middle of the monitor, and a patch beside it, project each point of an occluder's edge on
-    the wall's plane. The lesser of the moves for a patch across and a patch up counts, of the
-    points whose shadow falls into the field of view, at their `SHARPEST` percentile. None where
-    there is none.
+    the wall's plane. The lesser of the moves across and up counts, at the `SHARPEST` percentile of
+    the points whose shadow falls into the field of view. None where there is none.
     """
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     axes = np.stack([frame.across, frame.up, frame.normal], axis=1)
@@ -135,10 +124,7 @@ def _edge_points(scenario: Scenario) -> Array:
 
 
 def films_of_blocks(size: tuple[int, int]) -> dict[int, tuple[int, int]]:
-    """Return the films that whole square blocks of a photograph average to, by the blocks' side.
-
-    `size` is the photograph's (rows, columns).
-    """
+    """Return the films that whole blocks of a (rows, columns) photograph average to, by side."""
     common = gcd(*size)
     return {k: (size[0] // k, size[1] // k) for k in range(1, common + 1) if common % k == 0}
 
@@ -153,11 +139,9 @@ def films_of_shape(shape: tuple[int, int], finest: float) -> list[tuple[int, int
 def films_of_marks(
     shape: tuple[int, int], coverage: float, placement: float
 ) -> list[tuple[int, int]]:
-    """Return films of the proportions of one, (rows, columns), for a rectified photograph.
+    """Return films of the proportions of one for a rectified photograph; see `PlacedFilm`.
 
-    A pixel of the film covers `coverage` pixels of the photograph, and the marks place it to
-    `placement` of its size. No film is finer than the photograph, nor, but for those up to the film
-    itself, than the marks.
+    No film is finer than the photograph, nor, but for those up to the film itself, than the marks.
     """
     finest = max(1.0, PLACED / placement) if placement > 0 else np.inf
     return films_of_shape(shape, min(float(np.sqrt(coverage)), finest))

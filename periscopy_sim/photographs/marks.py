@@ -70,23 +70,13 @@ class Marks:
     """Marks in the wall's plane, and where a photograph shows them.
 
     A point has one place, p = 1; a square tag has four, its corners, turned by an unknown angle.
-
-    Attributes
-    ----------
-    pixels
-        (n, p, 2) column and row.
-    centers
-        (n, 2) metres across and up.
-    arms
-        (n, p, 2) metres from the centre to each corner of a tag that is not turned; 0 for a point.
-    names
-        What messages call each mark.
+    Its arms reach from its centre to each corner before the turn; those of a point are 0.
     """
 
-    pixels: Array
-    centers: Array
-    arms: Array
-    names: Sequence[str]
+    pixels: Array  # (n, p, 2) column and row
+    centers: Array  # (n, 2) metres across and up
+    arms: Array  # (n, p, 2) metres
+    names: Sequence[str]  # in messages
 
     @classmethod
     def of_points(cls, pixels: Array, points: Array, names: Sequence[str]) -> Marks:
@@ -95,11 +85,7 @@ class Marks:
 
     @classmethod
     def of_tags(cls, corners: Array, centers: Array, sizes: Array, names: Sequence[str]) -> Marks:
-        """Return square tags as marks.
-
-        `corners` are (n, 4, 2) columns and rows, clockwise; `centers` (n, 2) and `sizes` (n,) are
-        in metres.
-        """
+        """Return square tags as marks: (n, 4, 2) corners clockwise, (n, 2) centres, (n,) sides."""
         unit = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
         return cls(corners, centers, sizes[:, np.newaxis, np.newaxis] * unit, names)
 
@@ -121,11 +107,10 @@ class Marks:
 
     def without(self, mark: int) -> Marks:
         """Return all marks but one."""
-        names = [name for k, name in enumerate(self.names) if k != mark]
         pixels, centers, arms = (
             np.delete(each, mark, axis=0) for each in (self.pixels, self.centers, self.arms)
         )
-        return Marks(pixels, centers, arms, names)
+        return Marks(pixels, centers, arms, [n for k, n in enumerate(self.names) if k != mark])
 
     def as_points(self) -> Marks:
         """Return the marks as points: the middle of each tag, where its diagonals meet."""

@@ -27,28 +27,16 @@ OFF_WALL = 0.02
 class PlacedFilm:
     """The film of a scene's camera in a photograph.
 
-    Attributes
-    ----------
-    view
-        How the photograph shows the wall.
-    plane
-        The wall, and where the film's pixels lie in it.
-    corners
-        (rows + 1, columns + 1, 2) column and row in the photograph of the pixels' corners.
-    coverage
-        Pixels of the photograph that a median pixel of the film covers.
-    placement
-        The largest standard error with which the marks place the film's pixels, in such pixels.
-    missing
-        Numbers of the tags that the photograph does not show.
+    `placement` is the largest standard error with which the marks place the film's pixels, in such
+    pixels.
     """
 
-    view: FittedView = field(repr=False)
-    plane: WallPlane = field(repr=False)
-    corners: Array = field(repr=False)
-    coverage: float
+    view: FittedView = field(repr=False)  # how the photograph shows the wall
+    plane: WallPlane = field(repr=False)  # the wall, and where the film's pixels lie in it
+    corners: Array = field(repr=False)  # (rows + 1, columns + 1, 2) of pixels: column and row
+    coverage: float  # pixels of the photograph that a median pixel of the film covers
     placement: float
-    missing: tuple[int, ...] = ()
+    missing: tuple[int, ...] = ()  # numbers of the tags that the photograph does not show
 
     def beneath_tags(self) -> Mask:
         """Return the film's pixels that the papers of tags reach into, (rows, columns) bool."""
@@ -65,13 +53,9 @@ class PlacedFilm:
 def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallTags) -> PlacedFilm:
     """Find the pixels of a scene's film in any camera's photograph, by marks on the wall.
 
-    Raises
-    ------
-    PhotographError
-        If the marks do not show the view, see `find_tags` and `fit_view`, a mark is off the wall,
-        or part of the film lies behind the photograph's camera. The message names the list.
-    SceneError
-        If the wall is not plane, see `wall_plane`.
+    A PhotographError names the list of marks if they do not show the view, see `find_tags` and
+    `fit_view`, one is off the wall, or part of the film lies behind the photograph's camera. A wall
+    that is not plane is a SceneError, see `wall_plane`.
     """
     plane = wall_plane(scenario)
     rows, columns = plane.shape

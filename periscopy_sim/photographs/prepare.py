@@ -108,8 +108,7 @@ def prepare(
         raise PhotographError(
             f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
             f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; its film may "
-            f"have {sizes}: change it in the scene, or crop the photograph; for another camera "
-            "than the scene's, give marks on the wall: points or tags"
+            f"have {sizes}. Change it, crop the photograph, or give marks on the wall"
         )
     on_photograph, on_film = None, np.ones(shape, bool)
     if mask is not None and mask.shape == shape != light.size:

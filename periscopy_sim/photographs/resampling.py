@@ -39,10 +39,7 @@ class Flaw(IntFlag):
 
 
 def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
-    """Return the corners, (rows + 1, columns + 1, 2), of a film of (rows, columns) equal blocks.
-
-    `size` is the photograph's (rows, columns).
-    """
+    """Return (rows + 1, columns + 1, 2) corners of the equal blocks of a photograph of a size."""
     row, column = (np.linspace(0, whole, n + 1) for whole, n in zip(size, shape, strict=True))
     return np.stack(np.meshgrid(column, row), axis=-1)
 
@@ -52,24 +49,12 @@ def average_areas(
 ) -> tuple[Array, NDArray[np.uint8]]:
     """Return an image averaged over quadrilaterals, each pixel weighted by its area in them.
 
-    The areas are exact: every pixel clips each quadrilateral that it meets.
-
-    Parameters
-    ----------
-    image
-        (height, width, channels), constant over each of its pixels.
-    flaws
-        (height, width) uint8 of `Flaw`.
-    corners
-        (rows + 1, columns + 1, 2) column and row in the image of the new pixels' corners, finite;
-        the image's first pixel reaches from 0 to 1.
-
-    Returns
-    -------
-    values
-        (rows, columns, channels); NaN where a new pixel covers no sound pixel.
-    flaws
-        (rows, columns) uint8, the flaws within each new pixel and its own.
+    The areas are exact: every pixel clips each quadrilateral that it meets. The image is (height,
+    width, channels), constant over each of its pixels, with `flaws`, (height, width) uint8 of
+    `Flaw`. `corners`, (rows + 1, columns + 1, 2), are columns and rows in the image of the new
+    pixels' corners; the image's first pixel reaches from 0 to 1. Return (rows, columns, channels)
+    values, NaN where a new pixel covers no sound pixel, and (rows, columns) uint8, the flaws within
+    each new pixel and its own.
     """
     rows, columns = corners.shape[0] - 1, corners.shape[1] - 1
     image = np.ascontiguousarray(image, dtype=np.float32)
@@ -141,10 +126,9 @@ def _span(polygon: Array, sides: int, axis: int, count: int) -> tuple[int, int]:
 
 @compiled
 def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept: Array) -> int:
-    """Keep the part of a polygon on one side of a grid line (Sutherland, Hodgman 1974).
+    """Keep the part of a polygon beyond a grid line (Sutherland, Hodgman 1974); count its corners.
 
-    That side has larger coordinates where `sign` is 1, smaller ones where it is -1. Return the
-    number of corners kept.
+    That part has larger coordinates where `sign` is 1, smaller ones where it is -1.
     """
     count = 0
     for k in range(sides):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Mask, check_real, with_channels
 
 
@@ -18,22 +19,13 @@ from periscopy_sim.photograph import Mask, check_real, with_channels
 class SensorImage:
     """One picture, linear in light, and where its sensor was saturated.
 
-    Attributes
-    ----------
-    values
-        (rows, columns, 3) float32.
-    saturated
-        (rows, columns) bool, where a channel is saturated.
-    white
-        Least value at which a channel is saturated; infinite if unknown.
-    cell
-        Pixels of the sensor along each side of one pixel here: 2 for cells of a Bayer mosaic.
-        Marks are in pixels of the sensor; masks may be.
+    `cell` is the number of the sensor's pixels along each side of one pixel here: 2 for cells of a
+    Bayer mosaic. Marks are in pixels of the sensor; masks may be.
     """
 
-    values: NDArray[np.float32]
-    saturated: Mask
-    white: float = np.inf
+    values: NDArray[np.float32]  # (rows, columns, 3)
+    saturated: Mask  # (rows, columns), where a channel is saturated
+    white: float = np.inf  # least value at which a channel is saturated; infinite if unknown
     cell: int = 1
 
     @property
@@ -50,31 +42,16 @@ def sensor_image(
     saturated: Mask | None = None,
     cell: int = 1,
 ) -> SensorImage:
-    """Return a picture as a `SensorImage`.
+    """Return a picture, (rows, columns[, 1 or 3]) linear in light, as a `SensorImage`.
 
-    Parameters
-    ----------
-    values
-        (rows, columns), (rows, columns, 1) or (rows, columns, 3), linear in light. A `SensorImage`
-        is returned as it is.
-    name
-        What messages call the picture.
-    white
-        Value from which on a pixel is saturated. None: for integers the largest, if it is one less
-        than a power of two, the end of a converter's range; else no value is.
-    saturated
-        (rows, columns) bool, further saturated pixels.
-    cell
-        See `SensorImage`.
-
-    Raises
-    ------
-    PhotographError
-        If the array is no picture, or holds NaN or infinity.
+    A `SensorImage` is returned as it is. Messages call the picture `name`. `white` is the value
+    from which on a pixel is saturated. None: for integers the largest, if it is one less than a
+    power of two, the end of a converter's range; else no value is. `saturated`, (rows, columns)
+    bool, adds pixels. An array that is no picture, or holds NaN or infinity, is a PhotographError.
     """
     if isinstance(values, SensorImage):
         return values
-    array = np.asarray(values)
+    array = plain_array(values, name)
     check_real(array.dtype, name)
     array = with_channels(array, name)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -92,10 +69,7 @@ def sensor_image(
 
 
 def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
-    """Return a mask of a picture's pixels from a mask of those or of its sensor's pixels.
-
-    All pixels of a mosaic's cell must be used.
-    """
+    """Return a mask of a picture's pixels from one of its sensor's: all of a cell must be used."""
     rows, columns = light.size
     if light.cell > 1 and mask.shape == (light.cell * rows, light.cell * columns):
         return np.asarray(mask.reshape(rows, light.cell, columns, light.cell).all(axis=(1, 3)))

@@ -32,21 +32,10 @@ def find_tags(
 ) -> tuple[NDArray[np.int64], Array]:
     """Find tags by their numbers in a linear (rows, columns, 3) photograph.
 
-    The tags are of one family: that with most of these numbers in the photograph.
-
-    Returns
-    -------
-    places
-        (k,) indices in `ids` of the tags that the photograph shows.
-    corners
-        (k, 4, 2) column and row of their corners, clockwise; the first pixel's centre is at
-        (0.5, 0.5).
-
-    Raises
-    ------
-    PhotographError
-        If the photograph shows a tag twice, or fewer than `FEWEST`; the message lists which tags of
-        which families it shows.
+    Return (k,) indices in `ids` of the tags that the photograph shows, and (k, 4, 2) columns and
+    rows of their corners, clockwise; the first pixel's centre is at (0.5, 0.5). The tags are of one
+    family: that with most of these numbers in the photograph. A PhotographError lists the tags of
+    every family that it shows, if these are fewer than `FEWEST` or one is there twice.
     """
     grey = photograph.mean(axis=2, dtype=np.float64)
     white = float(np.percentile(grey, 99.5))
@@ -82,12 +71,11 @@ def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[
 
 
 def _refined(grey: Array, corners: Array, modules: int) -> Array:
-    """Return a tag's corners, (4, 2), where lines through its four edges meet.
+    """Return a tag's corners, (4, 2), known to a pixel or so, where lines through its edges meet.
 
-    OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge,
-    from the black border to the white one; the integral of its rise locates the step, whatever
-    the blur of the lens, if that is even. `corners` are known to a pixel or so; `modules` squares
-    of the tag's grid lie along its side, border included.
+    OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge;
+    the integral of its rise from the black border to the white one locates the step, whatever the
+    blur of the lens, if that is even. `modules` squares lie along the tag's side, border included.
     """
     from scipy.ndimage import map_coordinates
 

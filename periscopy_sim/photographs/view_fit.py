@@ -38,24 +38,13 @@ LINE = 0.01
 class FittedView:
     """A view of the wall by least squares, and how well it is known.
 
-    Attributes
-    ----------
-    marks
-        The marks, as they were given.
-    view
-        Where the photograph shows each point of the wall.
-    places
-        (n, p, 2) places of the marks on the wall, tags turned.
-    residuals
-        (n p, 2) pixels between where the view and the photograph show each place.
-    freedom
-        Measurements beyond the unknowns; where it is 0 the residuals show nothing.
+    Without freedom, measurements beyond the unknowns, the residuals show nothing.
     """
 
-    marks: Marks = field(repr=False)
+    marks: Marks = field(repr=False)  # as they were given
     view: WallView
-    places: Array = field(repr=False)
-    residuals: Array = field(repr=False)
+    places: Array = field(repr=False)  # (n, p, 2) of the marks on the wall, tags turned
+    residuals: Array = field(repr=False)  # (n p, 2) pixels from the photograph's to the view's
     freedom: int
     _moves: Callable[[Array | None], Array] = field(repr=False)  # of points or marks, per unknown
 
@@ -95,24 +84,13 @@ class FittedView:
 
 
 def fit_view(marks: Marks, size: tuple[int, int]) -> FittedView:
-    """Return the view of a plane wall that fits marks best.
+    """Return the view of a plane wall that fits marks best, in a photograph of (rows, columns).
 
     Distortion is added, k1 and then k2, where it explains the marks better at `SIGNIFICANCE` and
-    leaves at least `FEWEST_FREE` measurements.
-
-    Parameters
-    ----------
-    marks
-        Four points or two tags, or more; not on a line.
-    size
-        (rows, columns) of the photograph.
-
-    Raises
-    ------
-    PhotographError
-        If the marks are too few, lie on a line, make the photograph a mirror image, or one of them
-        disagrees with the others: by an F test of leaving it out, at `SIGNIFICANCE` for all of them
-        together (Bonferroni), from six marks on.
+    leaves at least `FEWEST_FREE` measurements. A PhotographError names marks that are too few (four
+    points or two tags are needed), lie on a line, make the photograph a mirror image, or disagree
+    with the others: by an F test of leaving one out, at `SIGNIFICANCE` for all of them together
+    (Bonferroni), from six marks on.
     """
     least, kind = (2, "tags") if marks.are_tags else (4, "points")
     if len(marks) < least:
@@ -214,9 +192,6 @@ def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
     steps = 1e-6 * np.eye(len(at))
     moved = [(function(at + step) - function(at - step)).ravel() / 2e-6 for step in steps]
     return np.stack(moved, axis=1)
-
-
-# -- tests ---------------------------------------------------------------------------------------
 
 
 def _p_value(simple: FittedView, rich: FittedView) -> float:

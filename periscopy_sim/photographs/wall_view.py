@@ -55,27 +55,15 @@ def _normalizing(points: Array) -> Array:
 class WallView:
     """The view of a plane through a lens: a homography, then radial distortion.
 
-    A point q = `homography` (u, v, 1) of the undistorted picture appears at
-    c + (q - c) (1 + k1 r^2 + k2 r^4), where r is its distance from the centre c over `radius`
-    (Brown 1966, without decentring).
-
-    Attributes
-    ----------
-    homography
-        (3, 3), from metres in the plane to columns and rows of pixels; the first pixel's centre is
-        at (0.5, 0.5).
-    center
-        (2,) column and row of the lens's axis, in pixels.
-    radius
-        Half of the picture's diagonal, in pixels.
-    distortion
-        (k1, k2), (k1,) or ().
+    A point q = `homography` (u, v, 1) of the undistorted picture, in columns and rows of pixels of
+    which the first has its centre at (0.5, 0.5), appears at c + (q - c) (1 + k1 r^2 + k2 r^4),
+    where r is its distance from the centre c over `radius` (Brown 1966, without decentring).
     """
 
-    homography: Array = field(repr=False)
-    center: Array
-    radius: float
-    distortion: tuple[float, ...] = ()
+    homography: Array = field(repr=False)  # (3, 3), of metres in the plane
+    center: Array  # (2,) column and row of the lens's axis, in pixels
+    radius: float  # half of the picture's diagonal, in pixels
+    distortion: tuple[float, ...] = ()  # (k1, k2), (k1,) or ()
 
     def pixels_of(self, points: Array) -> Array:
         """Return column and row in the photograph of (n, 2) points of the plane, in metres."""
@@ -124,11 +112,8 @@ class WallPlane:
 def wall_plane(scenario: Scenario) -> WallPlane:
     """Return the plane of a scene's wall.
 
-    Raises
-    ------
-    SceneError
-        If the wall is not plane, the camera does not show straight lines straight, or the film has
-        fewer than 2 x 2 pixels.
+    A wall that is not plane, a camera that does not show straight lines straight, and a film of
+    fewer than 2 x 2 pixels are a SceneError.
     """
     shape = scenario.photograph_shape
     where = f"scene '{scenario.path}'"

@@ -9,6 +9,7 @@ from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
@@ -84,6 +85,7 @@ class Observed(TypedDict, total=False):
     photograph_shape: tuple[int, int] | None
     mask: Mask | None
     backgrounds: Backgrounds | None
+    colour_matrix: ColourMatrix | None
 
 
 class StillMethod(ABC, Generic[Precision]):
@@ -115,6 +117,9 @@ class StillMethod(ABC, Generic[Precision]):
         Photographs of the same wall with the monitor off, (rows, columns, 3) each, in any unit, of
         any exposure; None for none. Each channel of each is one more column of B, also for methods
         that do not use B.
+    colour_matrix
+        From the monitor's primaries, in which the image is, to the camera's channels; None for the
+        identity. Methods other than `NoiseAware` unmix the photograph, which mixes its noise.
 
     Attributes
     ----------
@@ -132,6 +137,9 @@ class StillMethod(ABC, Generic[Precision]):
     precision: type[np.floating[Any]] = np.float64
     """Of the images."""
 
+    mixes_colours = False
+    """Whether the method's model has the colour matrix; the others unmix the photograph."""
+
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
         """Refuse a scene in the place of A, by a TypeError that names what takes one."""
         if arguments and hasattr(arguments[0], "photograph_shape"):
@@ -143,7 +151,8 @@ class StillMethod(ABC, Generic[Precision]):
     def __init__(self, A: Any, **observed: Unpack[Observed]) -> None:
         if "hidden_shape" not in observed:
             raise TypeError("give hidden_shape, (R, C)")
-        self.observation = observation_of(A, **observed)
+        observation = observation_of(A, **observed)
+        self.observation = observation if self.mixes_colours else observation.unmixed()
         self.hidden_shape = self.observation.hidden_shape
         self.photograph_shape = self.observation.photograph_shape
 
@@ -201,8 +210,7 @@ class StillMethod(ABC, Generic[Precision]):
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels, is not finite where it is used, or is
-            one of the background photographs.
+            If the photograph has not M pixels of 3 channels or is not finite where it is used.
 
         Warns
         -----
@@ -232,10 +240,15 @@ class StillMethod(ABC, Generic[Precision]):
         if transport is None:
             return Report(numbers=solution.numbers())
         signal = self._light(transport, solution)
-        is_noise = _is_noise(transport.reject_background(signal), transport, solution.noise)
+        is_noise = _is_noise(transport.project_out(signal), transport, solution.noise)
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
         warnings = [Note("no_hidden_image")] * is_noise
+        if residual is not None and residual.diagnosis not in ("fits", "unknown"):
+            values = {
+                name: 100 * (numbers[name] or 0) for name in ("unexplained_by_any", "noise_alone")
+            }
+            warnings.append(Note(residual.diagnosis, values))
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
@@ -259,10 +272,10 @@ class StillMethod(ABC, Generic[Precision]):
 
     def _light(self, transport: TransportOperator, solution: Any) -> Array:
         """Return the light A f̂ of a solution, (M', 3)."""
-        return transport.light(np.asarray(solution.image, np.float64).reshape(-1, 3))
+        return transport.light(self.observation.mixed(solution.image))
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
-        """Return the photograph that A f + B b + e describes, (M', 3), in the pixels used."""
+        """Return the photograph that A f + B c + n describes, (M', 3), in the pixels used."""
         return self.observation.vectorized(photograph)
 
     def projected_transport(self) -> TransportOperator | None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
 
 if TYPE_CHECKING:
+    from periscopy_sim.model.colour_matrix import ColourMatrix
     from periscopy_sim.model.observation import Backgrounds, Mask
     from periscopy_sim.model.uncertain_transport import UncertainTransport
     from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
@@ -62,9 +63,11 @@ class MethodEntry:
     help: str  # what it is, in a few words
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     options: tuple[Option, ...] = ()  # what users can set
+    certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it takes the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
+    rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
@@ -78,6 +81,7 @@ class MethodEntry:
         mask: Mask | None = None,
         backgrounds: Backgrounds | None = None,
         uncertain: UncertainTransport | None = None,
+        colour_matrix: ColourMatrix | None = None,
         **options: float,
     ) -> StillMethod[Any]:
         """Fit the method to a scene; the options' values by their names, the rest as in the class.
@@ -92,6 +96,7 @@ class MethodEntry:
             B if self.backgrounds else None,
             mask=mask,
             backgrounds=backgrounds,
+            colour_matrix=colour_matrix,
             **({} if uncertain is None else {"uncertain": uncertain}),
             **self.fixed,
             **_parameters(self.options, options),
@@ -177,6 +182,7 @@ _ENTRIES = (
             ),
             _RANK,
         ),
+        certainty="standard errors",
         uncertain=True,
         video=VideoEntry(
             "noise_aware.video:NoiseAwareVideo",
@@ -189,6 +195,7 @@ _ENTRIES = (
         "the paper's",
         "preconditioned.still:Periscope",
         options=(_IN_ERRORS, _REPAIR, _RANK),
+        rays=True,
         video=VideoEntry(
             "preconditioned.video:Video",
             ("l1", "total-variation", "none"),
@@ -235,6 +242,7 @@ _ENTRIES = (
         "the paper's without backgrounds",
         "preconditioned.still:Periscope",
         options=(_IN_ERRORS, _REPAIR),
+        rays=True,
         backgrounds=False,
     ),
     MethodEntry(
@@ -243,6 +251,7 @@ _ENTRIES = (
         "learned.still:Learned",
         bytes_per_entry=BYTES_PER_ENTRY,
         needs="torch",
+        rays=True,  # as in its training
         hidden=(29, 36),
     ),
 )

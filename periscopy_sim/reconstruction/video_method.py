@@ -9,13 +9,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.numerics.validation import check_weight, plain_array
 from periscopy_sim.reconstruction.method import Image, Precision, Solution, StillMethod
 
-Found = TypeVar("Found", bound=Solution[Any])
+FrameSolution = TypeVar("FrameSolution", bound=Solution[Any])
 
 
-class FrameByFrame(ABC, Generic[Found, Precision]):
+class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
     """A method for video, fitted to one scene: frames one at a time, or many at once.
 
     Parameters
@@ -68,8 +68,8 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
         self.previous: NDArray[Precision] | None = None
 
     @abstractmethod
-    def begun(self, photographs: Image) -> Iterator[Callable[[], Found]]:
-        """Do what is done to many photographs at once.
+    def recoveries(self, photographs: Image) -> Iterator[Callable[[], FrameSolution]]:
+        """Prepare many photographs together, and yield what recovers each frame.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
         Yields
         ------
         callable
-            What is left to do for each: recovers its frame, once those before it are recovered.
+            Recovers a photograph's frame; call them in order.
 
         Raises
         ------
@@ -114,28 +114,12 @@ class FrameByFrame(ABC, Generic[Found, Precision]):
         image: NDArray[Precision] = self.solve_next(photograph).image
         return image
 
-    def solve_next(self, photograph: Image) -> Found:
+    def solve_next(self, photograph: Image) -> FrameSolution:
         """Recover the next frame and tell how it came about; see `next_frame`."""
-        (finish,) = self.begun(np.asarray(photograph)[None])
-        return finish()
+        (recover,) = self.recoveries(plain_array(photograph)[None])
+        return recover()
 
     def frames(self, photographs: Image) -> NDArray[Precision]:
-        """Recover the frames that follow the latest one, many photographs in one product.
-
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
-
-        Returns
-        -------
-        ndarray
-            (K, R, C, 3), what `next_frame` gives one after the other.
-
-        Raises
-        ------
-        ValueError
-            As `next_frame`.
-        """
-        images = [finish().image for finish in self.begun(photographs)]
+        """Recover the frames, (K, R, C, 3), that follow the latest one; see `recoveries`."""
+        images = [recover().image for recover in self.recoveries(photographs)]
         return np.array(images, self.precision).reshape(-1, *self.hidden_shape, 3)

@@ -14,10 +14,13 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
+from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Receives the name of a rendering, and gives the function that reports its fraction done."""
+
+CONDITIONS = (*REALISTIC, *ADVERSARIAL)
 
 
 def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
@@ -41,25 +44,24 @@ def ambient_photographs(
     `render_background`; `progress` is called with each condition that is rendered. A name that is
     unknown or given twice, or a file of other settings, is a `PeriscopyError`.
     """
+    import mitsuba as mi
+
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
+    made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
+    made |= {"parameters": dict(scenario.parameters), "target": f"{target:g}"}
+    for of_this_run in ("command", "python", "numpy", "scipy"):
+        del made[of_this_run]
     for name, path in paths.items():
-        file, settings = folder / f"{name}.exr", _settings(path, scenario, seed, target)
-        picture, metadata = rendered_once(file, path, scenario, seed, target, progress, settings)
-        # The digest identifies the scene, wherever it lies.
-        wanted: dict[str, object] = {
-            **settings,
-            "pixels": scenario.photograph_shape,
-            "scene": metadata.get("scene"),
-        }
-        held: dict[str, object] = {**metadata, "pixels": picture.shape[:2]}
-        for key in (key for key, value in wanted.items() if held.get(key) != value):
-            raise PeriscopyError(
-                f"{file}: was made otherwise ({key} {held.get(key)}, here {wanted[key]}); name "
-                "another folder or remove it"
-            )
+        file = folder / f"{name}.exr"
+        settings = as_text({**made, "ambient": name, "ambient_sha256": scene_sha256(path)})
+        picture, held = rendered_once(file, path, scenario, seed, target, progress, settings)
+        wanted = {**settings, "scene": held.get("scene")}  # wherever it lies: it has a digest
+        check_settings({n: held.get(n) for n in wanted}, wanted, f"{file}:", "photograph")
+        if picture.shape[:2] != scenario.photograph_shape:
+            raise PeriscopyError(f"{file}: has {picture.shape[:2]} pixels; remove it")
         photographs[name] = picture.astype(np.float64)
     return photographs
 
@@ -95,23 +97,11 @@ def rendered_once(
 
 def find_condition(name: str) -> Path:
     """Return the file of a shipped condition, or the scene file named."""
-    if name in (*REALISTIC, *ADVERSARIAL):
+    if name in CONDITIONS:
         return find_scene(f"ambient/{name}")
     if Path(name).suffix == ".xml" and Path(name).is_file():
         return Path(name)
-    known = ", ".join((*REALISTIC, *ADVERSARIAL))
     raise PeriscopyError(
-        f"no ambient condition '{name}'; there are {known}, or name a Mitsuba XML file"
+        f"no ambient condition '{name}'; there are {', '.join(CONDITIONS)}, or name a Mitsuba XML "
+        "file"
     )
-
-
-def _settings(path: Path, scenario: Scenario, seed: int, target: float) -> dict[str, str]:
-    """Return what a picture depends on, which does not include the scenario's hidden size."""
-    import mitsuba as mi
-
-    made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
-    record = as_text({**made, "parameters": dict(scenario.parameters)})
-    for of_this_run in ("command", "python", "numpy", "scipy"):
-        del record[of_this_run]
-    ambient = {"ambient": path.stem, "ambient_sha256": scene_sha256(path)}
-    return {**ambient, "target": f"{target:g}", **record}

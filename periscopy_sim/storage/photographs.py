@@ -15,11 +15,11 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
-from periscopy_sim.storage.formats.decoding import Picture
+from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
+from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
 from periscopy_sim.storage.formats.matlab import averaged_counts
-from periscopy_sim.storage.formats.rasters import SRGB, encoding_of
 from periscopy_sim.storage.formats.srgb import srgb_decode
-from periscopy_sim.storage.formats.table import FileFormat, decode_picture, format_of
+from periscopy_sim.storage.formats.table import decode_picture, format_of
 
 
 def read_photograph(
@@ -27,11 +27,10 @@ def read_photograph(
 ) -> Photograph:
     """Read a photograph of a known size; its contents decide its format.
 
-    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light; arrays of
-    8-bit integers are taken so, too, with a warning. PNG, TIFF and JPEG are what their colour
-    profile says, linear or decoded by the sRGB curve, with a warning; without one, 16-bit PNG and
-    integer TIFF are linear counts, and 8 bits are decoded likewise. MATLAB files hold raw counts,
-    see `read_matlab_counts`.
+    EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light, and so are
+    arrays of 8-bit integers, with a warning. PNG, TIFF and JPEG are what they declare, linear light
+    or, with a warning, encoded by the sRGB curve; if they declare nothing, 16 bits are linear and 8
+    bits encoded. MATLAB files hold raw counts, see `read_matlab_counts`.
 
     Parameters
     ----------
@@ -48,8 +47,8 @@ def read_photograph(
     PhotographError
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
-    name, row, picture, encoded = _decoded(path)
-    values, warnings = _linear_light(picture, encoded, shape, row.name, name)
+    name, kind, picture, encoded = _decoded(path)
+    values, warnings = _linear_light(picture, encoded, shape, kind, name)
     return Photograph.of(values, shape, name, mask=mask, warnings=tuple(warnings))
 
 
@@ -82,7 +81,7 @@ def read_sensor_image(
     PhotographError
         If the file is missing, damaged or of another format.
     """
-    name, row, picture, encoded = _decoded(path)
+    name, kind, picture, encoded = _decoded(path)
     values, full = picture.values, picture.saturated
     if encoded:
         if has_black or white is not None:
@@ -91,26 +90,25 @@ def read_sensor_image(
                 "and the saturation"
             )
         full = (values == np.iinfo(values.dtype).max).any(axis=2)
-    light, warnings = _linear_light(picture, encoded, None, row.name, name)
+    light, warnings = _linear_light(picture, encoded, None, kind, name)
     exposure = sensor_image(light, name, white, full, picture.cell)
     if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
             f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
-            f"are saturated, give this value as the saturation"
+            f"are saturated, name this value as white"
         )
     return exposure, tuple(warnings)
 
 
-def _decoded(path: str | Path) -> tuple[str, FileFormat, Picture, bool]:
+def _decoded(path: str | Path) -> tuple[str, str, Picture, bool]:
     """Return name, format and content of a photograph, and whether it is sRGB-encoded."""
-    path = Path(path)
-    row = format_of(path)
-    picture = row.decode(path, "photograph")
-    encoded = picture.is_display and picture.values.dtype == np.uint8
-    if picture.is_display and picture.profile and picture.values.dtype in (np.uint8, np.uint16):
-        encoded = encoding_of(picture.profile, path) == SRGB
-    return str(path), row, picture, encoded
+    row = format_of(Path(path))
+    picture = row.decode(Path(path), PHOTOGRAPH)
+    encoded = picture.encoding == SRGB
+    if picture.encoding in (None, GAMMA):
+        encoded = picture.is_display and picture.values.dtype == np.uint8
+    return str(path), row.name, picture, encoded
 
 
 def _linear_light(
@@ -118,28 +116,26 @@ def _linear_light(
 ) -> tuple[NDArray[Any], list[str]]:
     """Return linear light, of a size if one is asked for, and what was assumed or left out."""
     values, warnings = picture.values, []
+    bits = 8 * values.dtype.itemsize
     if picture.exposure is not None:
         values = averaged_counts(values, picture.exposure, shape or values.shape[:2], name)
     if picture.left_out:
         warnings.append(f"{name}: left out the channels {', '.join(picture.left_out)}")
     if picture.alpha is not None:
         warnings.append(f"{name}: left out the alpha channel")
-    bits = 8 * values.dtype.itemsize
     if encoded:
         if shape is not None:
             check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
-        why = "which is normally gamma-encoded, so"
-        if picture.profile:
-            why = "as its colour profile says"
+        why = "as the file says" if picture.encoding == SRGB else "which is normally encoded"
         warnings.append(
-            f"{name}: {bits}-bit {kind}, {why} decoded by the sRGB curve; save linear data as "
+            f"{name}: {bits}-bit {kind}, {why}: decoded by the sRGB curve; save linear data as "
             "16-bit PNG or TIFF, EXR or NPY"
         )
         values = srgb_decode(np.linspace(0, 1, 2**bits))[values]
-    elif bits == 8 and values.dtype.kind == "u" and not picture.profile:
+    elif picture.encoding == GAMMA or (picture.encoding is None and values.dtype == np.uint8):
         warnings.append(
-            f"{name}: 8-bit {kind}, taken as linear light; if it is gamma-encoded, as most such "
-            "data are, save it as PNG, which is decoded"
+            f"{name}: {bits}-bit {kind}, taken as linear light, though such files often are "
+            "gamma-encoded; if this one is, save it as PNG with an sRGB profile"
         )
     return values, warnings
 
@@ -165,8 +161,8 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
     Raises
     ------
     PhotographError
-        If the file is missing, damaged, of another format or size, coloured, has NaN or infinite
-        values, or leaves out every pixel.
+        If the file is missing, damaged, of another format or size, coloured, not finite, or leaves
+        out every pixel.
     """
     path = Path(path)
     picture = decode_picture(path, "mask")
@@ -179,11 +175,10 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         raise PhotographError(f"{path}: has NaN or infinite values; give truth values")
     if (values != values[..., :1]).any():
         raise PhotographError(f"{path}: has colours; a mask is grey: is this the photograph?")
-    # A quotient, since half of the largest integer may be no integer.
     largest = values.max()
-    mask: NDArray[np.bool_] = values[..., 0] / (largest or 1) > 0.5
-    if largest <= 0 or not mask.any():
+    # A quotient, since half of the largest integer may be no integer.
+    if largest <= 0 or not (mask := values[..., 0] / largest > 0.5).any():
         raise PhotographError(
             f"{path}: leaves out every pixel; it must be bright where the wall is to be used"
         )
-    return mask
+    return np.asarray(mask)

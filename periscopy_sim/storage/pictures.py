@@ -12,12 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import with_channels
-from periscopy_sim.shipped import shipped_image
-from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
-
-__all__ = ["area_average", "read_hidden_image", "srgb_decode", "srgb_encode", "write_png"]
 
 _BAND = 1 << 20  # pixels made linear light at once
 
@@ -48,10 +45,6 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
     path = Path(path)
-    if not path.exists() and shipped_image(path.name) is not None:
-        raise PhotographError(
-            f"{path}: no such file; the shipped image is ps.find_image('{path.name}')"
-        )
     picture = decode_picture(path, "hidden")
     values, alpha = with_channels(picture.values, str(path)), picture.alpha
     if values.size == 0:
@@ -90,11 +83,10 @@ def write_png(
     The same inputs give the same bytes. `text` holds text chunks, such as provenance; of each
     pixel, factor by factor are written. An image of another shape or with NaN is a ValueError.
     """
-    encoded = 255 * srgb_encode(np.clip(linear_image, 0, 1))
-    if encoded.ndim != 3 or encoded.shape[2] != 3 or np.isnan(encoded).any():
-        raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {encoded.shape}")
-    pixels = np.rint(encoded).astype(np.uint8)
-    pixels = np.repeat(np.repeat(pixels, factor, axis=0), factor, axis=1)
+    image = np.asarray(linear_image)
+    if image.ndim != 3 or image.shape[2] != 3 or np.isnan(image).any():
+        raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {image.shape}")
+    pixels = srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
     with staged_file(path) as staged:
         staged.write_bytes(png_bytes(pixels, text))
 

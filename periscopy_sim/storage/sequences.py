@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -14,9 +16,9 @@ import numpy.lib.format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Photograph, blackened, check_real
+from periscopy_sim.photograph import Photograph, blackened, check_real, check_size
 from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
-from periscopy_sim.storage.formats.decoding import Frames, listed, place_of
+from periscopy_sim.storage.formats.decoding import decoding, listed
 from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
@@ -24,20 +26,34 @@ from periscopy_sim.storage.pictures import area_average, linear_light, read_hidd
 Array = NDArray[np.float64]
 
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
-_FORMS = "a folder of photographs, a Zarr archive, or an NPY or NPZ stack"
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Photographs in time's order, each decoded and checked when it is read."""
+
+    names: tuple[str, ...]  # the file or the number of each
+    warnings: tuple[str, ...]  # what was left out of the whole, one line each
+    read: Callable[[int], Photograph]  # returns a frame by its number
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[Photograph]:
+        return map(self.read, range(len(self)))
 
 
 def open_frames(
     path: str | Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None
-) -> Frames[Photograph]:
+) -> Frames:
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
     natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
     files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
-    array (frames, rows, columns, 3), or a group that has it as `photograph`. NPY and NPZ files (key
-    `photograph`) hold such an array too; NPZ files are decoded as a whole. One channel in place of
-    three is grey.
+    array (frames, rows, columns, 3), or a group that has it as `photograph`, as a data set has. NPY
+    and NPZ files (key `photograph`) hold such an array too; NPZ files are decoded as a whole. One
+    channel in place of three is grey.
 
     Parameters
     ----------
@@ -60,34 +76,54 @@ def open_frames(
         iterating as `read_photograph`, naming the frame, the first being 0.
     """
     path = Path(path)
+    warnings: tuple[str, ...] = ()
     if path.is_dir() and not any((path / mark).exists() for mark in _ZARR_MARKS):
-        return _folder_frames(path, shape, mask)
+        files, others = files_of_one_kind(path)
+        warnings = (f"{path}: left out {listed(others)}",) if others else ()
+        names = tuple(file.name for file in files)
+        return Frames(names, warnings, lambda k: read_photograph(files[k], shape, mask))
     if path.is_dir():
-        stack = zarr_stack(path, shape)
+        stack, warnings = zarr_stack(path)
     else:
         row = format_of(path)
         if row.open_stack is None:
-            raise PhotographError(f"{path}: is a single {row.name} file; give {_FORMS}")
-        stack = row.open_stack(path, shape)
+            raise PhotographError(
+                f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr "
+                "archive, or an NPY or NPZ stack"
+            )
+        stack = row.open_stack(path)
+    check_real(stack.dtype, str(path))
+    if len(stack.shape) != 4 or stack.shape[3] not in (1, 3) or not stack.shape[0]:
+        raise PhotographError(
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3)"
+        )
+    check_size(stack.shape[1:3], shape, str(path))
+    size = getattr(stack, "chunks", (1,))[0]  # frames; a chunk cannot be read in part
 
-    def decode() -> Iterator[Photograph]:
-        for k, values in enumerate(stack):
-            yield Photograph.of(values, shape, str(place_of(path, k)), mask=mask)
+    @lru_cache(maxsize=1)
+    def block(number: int) -> NDArray[Any]:
+        return np.asarray(stack[number * size : (number + 1) * size])
 
-    return Frames(stack.names, stack.warnings, decode)
+    def read(k: int) -> Photograph:
+        place = _place(path, k)
+        with decoding(place, "part of a stack"):
+            values = block(k // size)[k % size]
+        return Photograph.of(values, shape, str(place), mask=mask)
+
+    return Frames(tuple(map(str, range(stack.shape[0]))), warnings, read)
 
 
 def decoded_photographs(
-    sequence: Frames[Photograph],
+    sequence: Frames,
     shape: tuple[int, int],
     mask: NDArray[np.bool_] | None,
     file: Path,
     progress: Callable[[float], None],
 ) -> tuple[NDArray[np.floating[Any]], list[str]]:
-    """Return all photographs of a sequence, and what was assumed or left out, once for each kind.
+    """Return all photographs of a sequence, and the first warning of each kind, counted.
 
-    They are (rows, columns, 3) each, black where the mask leaves them out, as they are drawn, and
-    kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
+    The photographs are (rows, columns, 3) each, black where the mask leaves them out, as they are
+    drawn, and kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
     """
     of_kind: dict[str, list[str]] = {}
     with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
@@ -96,10 +132,7 @@ def decoded_photographs(
             for warning in photograph.warnings:
                 of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
             progress(k / len(sequence))
-    counted = (
-        first + (f" (likewise {len(others)} more)" if others else "")
-        for first, *others in of_kind.values()
-    )
+    counted = (f"{w[0]} (likewise {len(w) - 1} more)" if w[1:] else w[0] for w in of_kind.values())
     return mapped_stack(file), [*sequence.warnings, *counted]
 
 
@@ -117,10 +150,7 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
         raise PhotographError(
             f"{path}: holds {number} hidden images for {count} photographs; give as many, or one"
         )
-    if number == count:
-        yield from map(read, range(count))
-    else:
-        yield from repeat(read(0), count)
+    return map(read, range(count)) if number == count else repeat(read(0), count)
 
 
 def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> NDArray[Any]:
@@ -173,16 +203,9 @@ def _natural(name: str) -> tuple[list[str | int], str]:
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
 
 
-def _folder_frames(
-    path: Path, shape: tuple[int, int], mask: NDArray[np.bool_] | None
-) -> Frames[Photograph]:
-    """Open a folder, one photograph a file; see `open_frames`."""
-    files, others = files_of_one_kind(path)
-    return Frames(
-        tuple(file.name for file in files),
-        (f"{path}: left out {listed(others)}",) if others else (),
-        lambda: (read_photograph(file, shape, mask) for file in files),
-    )
+def _place(path: Path, frame: int) -> Path:
+    """Return the name of a frame of a file for a message."""
+    return Path(f"{path}, frame {frame}")
 
 
 def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
@@ -190,18 +213,11 @@ def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[i
     if path.is_dir():
         files, _ = files_of_one_kind(path)
         return len(files), lambda k: read_hidden_image(files[k], shape)
-    if format_of(path).name == "NPY":
-        stack = mapped_stack(path)
-        check_real(stack.dtype, str(path))
-        if stack.ndim == 4:
-            if stack.shape[-1] not in (1, 3) or 0 in stack.shape[1:]:
-                raise PhotographError(
-                    f"{path}: has frames of shape {stack.shape[1:]}; give (rows, columns, 3)"
-                )
-
-            def read(k: int) -> Array:
-                return area_average(linear_light(stack[k], place_of(path, k)), shape)
-
-            return len(stack), read
-    image = read_hidden_image(path, shape)
-    return 1, lambda _: image
+    if format_of(path).name != "NPY" or (stack := mapped_stack(path)).ndim != 4:
+        return 1, lambda _: read_hidden_image(path, shape)
+    check_real(stack.dtype, str(path))
+    if stack.shape[-1] not in (1, 3) or 0 in stack.shape[1:]:
+        raise PhotographError(
+            f"{path}: has frames of shape {stack.shape[1:]}; give (rows, columns, 3)"
+        )
+    return len(stack), lambda k: area_average(linear_light(stack[k], _place(path, k)), shape)

@@ -35,9 +35,10 @@ from periscopy_sim.storage.outputs.staging import staged_file
 Transport = NDArray[np.float32] | BouncedTransport
 """A, (M, N): an array of direct light, or the matrices of all channels with light that bounces."""
 
+Write = Callable[[Transport, Mapping[str, Any]], None]
+"""Writes a matrix and the record of what it was made from, as JSON has it."""
+
 AGAIN = "render the matrix again"
-CHUNK = 1 << 24
-"""Bytes of a matrix that are read at once."""
 
 
 def record_of(path: Path) -> Path:
@@ -50,16 +51,12 @@ def bounced_of(path: Path) -> Path:
     return path.with_suffix(".bounced.npz")
 
 
-Write = Callable[[Transport, Mapping[str, Any]], None]
-"""Writes a matrix and the record of what it was made from, as JSON has it."""
-
-
 @contextmanager
 def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     """Yield the function that writes a matrix of some bounces; its files appear once all are whole.
 
     The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
-    the digests of the other files, so that those of two matrices are not taken for one.
+    the digests of the other files, which tell files of two matrices apart.
     """
     bounced = () if bounces == DIRECT else (bounced_of(path),)
     with ExitStack() as stack:
@@ -107,22 +104,35 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
             f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
             f"{scenario.transport_shape}"
         )
-    record = _checked_record(path, scenario)
-    held, asked = record.get("bounces", "direct"), bounces_in_words(bounces)
-    if held != asked:
-        raise PhotographError(
-            f"{path}: was rendered with bounces {held}, not {asked}; ask for {held}, or {AGAIN}"
-        )
-    if record.get("matrix_sha256", digest := _sha256(A)) != digest:
-        raise PhotographError(f"{path}: is of another matrix than {record_of(path)}; {AGAIN}")
-    if bounces == DIRECT:
+    file = record_of(path)
+    if not file.is_file():
+        if bounced_of(path).is_file() or bounces != DIRECT:
+            raise PhotographError(f"{file}: is missing, and light that bounces needs it; {AGAIN}")
         return A
-    file = bounced_of(path)
-    with decoding(file, "NPZ", AGAIN), file.open("rb") as stream, np.load(stream) as data:
-        light = BouncedLight(data["over_wall"], data["of_patches"], float(data["relative_error"]))
-    if _sha256(light.over_wall, light.of_patches) != record.get("bounced_sha256"):
-        raise PhotographError(f"{file}: is of another matrix than {path}; {AGAIN}")
-    return BouncedTransport(A, light, bounces)
+    with decoding(file, "JSON", AGAIN):
+        record = dict(json.loads(file.read_text("utf-8")))
+    wanted = {
+        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
+        "parameters": dict(scenario.parameters),
+        "hidden_shape": list(scenario.hidden_shape),
+        "bounces": bounces_in_words(bounces),
+        "matrix_sha256": _sha256(A),
+    }
+    light = None
+    if bounces != DIRECT:
+        bounced = bounced_of(path)
+        with decoding(bounced, "NPZ", AGAIN), bounced.open("rb") as stream, np.load(stream) as data:
+            error = float(data["relative_error"])
+            light = BouncedLight(data["over_wall"], data["of_patches"], error)
+        wanted["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+    held = {"bounces": "direct", "matrix_sha256": wanted["matrix_sha256"], **record}
+    for name, value in wanted.items():
+        if held.get(name) != value:
+            raise PhotographError(
+                f"{path}: was made from another scene or light ({name.replace('_', ' ')} "
+                f"{held.get(name)}, here {value}); {AGAIN}"
+            )
+    return A if light is None else BouncedTransport(A, light, bounces)
 
 
 def _finite_matrix(path: Path) -> NDArray[Any]:
@@ -136,35 +146,10 @@ def _finite_matrix(path: Path) -> NDArray[Any]:
     return matrix
 
 
-def _checked_record(path: Path, scenario: Scenario) -> dict[str, Any]:
-    """Return the JSON beside a matrix, which must be of the scene; empty without one."""
-    file = record_of(path)
-    if not file.is_file():
-        if bounced_of(path).is_file():
-            raise PhotographError(f"{file}: is missing, and {bounced_of(path)} needs it; {AGAIN}")
-        return {}
-    wanted = {
-        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
-        "parameters": dict(scenario.parameters),
-        "hidden_shape": list(scenario.hidden_shape),
-    }
-    with decoding(file, "JSON", AGAIN):
-        record = dict(json.loads(file.read_text("utf-8")))
-        held = {name: record[name] for name in wanted}
-    for name, value in wanted.items():
-        if held[name] != value:
-            raise PhotographError(
-                f"{path}: was made from another scene ({name.replace('_', ' ')} {held[name]}, here "
-                f"{value}); {AGAIN}"
-            )
-    return record
-
-
 def _sha256(*arrays: NDArray[Any]) -> str:
-    """Return the digest of arrays, a part of each at a time."""
+    """Return the digest of arrays; what is mapped is not read into memory as a whole."""
     digest = hashlib.sha256()
     for values in arrays:
         digest.update(f"{values.shape} {values.dtype}".encode())
-        for rows in np.array_split(values, max(1, values.nbytes // CHUNK)):
-            digest.update(np.ascontiguousarray(rows).data)
+        digest.update(np.ascontiguousarray(values).data)
     return digest.hexdigest()

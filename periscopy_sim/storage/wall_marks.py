@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import csv
-import math
 from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-
-_POINT = ("column", "row", "x", "y", "z")
-_TAG = ("id", "x", "y", "z", "size")
+from periscopy_sim.scenario import Array
 
 
 def read_wall_points(path: str | Path) -> WallPoints:
@@ -22,9 +19,7 @@ def read_wall_points(path: str | Path) -> WallPoints:
     are metres in the scene. Other columns are left out. A file that is missing or malformed is a
     `PhotographError`.
     """
-    rows = _table(Path(path), _POINT)
-    values = np.array(list(rows.values()))
-    names = [f"{path}, line {line}" for line in rows]
+    values, names = _table(Path(path), ("column", "row", "x", "y", "z"))
     return WallPoints(values[:, :2], values[:, 2:], names, str(path))
 
 
@@ -34,12 +29,12 @@ def read_wall_tags(path: str | Path) -> WallTags:
     The place of a tag is its middle's, its size the side of its black square, in metres. A file
     that is missing or malformed is a `PhotographError`.
     """
-    values = np.array(list(_table(Path(path), _TAG).values()))
+    values, _ = _table(Path(path), ("id", "x", "y", "z", "size"))
     return WallTags(values[:, 0].astype(np.int64), values[:, 1:4], values[:, 4], str(path))
 
 
-def _table(path: Path, columns: tuple[str, ...]) -> dict[int, list[float]]:
-    """Return the numbers of some columns of each row, by the line of the row."""
+def _table(path: Path, columns: tuple[str, ...]) -> tuple[Array, list[str]]:
+    """Return the numbers of some columns, (rows, columns), and the name of each row."""
     try:
         lines = path.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -47,18 +42,18 @@ def _table(path: Path, columns: tuple[str, ...]) -> dict[int, list[float]]:
         raise PhotographError(f"{path}: {reason}; give a CSV file") from None
     reader = csv.DictReader(lines, skipinitialspace=True)
     reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
-    rows = {}
+    rows: dict[str, list[float]] = {}
     for row in reader:
+        place = f"{path}, line {reader.line_num}"
         try:
-            numbers = [float(row[name]) for name in columns]
+            rows[place] = [float(row[name]) for name in columns]
         except (KeyError, TypeError, ValueError):
-            numbers = []
-        if not numbers or not all(map(math.isfinite, numbers)):
+            rows[place] = [np.nan]
+        if not np.isfinite(rows[place]).all():
             raise PhotographError(
-                f"{path}, line {reader.line_num}: needs a number for each of {','.join(columns)}, "
-                "which the first line of the file names"
+                f"{place}: needs a number for each of {','.join(columns)}, which the first line of "
+                "the file names"
             )
-        rows[reader.line_num] = numbers
     if not rows:
         raise PhotographError(f"{path}: has no rows; write {','.join(columns)}, then one a mark")
-    return rows
+    return np.array(list(rows.values())), list(rows)

@@ -58,8 +58,8 @@ def test_single_precision_stays_single(A):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"hidden_shape": (3, 5)}, "12 columns"),
-        ({"photograph_shape": (5, 5)}, "30 rows"),
+        ({"hidden_shape": (3, 5)}, r"\(3, 5\)"),
+        ({"photograph_shape": (5, 5)}, r"\(5, 5\)"),
         ({"channel_gain": [1.0, 2.0]}, "3 finite numbers"),
         ({"channels": 2}, "1 or 3 channels"),
     ],
@@ -67,10 +67,3 @@ def test_single_precision_stays_single(A):
 def test_what_does_not_fit_is_refused(A, given, says):
     with pytest.raises(ValueError, match=says):
         transport_operator(A, **given)
-
-
-def test_wrong_vectors_and_types_are_refused(A):
-    with pytest.raises(ValueError, match="float32 or float64"):
-        transport_operator(A.astype(int))
-    with pytest.raises(ValueError, match="does not hold 7 numbers"):
-        transport_operator(A).image(np.zeros(7))

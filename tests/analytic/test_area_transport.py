@@ -7,7 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, has_areas
+from periscopy_sim.analytic.area_transport import (
+    area_derivatives,
+    area_transport,
+    has_areas,
+    pixel_transport,
+)
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import EmissionProfile, Occluder
@@ -70,6 +75,12 @@ def test_a_pixel_is_the_mean_of_its_wall_points():
     fine = ps.load_scenario("chair", (4, 5), photograph=(12, 15))
     A = area_transport(fine).reshape(4, 3, 5, 3, 20).mean(axis=(1, 3)).reshape(20, 20)
     np.testing.assert_allclose(area_transport(fine, 3), A, rtol=1e-5, atol=1e-4 * A.max())
+
+
+def test_pixels_are_divided_as_the_camera_divides_them():
+    fine = ps.load_scenario("chair", (4, 5), photograph=(9 * 6, 9 * 14))
+    A = pixel_transport(ps.load_scenario("chair", (4, 5), photograph=(6, 14)))
+    np.testing.assert_allclose(A, area_transport(fine, 9), rtol=1e-4, atol=1e-5 * A.max())
 
 
 @pytest.mark.parametrize("change", [soup, welded, merged])

@@ -12,7 +12,7 @@ import pandas
 from benchmarks.cases import Case
 from benchmarks.entry import Entry, outcome
 from benchmarks.objective import Objective
-from benchmarks.page import gain, write_leaderboard
+from benchmarks.page import gain
 from benchmarks.solvers.least_squares import Solver as LeastSquares
 from benchmarks.suites import SUITES
 
@@ -98,16 +98,6 @@ def test_a_method_cannot_change_what_the_next_one_gets(case):
     np.testing.assert_array_equal(case.A, A)
     assert case.B.any()
     assert case.photographs.any()
-
-
-def test_the_page_is_offline_and_tells_failures(case, tmp_path, blank_figures):  # noqa: ARG001
-    good = np.ones((*SHAPE, 3))
-    rows = rows_of(LeastSquares(), case) + rows_of(scripted(good, good[:2], good), case)
-    page = write_leaderboard(tmp_path, pandas.DataFrame(rows), {"python": "3"}).read_text("utf-8")
-    assert "1 of 3" in page
-    assert "returned shape (2, 9, 3) instead of (8, 9, 3)" in page
-    assert "python -m benchmarks run --methods least-squares --suites still" in page
-    assert "http" not in page
 
 
 def test_gains_are_of_the_same_cells_and_leave_failures_out():

@@ -4,7 +4,7 @@ import json
 import pytest
 
 from benchmarks import freezing, suites
-from benchmarks.suites import SUITES, geometry
+from benchmarks.suites import SUITES
 from periscopy_sim.errors import PeriscopyError
 
 
@@ -57,16 +57,3 @@ def test_a_frozen_version_is_never_written_over(monkeypatch, tmp_path, changed, 
     with pytest.raises(PeriscopyError, match=message):
         freezing.freeze(tmp_path)
     assert json.loads(file.read_text()) == record
-
-
-def test_geometries_are_drawn_by_seed_and_withheld():
-    drawn = [geometry(suite, k).true for suite in SUITES.values() for k in range(suite.geometries)]
-    assert len({tuple(each.items()) for each in drawn}) == len(drawn)
-    assert all(any(abs(value) > 1e-3 for value in each.values()) for each in drawn)
-    assert geometry(SUITES["still"], 0) == geometry(SUITES["still"], 0)
-
-
-def test_only_a_wrong_geometry_is_told_wrong():
-    for name, suite in SUITES.items():
-        drawn = geometry(suite, 0)
-        assert (drawn.true != drawn.told) == (name == "wrong-geometry")

@@ -1,63 +1,69 @@
+"""What a scene declares of its parameters and their errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.prior import Prior, declared_errors, free_parameters, start_values
+from periscopy_sim.calibration.prior import (
+    Free,
+    declared_errors,
+    free_parameters,
+    start_values,
+    uncertain_parameters,
+)
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
 CHAIR = find_scene("chair")
 
 
-def test_penalty_and_slope_are_those_of_normal_distributions():
-    prior = Prior(np.array([1.0, 2.0]), np.array([0.5, np.inf]))
-    values = np.array([2.0, 7.0])
-    assert prior.penalty(values) == 4.0
-    h = 1e-6
-    numeric = [
-        (prior.penalty(values + step) - prior.penalty(values - step)) / (4 * h)
-        for step in h * np.eye(2)
-    ]
-    np.testing.assert_allclose(prior.slope(values), numeric, atol=1e-8)
-    np.testing.assert_array_equal(prior.precision, [4.0, 0.0])
-    assert Prior.none(2).penalty(values) == 0
-
-
-def test_parameters_start_at_their_defaults_or_as_given():
+def test_parameters_start_at_their_defaults_or_as_given() -> None:
     free = ["occluder_dx", "vertical_exponent"]
     np.testing.assert_array_equal(start_values(CHAIR, free, {"occluder_dx": "-0.05"}), [-0.05, 18])
 
 
 @pytest.mark.parametrize(
-    ("free", "given", "message"),
+    ("free", "given", "name"),
     [
-        ([], {}, "no parameter is free"),
-        (["occluder_dx", "sofa_dx"], {}, r"no parameter 'sofa_dx'; .*occluder_dx \(default 0\)"),
-        (["occluder_dx", "occluder_dx"], {}, "free twice"),
-        (["occluder_dx"], {"occluder_dx": "left"}, "-D occluder_dx=left"),
-        (["occluder_dx"], {"occluder_dx": "nan"}, "-D occluder_dx=nan"),
+        ([], {}, "chair"),
+        (["occluder_dx", "sofa_dx"], {}, "sofa_dx"),
+        (["occluder_dx", "occluder_dx"], {}, "occluder_dx"),
+        (["occluder_dx"], {"occluder_dx": "left"}, "occluder_dx=left"),
+        (["occluder_dx"], {"occluder_dx": "nan"}, "occluder_dx=nan"),
+        (["occluder_dx_error"], {}, "occluder_dx_error"),
     ],
 )
-def test_what_cannot_be_free_is_refused(free, given, message):
-    with pytest.raises(SceneError, match=message):
+def test_parameters_that_cannot_be_free_are_rejected(
+    free: list[str], given: dict[str, str], name: str
+) -> None:
+    with pytest.raises(SceneError, match=name):
         start_values(CHAIR, free, given)
 
 
-def test_a_text_is_no_parameter(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text('<scene version="3.0.0"><default name="mesh" value="chair.ply"/></scene>')
-    with pytest.raises(SceneError, match=r"'mesh' is no number .* declares none"):
-        start_values(path, ["mesh"], {})
+def test_a_text_is_no_parameter(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="mesh"):
+        start_values(scene(tmp_path, ("mesh", "chair.ply")), ["mesh"], {})
 
 
-def scene(tmp_path, *defaults):
+def test_uncertain_parameters_stay_at_their_defaults_or_as_given() -> None:
+    errors = {"occluder_turn": 2.0, "occluder_stretch_x": 0.03}
+    held = uncertain_parameters(CHAIR, ("occluder_dx",), {"occluder_turn": "-1.5"}, errors)
+    assert held.names == tuple(errors)
+    np.testing.assert_array_equal(held.values, [-1.5, 1])
+    np.testing.assert_array_equal(held.standard_errors, [2, 0.03])
+
+
+def scene(tmp_path: Path, *defaults: tuple[str, float | str]) -> Path:
     path = tmp_path / "scene.xml"
     tags = "".join(f'<default name="{name}" value="{value}"/>' for name, value in defaults)
     path.write_text(f'<scene version="3.0.0">{tags}</scene>')
     return path
 
 
-def test_what_the_scene_declares_an_error_of_is_free(tmp_path):
+def test_what_the_scene_declares_an_error_of_is_free(tmp_path: Path) -> None:
     path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
     assert free_parameters(path, None, {}) == {"dx": 0.01}  # of an error of 0 it stays
     assert free_parameters(path, None, {"dy_error": "0.5"}) == {"dx": 0.01, "dy": 0.5}
@@ -65,59 +71,50 @@ def test_what_the_scene_declares_an_error_of_is_free(tmp_path):
     assert free_parameters(path, None, {}, held=["dx"]) == {}
 
 
-def test_named_parameters_have_their_error_or_the_scenes_or_none(tmp_path):
-    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
-    assert free_parameters(path, ["dz", "dx"], {}) == {"dz": np.inf, "dx": 0.01}
+def test_named_parameters_have_their_error_or_the_scenes(tmp_path: Path) -> None:
+    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dz", 2))
+    assert free_parameters(path, ["dx"], {}) == {"dx": 0.01}
     assert free_parameters(path, {"dz": 0.2, "dx": None}, {}) == {"dz": 0.2, "dx": 0.01}
-    assert free_parameters(path, {"dx": np.inf}, {}) == {"dx": np.inf}
-    with pytest.raises(SceneError, match="ruler's error 0 of 'dy': give a positive number"):
-        free_parameters(path, ["dy"], {})  # which stays
-    with pytest.raises(SceneError, match="free is the text 'dx'; give a list"):
-        free_parameters(path, "dx", {})
-
-
-def test_an_error_is_no_parameter(tmp_path):
-    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01))
-    with pytest.raises(SceneError, match="'dx_error' is how well the ruler knows 'dx'"):
-        start_values(path, ["dx_error"], {})
 
 
 @pytest.mark.parametrize(
-    ("defaults", "given", "message"),
+    ("free", "name"),
     [
-        ((("dx", 0), ("dz_error", 1)), {}, "declares 'dz_error', but no 'dz'"),
-        ((("dx", 0), ("dx_error", -1)), {}, "'dx_error' is -1; give a standard deviation"),
-        ((("dx", 0), ("dx_error", "mm")), {}, "'dx_error' is mm"),
-        ((("dx", 0), ("dx_error", 1)), {"dx_error": "nan"}, "'dx_error' is nan"),
+        (["dy"], "dy"),  # its error is 0: it stays
+        (["dz"], "dz"),  # of which no error is known
+        ({"dz": np.inf}, "dz"),
+        ({"dx": np.nan}, "dx"),
+        ({"dx": 0.0}, "dx"),
+        (["dx", "dx"], "dx"),
+        ("dx", "dx"),
     ],
 )
-def test_errors_that_are_none_are_refused(tmp_path, defaults, given, message):
-    with pytest.raises(SceneError, match=message):
+def test_errors_that_are_missing_or_not_positive_are_rejected(
+    tmp_path: Path, free: Free, name: str
+) -> None:
+    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
+    with pytest.raises(SceneError, match=name):
+        free_parameters(path, free, {})
+
+
+@pytest.mark.parametrize(
+    ("defaults", "given", "name"),
+    [
+        ((("dx", 0), ("dz_error", 1)), {}, "dz_error"),
+        ((("dx", 0), ("dx_error", -1)), {}, "dx_error"),
+        ((("dx", 0), ("dx_error", "mm")), {}, "dx_error"),
+        ((("dx", 0), ("dx_error", 1)), {"dx_error": "nan"}, "dx_error"),
+    ],
+)
+def test_declared_errors_that_are_none_are_rejected(
+    tmp_path: Path, defaults: tuple[tuple[str, float | str], ...], given: dict[str, str], name: str
+) -> None:
+    with pytest.raises(SceneError, match=name):
         declared_errors(scene(tmp_path, *defaults), given)
 
 
-@pytest.mark.parametrize(
-    ("free", "message"),
-    [
-        ({"dx": 0.0}, "ruler's error 0 of 'dx'"),
-        ({"dx": np.nan}, "ruler's error nan of 'dx'"),
-        (["dx", "dx"], "'dx' is free twice"),
-    ],
-)
-def test_named_errors_that_are_not_positive_are_refused(tmp_path, free, message):
-    with pytest.raises(SceneError, match=message):
-        free_parameters(scene(tmp_path, ("dx", 0)), free, {})
-
-
-def test_a_scene_without_errors_asks_for_them(tmp_path):
-    path = scene(tmp_path, ("dx", 0))
-    assert free_parameters(path, None, {}) == {}
-    with pytest.raises(SceneError, match=r"no parameter is free.*NAME_error.*declares dx \(0\)"):
-        start_values(path, (), {})
-
-
 @pytest.mark.parametrize("name", ["chair", "plate", "plant"])
-def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name):
+def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name: str) -> None:
     path = find_scene(name)
     errors = declared_errors(path, {})
     kinds = {error.split("_")[0] for error in errors}
@@ -133,21 +130,3 @@ def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name):
     for parameter, error in errors.items():
         least, most = likely[parameter.split("_")[1]]
         assert least <= error <= most, parameter
-
-
-def test_the_chair_is_known_by_its_sizes():
-    """A factor of its size, too, would be the same number again."""
-    errors = declared_errors(CHAIR, {})
-    assert len(errors) == 24
-    assert not any(name.startswith("occluder_stretch") for name in errors)
-    assert {errors[f"{name}_thickness"] for name in ("back", "crossbar")} == {0.002}  # assumed
-
-
-def test_an_error_may_be_given_and_changes_nothing_that_is_seen():
-    size = {"resolution": 8}
-    plain, told = (
-        load_scenario("chair", (2, 2), size | more) for more in ({}, {"occluder_dx_error": 0.1})
-    )
-    np.testing.assert_array_equal(plain.wall_points, told.wall_points)
-    with pytest.raises(SceneError, match="declares no parameter 'sofa_error'"):
-        load_scenario("chair", (2, 2), {"sofa_error": 0.1})

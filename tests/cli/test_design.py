@@ -73,16 +73,16 @@ def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
 ):
     asked = ("--vary", "occluder_dx=-0.05:0.05", "--draws", "4")
     succeeds(*design(*asked, out="whole"))
-    merit, count = Design.merit, 0
+    row, count = Design.row, 0
 
-    def stops(self, *scene):
+    def stops(self, *point):
         nonlocal count
         count += 1
         if count == 4:  # the first is the scene as it stands
             raise KeyboardInterrupt
-        return merit(self, *scene)
+        return row(self, *point)
 
-    monkeypatch.setattr(Design, "merit", stops)
+    monkeypatch.setattr(Design, "row", stops)
     assert periscopy(*design(*asked)).code == 130
     assert len(rows_of(tmp_path / "out")) == 3
     assert "snr" in refused(*design(*asked, "--snr", "50"))

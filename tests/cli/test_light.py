@@ -9,6 +9,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
@@ -23,6 +24,22 @@ MATRIX = np.random.default_rng(5).random((576, 20))
 
 
 # -- transport matrices --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("light", "method", "model", "samples"),
+    [
+        (Light(), "noise-aware", Model.analytic, None),
+        (Light(), "preconditioned", Model.rendered, 16),
+        (Light(samples=4), "noise-aware", Model.rendered, 4),
+        (Light(model=Model.rendered), "noise-aware", Model.rendered, 16),
+    ],
+)
+def test_transport_has_its_closed_form_unless_rays_are_asked_for(
+    light, method, model, samples, scenario
+):
+    resolved = light.resolved(scenario, method)
+    assert (resolved.model, resolved.samples) == (model, samples)
 
 
 @pytest.fixture

@@ -82,19 +82,6 @@ def test_splits_do_not_depend_on_where_a_scene_lies(configured, tmp_path):
     assert len(splits) == 1
 
 
-def test_split_of_no_share_stays_empty(configured):
-    configuration = configured(splits={"train": 1.0, "validation": 0.0, "test": 0.0})
-    assert {draw_geometry(configuration, n).split for n in range(100)} == {"train"}
-
-
-def test_parameters_are_text_that_mitsuba_reads(configured):
-    scenes = [
-        {"scene": "chair", "parameters": {"resolution": 16, "occluder_dx": "0.01", "a": 1e-7}}
-    ]
-    drawn = draw_geometry(configured(scenes=scenes), 0)
-    assert drawn.parameters == {"resolution": "16", "occluder_dx": "0.01", "a": "1e-07"}
-
-
 def test_conditions_are_mixed_without_repeats_and_turned(configured):
     names = ["overcast", "low_sun", "corridor"]
     entry = {"kind": "conditions", "names": names, "mixed": {"choice": [1, 2, 5]}}

@@ -15,7 +15,8 @@ def source(**entries):
 
 
 def clip(kind, seed=0, shape=(29, 36), frames=1, **entries):
-    return source(kind=kind, **entries).draw(np.random.default_rng(seed), shape, frames)
+    drawn = source(kind=kind, **entries).draw(np.random.default_rng(seed), shape, frames)
+    return np.broadcast_to(drawn, (frames, *shape, 3))
 
 
 @pytest.mark.parametrize("kind", KINDS)

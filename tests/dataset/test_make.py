@@ -16,7 +16,6 @@ from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.resume import alone_in
 
 
 def contents(path):
@@ -33,15 +32,6 @@ def undisturbed(configured, tmp_path_factory):
     made = make_dataset(configured(), path)
     assert (made.count, made.made, made.geometries) == (46, 46, 3)
     return path
-
-
-def test_complete_data_set_is_left_alone(configured, undisturbed, tmp_path):
-    copy = tmp_path / "copy.zarr"
-    shutil.copytree(undisturbed, copy)
-    reports = []
-    made = make_dataset(configured(), copy, progress=lambda *done: reports.append(done))
-    assert (made.made, made.geometries, reports) == (0, 0, [(46, 46)])
-    assert contents(copy) == contents(undisturbed)
 
 
 def test_growing_ends_in_the_same_bytes(configured, undisturbed, tmp_path):
@@ -101,13 +91,6 @@ def test_killed_run_goes_on_where_it_was(configuration_file, configured, undistu
     assert contents(tmp_path / "d.zarr") == contents(undisturbed)
 
 
-def test_second_writer_is_refused_while_the_first_is_at_work(configured, tmp_path):
-    path = tmp_path / "data.zarr"
-    with alone_in(path / "making"), pytest.raises(OutputError, match="another process is at work"):
-        make_dataset(configured(), path)
-    assert not (path / "zarr.json").exists()
-
-
 def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, tmp_path):
     distributed = pytest.importorskip("distributed")
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
@@ -157,17 +140,6 @@ def test_other_pictures_under_the_same_name_are_another_data_set(configured, tmp
     assert make_dataset(settings, tmp_path / "0.zarr").made == 0
     with pytest.raises(OutputError, match="holds another data set"):
         make_dataset(settings, tmp_path / "255.zarr")
-
-
-def test_every_scene_is_tried_before_anything_is_made(configured, tmp_path):
-    scenes = [
-        {"scene": "chair", "parameters": {"resolution": 16}, "weight": 100},
-        {"scene": "plate", "parameters": {"resolution": 24}},
-    ]
-    settings = configured(scenes=scenes, count=10_000)
-    with pytest.raises(ConfigurationError, match=r"\(24, 24\) pixels, geometry 0"):
-        make_dataset(settings, tmp_path / "d.zarr")
-    assert not (tmp_path / "d.zarr").exists()
 
 
 def test_given_ambient_light_is_read_checked_and_coloured(configured, tmp_path):

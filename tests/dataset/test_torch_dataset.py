@@ -25,17 +25,6 @@ def path(configured, tmp_path_factory):
     return out
 
 
-def test_samples_are_tensors_channels_first(path):
-    data, samples = ps.open_dataset(path), ps.TorchDataset(path)
-    assert len(samples) == 80
-    for k in (0, 33, 79):
-        sample = samples[k]
-        assert sample["photograph"].shape == (3, 16, 16) and sample["hidden"].shape == (3, 3, 4)
-        np.testing.assert_array_equal(
-            np.moveaxis(sample["photograph"].numpy(), 0, -1), data.photograph[k].values
-        )
-
-
 def test_splits_are_apart_and_make_up_the_whole(path):
     parts = [ps.TorchDataset(path, split) for split in ("train", "validation", "test")]
     indices = np.concatenate([part.samples for part in parts])

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy import optimize
 
 from periscopy_sim.evaluation.metrics import (
+    colour_matched_psnr,
     gain_matched,
     mean_squared_error,
     psnr,
@@ -23,6 +24,16 @@ def images(seed=0, shape=SHAPE):
     rng = np.random.default_rng(seed)
     truth = rng.random(shape)
     return 40 * (truth - 0.2 + 0.2 * rng.normal(size=shape)), truth
+
+
+def test_colour_matched_psnr_forgives_any_mixture_of_colours():
+    _, truth = images()
+    mixed = truth @ np.array([[0.7, 0.2, 0], [0.25, 1, 0.3], [0.05, 0.3, 1.2]])
+    assert colour_matched_psnr(mixed, truth) > 200 > psnr(mixed, truth)
+    noisy = truth + 0.1 * np.random.default_rng(1).normal(size=truth.shape)
+    assert colour_matched_psnr(noisy @ np.diag([1, 2, 3]), truth) == pytest.approx(
+        colour_matched_psnr(noisy, truth)
+    )
 
 
 def loop_shift(image, down, right):

@@ -1,10 +1,6 @@
 import csv
 import itertools
 import json
-import pickle
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -93,16 +89,6 @@ def test_noise_follows_from_the_labels_alone():
     assert np.array_equal(other.photograph("sun", 1.0, 1), y)
 
 
-def test_photograph_is_the_same_bytes_after_a_journey():
-    # Of many magnitudes, so that sums in another order are rounded otherwise.
-    large = np.exp(np.random.default_rng(2).normal(0, 4, (60, 50, 3)))
-    lights = flips({"lamp": np.asfortranarray(large)})
-    sweep = sweep_of(signal=large[::-1], backgrounds=lights)
-    copy = pickle.loads(pickle.dumps(sweep))
-    for name in lights:
-        assert np.array_equal(copy.photograph(name, 0.1, 1), sweep.photograph(name, 0.1, 1))
-
-
 def test_flips_are_the_four_pictures_of_each_background():
     image = np.arange(12.0).reshape(2, 2, 3)
     flipped = flips({"a": image, "b": 2 * image})
@@ -172,15 +158,6 @@ def error_of(image):
     return np.mean(np.square(matched))
 
 
-def test_metrics_say_that_they_use_the_truth_and_have_units(done):
-    _, results = done
-    for name, unit in [("mean_squared_error", "1"), ("psnr", "dB"), ("psnr_registered", "dB")]:
-        assert results[name].attrs["units"] == unit
-        assert results[name].attrs["long_name"]
-        assert "gain-matched: uses the truth" in results[name].attrs["note"]
-    assert results.attrs["snr"] == 40 and results.attrs["base_seed"] == 7
-
-
 def test_store_opens_in_xarray_and_its_table_in_any_program(done):
     folder, results = done
     with xr.open_dataset(folder / "sweep.zarr", engine="zarr", consolidated=False) as stored:
@@ -230,10 +207,7 @@ def test_method_that_fails_fails_alone(tmp_path):
         ({"snr": np.inf}, "SNR"),
         ({"truth": TRUTH[..., 0]}, "truth"),
         ({"backgrounds": {"lamp": SIGNAL[1:]}}, "'lamp'"),
-        ({"backgrounds": {"lamp": -SIGNAL}}, "'lamp'"),
         ({"signal": SIGNAL * np.nan}, "'signal'"),
-        ({"mask": np.ones((7, 6), bool)}, "mask"),
-        ({"mask": np.ones((6, 7))}, "mask"),
         ({"mask": np.zeros((6, 7), bool)}, "mask"),
     ],
 )
@@ -253,31 +227,14 @@ def test_complete_sweep_is_not_done_again(done):
     assert contents(folder) == before
 
 
-class Leaving:
-    """Calls `sys.exit`, as a script made into a method may."""
-
-    def reconstruct(self, _):
-        sys.exit(0)
-
-
-def test_method_that_exits_fails_alone(tmp_path):
-    found = run_sweep(sweep_of(methods={"leaving": Leaving(), "first": Linear(1)}), tmp_path)
-    assert (found["failure"].sel(algorithm="leaving") == "SystemExit: 0").all()
-    assert np.isnan(found["psnr"].sel(algorithm="leaving")).all()
-    assert np.isfinite(found["psnr"].sel(algorithm="first")).all()
-
-
 @pytest.mark.parametrize(
     ("changes", "key"),
     [
         ({"methods": {"first": Linear(1)}}, "algorithms"),
-        ({"backgrounds": {"lamp": LIGHTS["lamp"]}}, "backgrounds"),
         ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background_sha256.sun"),
         ({"signal": SIGNAL + 1e-9}, "signal_sha256"),
         ({"truth": TRUTH[:, ::-1]}, "truth_sha256"),
-        ({"sbrs": [0.1, 1]}, "sbrs"),
         ({"snr": 41}, "snr"),
-        ({"seeds": [0, 2]}, "seeds"),
         ({"seed": 8}, "base_seed"),
         ({"conditions": {"A": 1}}, "A"),
         ({"mask": MASK}, "mask_sha256"),
@@ -289,49 +246,6 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
     with pytest.raises(OutputError, match=f"holds another sweep \\({key}"):
         run_sweep(sweep_of(**changes), folder)
     assert contents(folder) == before
-
-
-def test_last_bits_of_the_truth_make_no_other_sweep(done):
-    folder, results = done
-    assert run_sweep(sweep_of(truth=TRUTH * (1 + 2**-50)), folder).identical(results)
-
-
-KILLED = """
-import os, pathlib, pickle, signal, sys
-sys.path.insert(0, {folder!r})
-from importlib.util import module_from_spec, spec_from_file_location
-spec = spec_from_file_location("tests_of_sweep", {tests!r})
-tests = module_from_spec(spec)
-sys.modules["tests_of_sweep"] = tests
-spec.loader.exec_module(tests)
-replace, left = pathlib.Path.replace, {writes}
-
-def dies(path, target):
-    global left
-    left -= 1
-    if left == 0:
-        if {torn}:
-            os.truncate(path, path.stat().st_size // 2)
-        os.kill(os.getpid(), signal.SIGKILL)
-    return replace(path, target)
-
-pathlib.Path.replace = dies
-tests.run_sweep(tests.sweep_of(), pathlib.Path({folder!r}))
-"""
-
-
-@pytest.mark.thorough
-def test_sweep_killed_again_and_again_ends_in_the_same_bytes(done, tmp_path):
-    complete = []
-    # Each time a write is cut off, half way or just before its rename.
-    for writes, torn in ((9, True), (38, True), (57, False), (59, True)):
-        code = KILLED.format(folder=str(tmp_path), tests=__file__, writes=writes, torn=torn)
-        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        assert ended.returncode == -signal.SIGKILL, ended.stderr
-        complete.append(len(list((tmp_path / "sweep.zarr/making/finished").glob("0*.json"))))
-    assert complete == sorted(set(complete)) and not (tmp_path / "sweep.csv").exists()
-    run_sweep(sweep_of(), tmp_path)
-    assert contents(tmp_path) == contents(done[0])
 
 
 def test_interrupted_sweep_goes_on(done, tmp_path):
@@ -376,14 +290,3 @@ def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
     ) as cluster:  # fmt: skip
         run_sweep(sweep_of(), tmp_path, scheduler=cluster.scheduler_address)
     assert contents(tmp_path) == contents(done[0])
-
-
-class Greedy:
-    def reconstruct(self, _):
-        raise MemoryError("no 9 GiB")
-
-
-def test_lack_of_memory_is_not_held_against_the_method(tmp_path):
-    with pytest.raises(MemoryError, match="no 9 GiB"):
-        run_sweep(sweep_of(methods={"greedy": Greedy()}, seeds=[0]), tmp_path)
-    assert not (tmp_path / "sweep.csv").exists()

@@ -85,18 +85,6 @@ def test_a_run_makes_what_was_not_made_from_the_same_inputs(tmp_path):
     assert measured(tmp_path) == [("fig3", "new"), ("fig8", "new")]
 
 
-@pytest.mark.usefixtures("without_the_scene")
-def test_a_named_experiment_runs_anew_and_alone(tmp_path):
-    functions = {"fig3": fake("fig3", "old"), "fig8": fake("fig8", "old")}
-    command(page_of(functions, on_demand=("fig8",)), "--out", tmp_path)
-    assert measured(tmp_path) == [("fig3", "old")]
-    page = page_of({"fig3": fake("fig3", "new"), "fig8": fake("fig8", "new")})
-    command(page, "--out", tmp_path, "--only", "fig8")
-    assert measured(tmp_path) == [("fig3", "old"), ("fig8", "new")]
-    command(page, "--out", tmp_path, "--only", "fig3")
-    assert measured(tmp_path) == [("fig3", "new"), ("fig8", "new")]
-
-
 @pytest.mark.parametrize(
     ("options", "offender"),
     [
@@ -111,14 +99,3 @@ def test_a_users_mistake_is_one_line_before_any_work(tmp_path, monkeypatch, opti
     assert result.exit_code == 2
     assert offender in result.stderr and result.stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
-
-
-def test_another_photograph_is_another_digest(tmp_path):
-    real = tmp_path / "real.npz"
-    setting = Setting(tmp_path)
-    first = pages._digest(setting)
-    assert pages._digest(Setting(tmp_path / "elsewhere")) == first
-    setting.real = real
-    setting.__dict__["measured"] = None  # it need not be a photograph
-    real.write_bytes(b"1")
-    assert pages._digest(setting) != first

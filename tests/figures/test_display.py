@@ -97,20 +97,3 @@ def test_what_is_not_a_plain_array_is_named(image):
     ambient = Background(image, 1e-3, 1e-3)
     titles = [ax.get_title() for ax in ps.show(image, photograph, ambient)]
     assert titles == ["20 x 30", "Photograph, 20 x 30", "Background, 20 x 30"]
-
-
-def test_every_image_has_a_title_or_none_has(image):
-    with pytest.raises(ValueError, match="1 images and 2 titles"):
-        ps.show(image, titles=["a", "b"])
-    with pytest.raises(ValueError, match="0 images"):
-        ps.show()
-
-
-def test_solution_is_shown_by_its_image():
-    A = np.random.default_rng(2).uniform(0, 1, (48, 12))
-    found = ps.NoiseAware(A, hidden_shape=(3, 4), photograph_shape=(6, 8)).solve(
-        (A @ np.ones((12, 3))).reshape(6, 8, 3)
-    )
-    (ax,) = ps.show(found)
-    assert ax.get_title() == "NoiseAwareReconstruction, 3 x 4"
-    np.testing.assert_array_equal(ax.images[0].get_array(), ps.to_srgb(found.image))

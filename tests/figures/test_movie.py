@@ -45,14 +45,6 @@ def test_video_shows_every_frame_at_its_time_in_its_colours(ending, tmp_path):
         assert np.median(abs(difference)) < 4
 
 
-@pytest.mark.parametrize("ending", ENCODINGS)
-def test_same_frames_give_the_same_bytes(ending, tmp_path):
-    for name in ("a", "b"):
-        draw_movie(tmp_path / f"{name}.{ending}", ["x", "y"], frames(4), rate=16)
-    a, b = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
-    assert a == b
-
-
 def test_video_that_fails_leaves_nothing(tmp_path):
     def broken():
         yield from frames(3)

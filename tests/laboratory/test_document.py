@@ -47,23 +47,14 @@ def test_example_shows_every_kind_of_occluder_and_camera():
         ("distance: 1 m", "distance: 1", r"line 2, wall.distance: 1 has no unit; write it as in"),
         ("distance: 1 m", "distance: -1 m", r"line 2, wall.distance: '-1 m' is not positive"),
         ("wall: {distance: 1 m}", "wall: {}", r"line 2, wall.distance: is missing$"),
-        ("wall: {distance: 1 m}\n", "", r"wall: is missing$"),
-        ("  width: 40 cm\n", "", r"line 3, camera.width: is missing$"),
         ("width: 40 cm", "widht: 40 cm", r"line 7, camera.widht: is not known; did you mean"),
         ("12x16", "12", r"line 5, camera.film: write ROWSxCOLUMNS"),
-        ("12x16", "0x16", r"line 5, camera.film"),
-        ("[30 cm, 10 cm]", "[30 cm]", r"line 6, camera.bottom_left\[1\]: is missing"),
         ("[30 cm, 10 cm]", "[30 cm, 10]", r"line 6, camera.bottom_left\[1\]: 10 has no unit"),
         ("center: [0 m", "center: [0,5 cm", "line 12, monitor.center: "),
-        ("center: [0 m", "corner: [0 m", r"line 12, monitor.corner: is not known"),
         ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),
         ("kind: rectified", "kind: oblique", r"line 3, camera: .*'oblique'"),
-        ("  kind: rectified\n", "", r"line 3, camera: .*'kind'"),
-        ("length: 5 mm", "length: -5 mm", r"line 1, errors.length: '-5 mm' is not positive"),
         ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
-        ("kind: rectified", "kind: perspective", r"line 6, camera.bottom_left: is not known"),
-        ("center: [0 m", "place: [0 m", r"line 12, monitor.place: is not known; there are width, "),
     ],
 )
 def test_mistakes_are_told_with_their_line(tmp_path, old, new, message):
@@ -80,13 +71,9 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
     ("entry", "message"),
     [
         (BOX.replace("NAME", "wall"), "'wall' is no name"),
-        (BOX.replace("NAME", "a b"), "'a b' is no name"),
-        (BOX.replace("NAME", "x_error"), "'x_error' is no name"),
         (BOX.replace("NAME", "b").replace("width: 1", "width: 0"), r"\[0\].width: '0 cm' is not"),
         (BOX.replace("box", "bx"), r"occluders\[0\]: .*'bx'.*'box', 'plate'"),
         ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),
-        ("{kind: mesh, name: m, file: a.stl, unit: furlong, position: [0 m, 0 m, 0 m]}", "'mm'"),
-        ("{kind: rod, name: r, length: 1 cm}", r"occluders\[0\].length: is not known; there are"),
         (
             "{kind: rod, name: r, start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], diameter: 1 cm, "
             "radius: 5 mm}",
@@ -102,7 +89,6 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
             "occluder 'b' stands with 'r'",
         ),
         (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "called 'b'"),
-        (BOX.replace("NAME", "b").replace("}", ", anchor: top}"), "anchor: Input should be 'base'"),
     ],
 )
 def test_mistakes_of_occluders_are_told(tmp_path, entry, message):

@@ -26,9 +26,9 @@ def dark(_):
 def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
-    def make(light=dark, shot=None, *, given=(), is_coarse=True):
-        path = find_scene("plate")
-        return Level(path, dict(given), PHOTOGRAPH, HIDDEN, light, shot, is_coarse=is_coarse)
+    def make(light=dark, photograph=None):
+        sizes = PHOTOGRAPH, HIDDEN
+        return Level(find_scene("plate"), {}, sizes, light, photograph, is_coarse=True)
 
     return make
 
@@ -36,7 +36,7 @@ def level():
 @pytest.fixture(scope="session")
 def movables():
     path = find_scene("plate")
-    small = Level(path, {}, PHOTOGRAPH, HIDDEN, dark, is_coarse=True)
+    small = Level(path, {}, (PHOTOGRAPH, HIDDEN), dark, is_coarse=True)
     return find_movables(path, {}, small.scenario)
 
 

@@ -5,7 +5,8 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Overtaken, Shot, coarse_sizes
+from periscopy_sim.live.level import Overtaken, averaged, coarse_sizes, enlarged
+from periscopy_sim.photograph import Photograph
 
 
 def never():
@@ -14,14 +15,14 @@ def never():
 
 def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     pictures = level().pictures(choice, never)
-    assert pictures.photograph.shape == (24, 24, 3)
+    assert pictures.photograph.shape == (24, 24)
     assert pictures.image.shape == pictures.report.standard_errors.shape == (6, 8, 3)
     assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
     there = level().pictures(moved, never)
     shift = there.scenario.occluders[0].vertices - pictures.scenario.occluders[0].vertices
     np.testing.assert_allclose(shift, np.broadcast_to([0.03, 0, 0], shift.shape), atol=1e-6)
-    assert np.abs(there.photograph - pictures.photograph).max() > 0.05
+    assert np.abs(there.photograph.values - pictures.photograph.values).max() > 0.05
 
 
 def test_photograph_is_what_its_model_says(level, choice):
@@ -35,15 +36,8 @@ def test_photograph_is_what_its_model_says(level, choice):
     A = ps.render_transport(scene, samples=256)
     signal = (A @ pictures.truth.reshape(-1, 3)).reshape(24, 24, 3) * scene.channel_gain
     expected = ps.composite(signal, ambient, 0.3)
-    error = np.sqrt(np.mean((pictures.photograph - expected) ** 2) / np.mean(expected**2))
+    error = np.sqrt(np.mean((pictures.photograph.values - expected) ** 2) / np.mean(expected**2))
     assert error == pytest.approx(0.01, rel=0.1)
-
-
-def test_light_that_has_not_come_is_missed(level, choice):
-    pictures = level().pictures(replace(choice, place="overcast"), never)
-    assert pictures.is_dark
-    plain = level().pictures(choice, never)
-    np.testing.assert_array_equal(pictures.photograph, plain.photograph)
 
 
 def test_what_was_computed_is_kept(level, choice, monkeypatch):
@@ -64,7 +58,7 @@ def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):
     values = {**choice.values, "occluder_dx": 0.01}
     taken = level().pictures(replace(choice, values=values), never).photograph
     unknown = replace(choice, image="")
-    laboratory = level(shot=Shot(taken))
+    laboratory = level(photograph=taken)
     left = {}
     for dx in (-0.01, 0.0, 0.01):
         there = replace(unknown, values={**choice.values, "occluder_dx": dx})
@@ -79,10 +73,9 @@ def test_masked_pixels_of_a_photograph_are_averaged_out():
     used = np.ones((8, 8), bool)
     values[:4, :4], used[:4, :4] = np.nan, False
     values[4, 4], used[4, 4] = 1e9, False
-    coarse = Shot(values, used).averaged((4, 4))
-    assert coarse.used.tolist() == [[False, False, True, True]] * 2 + [[True] * 4] * 2
-    np.testing.assert_allclose(coarse.values[coarse.used], 1)
-    assert Shot(values, used).averaged((8, 8)).values is values
+    coarse = averaged(Photograph(values, used), (4, 4))
+    assert coarse.mask.tolist() == [[False, False, True, True]] * 2 + [[True] * 4] * 2
+    np.testing.assert_allclose(coarse.used, 1)
 
 
 def test_overtaken_work_ends_at_once(level, choice):
@@ -107,20 +100,17 @@ def test_what_cannot_be_shown_is_told(level, choice):
         level().pictures(replace(choice, method="magic"), never)
 
 
-def test_a_users_own_method_gives_its_image(level, choice, tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text(
-        "import numpy as np\n"
-        "class Grey:\n"
-        "    def __init__(self, scene, A, B): self.shape = scene.hidden_shape\n"
-        "    def reconstruct(self, photograph): return np.full((*self.shape, 3), 0.5)\n"
-    )
-    pictures = level().pictures(replace(choice, method=f"{own}:Grey"), never)
-    assert np.all(pictures.image == 0.5) and pictures.report.standard_errors is None
-
-
 @pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])
 def test_coarse_sizes_keep_more_pixels_than_patches(size):
     shape, hidden = coarse_sizes(size, (29, 36), used=0.3)
     assert max(shape) <= 32 and max(hidden) <= 12
     assert np.prod(hidden) <= 0.3 * np.prod(shape)
+
+
+def test_light_is_interpolated_smoothly():
+    x = np.linspace(0, 1, 48)[None, :, None]
+    coarse = np.broadcast_to(1 + x**2, (48, 48, 3))
+    fine = enlarged(coarse, (126, 126))
+    at = (np.arange(126) + 0.5) / 126 * 48 / 47 - 0.5 / 47
+    inner = slice(12, -12)
+    np.testing.assert_allclose(fine[60, inner, 0], 1 + at[inner] ** 2, atol=1e-4)

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from periscopy_sim.live.level import Shot
 from periscopy_sim.live.sheet import draw_sheet, monitor_pixels, photograph_pixels
+from periscopy_sim.photograph import Photograph
 
 
 def never():
@@ -23,10 +23,10 @@ def test_every_picture_is_on_the_sheet(level, choice):
 
 
 def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
-    taken = level().pictures(choice, never).photograph
+    values = level().pictures(choice, never).photograph.values
     used = np.ones((24, 24), bool)
     used[:6] = False
-    pictures = level(shot=Shot(taken, used)).pictures(replace(choice, image=""), never)
+    pictures = level(photograph=Photograph(values, used)).pictures(replace(choice, image=""), never)
     assert np.all(photograph_pixels(pictures)[:6] == 150)
     assert monitor_pixels(pictures).shape == (6, 8, 3)  # the reconstruction
     assert "Unexplained" in draw_sheet(pictures)[1]

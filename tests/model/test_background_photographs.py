@@ -144,15 +144,6 @@ def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
         ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
 
 
-@pytest.mark.parametrize("method", ALL)
-@pytest.mark.parametrize("exposure", [1, 2.5])
-def test_photograph_given_as_its_own_background_is_refused(method, exposure):
-    fitted = ALL[method](A, B, backgrounds={"lamp": OFF, "off.exr": exposure * Y})
-    with pytest.raises(ValueError, match=r"^off\.exr: is the photograph itself"):
-        fitted.reconstruct(Y)
-    fitted.reconstruct(Y + 1e-3 * np.random.default_rng(0).normal(size=Y.shape))
-
-
 def test_one_photograph_in_the_place_of_a_sequence_is_refused():
     with pytest.raises(ValueError, match="sequence of photographs"):
         WITH_B["noise-aware"](A, B, backgrounds=OFF)

@@ -8,8 +8,8 @@ from periscopy_sim.model.uncertainty import (
     ROUNDING,
     contrast,
     curvature_of_total_variation,
-    standard_errors,
 )
+from periscopy_sim.model.uncertainty import standard_errors as standard_errors_of_precision
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 RNG = np.random.default_rng(0)
@@ -20,6 +20,10 @@ GRAM = A.T @ A
 NOISE = np.array([0.1, 0.2, 0.4])
 TRUTH = np.zeros((*HIDDEN, 3))
 TRUTH[1:4, 2:6] = (0.9, 0.5, 0.2)
+
+
+def standard_errors(gram, noise, *settings, **named):
+    return standard_errors_of_precision(gram, np.diag(noise**-2.0), *settings, **named)
 
 
 def curvature_by_loops(image, weight):
@@ -61,6 +65,21 @@ def test_errors_are_the_roots_of_the_covariance(misfit):
         np.testing.assert_allclose(
             found[..., channel].ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6
         )
+
+
+def test_a_colour_matrix_couples_the_channels():
+    weight, τ_misfit = 30.0, 500.0
+    M = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
+    Π, P = (M.T / NOISE**2) @ M, curvature_by_loops(TRUTH, weight)
+    data, prior = np.kron(GRAM, Π), np.kron(P, np.eye(3))
+    inverse = np.linalg.inv(data + prior)
+    X = prior @ inverse
+    τ = contrast(τ_misfit, np.trace(X), np.trace(X @ X))
+    response = np.random.default_rng(3).standard_normal((2, 3, N))
+    moved = np.einsum("dc,jcn->jnd", Π, response).reshape(2, -1) @ inverse
+    covariance = inverse @ (data + τ * prior) @ inverse + moved.T @ moved
+    found = standard_errors_of_precision(GRAM, Π, TRUTH, weight, τ_misfit, N, response)
+    np.testing.assert_allclose(found.ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
 def test_without_a_prior_to_speak_of_it_is_the_standard_error_of_least_squares():

@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.numerics.products import (
     combine_rows,
     filter_rows,
-    rejected,
+    project_out,
     subtract_combinations,
     times_rows,
 )
@@ -107,7 +107,7 @@ def test_rejected_vectors_have_no_part_in_the_basis_and_keep_the_rest(vectors, r
     x, random = draw((vectors, 2500), (2500, rank), dtype=np.float64)
     basis = np.ascontiguousarray(np.linalg.qr(random)[0].T).astype(types[1])
     given = x.astype(types[0])
-    left = rejected(given, basis)
+    left = project_out(given, basis)
     assert left.dtype == types[1] and np.array_equal(given, x.astype(types[0]))
     exact = x - (x @ basis.astype(np.float64).T) @ basis
     assert np.abs(left - exact).max() < (1e-5 if np.float32 in types else 1e-13)

@@ -3,7 +3,6 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -33,28 +32,6 @@ def test_calls_overlap():
     # Passed only when four calls wait at once.
     barrier = threading.Barrier(4, timeout=20)
     assert sorted(in_parallel(lambda _: barrier.wait(), range(4))) == [0, 1, 2, 3]
-
-
-@pytest.mark.usefixtures("four_cores")
-def test_threads_are_kept():
-    names = set()
-    for _ in range(5):
-        names.update(in_parallel(lambda _: threading.current_thread().name, range(20)))
-    assert len(names) <= 4
-    assert threading.current_thread().name not in names
-
-
-@pytest.mark.usefixtures("four_cores")
-@pytest.mark.parametrize("items", [[], [3]])
-def test_a_single_item_stays_on_the_calling_thread(items):
-    here = threading.current_thread()
-    assert in_parallel(lambda _: threading.current_thread(), items) == [here] * len(items)
-
-
-def test_one_core_stays_on_the_calling_thread(monkeypatch):
-    monkeypatch.setattr(threads, "core_count", lambda: 1)
-    here = threading.current_thread()
-    assert in_parallel(lambda _: threading.current_thread(), range(5)) == [here] * 5
 
 
 @pytest.mark.usefixtures("four_cores")
@@ -133,27 +110,6 @@ def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
     assert all(size > 0 for size in sizes)
     assert max(sizes, default=0) - min(sizes, default=0) <= 1
     assert len(parts) <= 16
-
-
-def test_callers_at_once_share_one_set_of_threads(monkeypatch):
-    started = []
-
-    def slow_pool(*arguments, **settings):
-        time.sleep(0.05)  # long enough for the others to come
-        started.append(ThreadPoolExecutor(*arguments, **settings))
-        return started[-1]
-
-    monkeypatch.setattr(threads, "ThreadPoolExecutor", slow_pool)
-    monkeypatch.setattr(threads, "core_count", lambda: 2)
-    threads._started_executor.cache_clear()
-    callers = [threading.Thread(target=threads.in_parallel, args=(abs, [1, -2])) for _ in range(4)]
-    for caller in callers:
-        caller.start()
-    for caller in callers:
-        caller.join()
-    threads._started_executor.cache_clear()
-    assert len(started) == 1
-    started[0].shutdown()
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 50])

@@ -1,6 +1,5 @@
 """Gross stripes at a photograph's border are found; shadows that reach it are none."""
 
-from dataclasses import astuple
 from functools import cache
 from pathlib import Path
 
@@ -105,8 +104,3 @@ def test_stripes_at_all_sides_are_found_and_masked():
     found = bad_border(y)
     assert found == BadBorder(1, 1, 1, 1)
     assert np.array_equal(found.inside((10, 12)), np.pad(np.ones((8, 10), bool), 1))
-
-
-def test_it_is_told_in_words():
-    assert str(BadBorder(3, 0, 1)) == "3 at the top, 1 at the left"
-    assert not BadBorder() and any(astuple(BadBorder(right=1)))

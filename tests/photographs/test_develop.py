@@ -88,14 +88,6 @@ def test_flat_field_with_a_zero_is_refused_but_where_a_mask_leaves_it_out():
         develop([LIGHT], flat=np.full((*SIZE, 3), 255, np.uint8))
 
 
-def test_other_sizes_are_refused_by_name():
-    for wrong in ({"dark": np.ones((3, 4, 3))}, {"flat": np.ones((3, 4, 3))}):
-        with pytest.raises(PhotographError, match=r"3 x 4 pixels .* has 40 x 60"):
-            develop([LIGHT], **wrong)
-    with pytest.raises(PhotographError, match="40 x 60"):
-        develop([LIGHT, LIGHT[:3]])
-
-
 def test_a_hot_pixel_of_the_dark_frame_does_not_shorten_the_range():
     """White is what is left above the dark frame; one pixel of it may be white itself."""
     light = np.full((*SIZE, 3), 100.0)
@@ -109,12 +101,6 @@ def test_a_hot_pixel_of_the_dark_frame_does_not_shorten_the_range():
     assert found.values[sound].std() == pytest.approx(np.sqrt(100 / 31), rel=0.1)
 
 
-def test_times_must_be_positive_and_one_for_each():
-    for times in ([1], [1, 0], [1, np.inf]):
-        with pytest.raises(PhotographError, match="2 exposures"):
-            develop([LIGHT, LIGHT], times=times)
-
-
 def test_saturation_is_the_top_code_of_integers_or_what_is_said():
     counts = np.arange(4080, 4096, dtype=np.uint16).reshape(4, 4)
     assert sensor_image(counts, "y").saturated.sum() == 1
@@ -122,23 +108,6 @@ def test_saturation_is_the_top_code_of_integers_or_what_is_said():
     assert sensor_image(counts - 1, "y").saturated.sum() == 0  # no converter ends at 4094
     assert sensor_image(counts.astype(float), "y").saturated.sum() == 0
     assert sensor_image(counts.astype(float), "y", white=4090).saturated.sum() == 6
-
-
-def test_what_is_no_picture_is_refused():
-    for wrong in (
-        np.ones((0, 4, 3)),
-        np.full((4, 4), np.nan),
-        np.ones(7),
-        np.ones((2, 2), complex),
-    ):
-        with pytest.raises(PhotographError):
-            sensor_image(wrong, "y")
-
-
-@pytest.mark.parametrize("given", ["dark", "flat"])
-def test_photograph_is_no_frame_of_its_own(given):
-    with pytest.raises(PhotographError, match=r"^the .*: is the photograph itself"):
-        develop([LIGHT + 1, LIGHT], **{given: LIGHT.copy()})
 
 
 def test_black_level_above_the_light_causes_a_warning_with_the_share():

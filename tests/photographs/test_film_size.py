@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 
 import periscopy_sim as ps
@@ -7,7 +6,6 @@ from periscopy_sim.photographs.film_size import (
     advise,
     films_of_blocks,
     films_of_marks,
-    films_of_shape,
     shadow_step,
 )
 
@@ -23,11 +21,6 @@ def test_step_of_the_chairs_shadow_is_that_of_similar_triangles(scenario):
     height = 0.305789 / 29
     assert height * 0.361 / 0.669 <= step <= height * 0.436 / 0.594
     assert shadow_step(scenario, (58, 72)) == pytest.approx(step / 2, rel=1e-6)
-
-
-def test_step_does_not_depend_on_the_film(scenario):
-    finer = ps.load_scenario("chair", (1, 1), {"resolution": 126})
-    assert shadow_step(finer, (29, 36)) == pytest.approx(shadow_step(scenario, (29, 36)), rel=0.02)
 
 
 def test_without_a_shadow_in_the_field_of_view_there_is_no_step():
@@ -73,7 +66,6 @@ def test_films_of_blocks_divide_both_sides():
     assert all(rows * k == 800 and columns * k == 1200 for k, (rows, columns) in films.items())
 
 
-def test_films_of_a_shape_keep_its_proportions():
-    assert films_of_shape((100, 150), 0.06) == [(2, 3), (4, 6), (6, 9)]
-    assert films_of_shape((7, 5), 2) == [(7, 5), (14, 10)]
-    assert all(np.isclose(r / c, 2 / 3) for r, c in films_of_shape((100, 150), 3))
+def test_step_does_not_depend_on_the_film(scenario):
+    finer = ps.load_scenario("chair", (1, 1), {"resolution": 126})
+    assert shadow_step(finer, (29, 36)) == pytest.approx(shadow_step(scenario, (29, 36)), rel=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.marks import Marks, WallTags
+from periscopy_sim.photographs.marks import Marks
 from periscopy_sim.photographs.tags import find_tags
 from periscopy_sim.photographs.view_fit import fit_view
 from periscopy_sim.photographs.wall_view import project
@@ -89,14 +89,3 @@ def test_a_tag_seen_twice_and_other_numbers_are_named():
         find_tags(picture("4X4_1000"), (3, 500, 501))
     with pytest.raises(PhotographError, match="none of any family"):
         find_tags(np.full((*SIZE, 3), 0.5), IDS)
-
-
-def test_tags_that_are_hidden_are_left_out():
-    places, _ = find_tags(picture("4X4_1000"), (90, 3, 12, 7))
-    assert places.tolist() == [1, 2, 3]
-
-
-@pytest.mark.parametrize(("ids", "sizes"), [([4, 4], [1, 1]), ([4, 5], [0.1, 0])])
-def test_lists_of_tags_hold_each_once_with_a_size(ids, sizes):
-    with pytest.raises(PhotographError, match="tags: list each"):
-        WallTags(np.array(ids), np.zeros((2, 3)), np.array(sizes))

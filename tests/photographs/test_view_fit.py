@@ -176,8 +176,3 @@ def test_a_tag_at_a_wrong_place_is_named():
     marks.centers[5] += [0.004, 0]
     with pytest.raises(PhotographError, match=r"^tag 5 at column"):
         fit_view(marks, SIZE)
-
-
-def test_one_tag_is_too_few():
-    with pytest.raises(PhotographError, match="1 tags"):
-        fit_view(tags_of(np.zeros((1, 2)), [0.3]), SIZE)

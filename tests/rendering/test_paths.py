@@ -149,12 +149,6 @@ def test_numbers_beyond_the_sequence_are_as_good(monkeypatch, same_mean):
     compared(scene_of("gloss", EMITTERS["all"]), same_mean)
 
 
-@pytest.mark.thorough
-def test_of_many_emitters_one_is_drawn_with_the_same_mean(monkeypatch, same_mean):
-    monkeypatch.setattr(paths, "FEW", 2)
-    compared(scene_of("gloss", EMITTERS["all"]), same_mean)
-
-
 def test_what_the_rays_first_meet_is_told():
     import mitsuba as mi
 

@@ -91,14 +91,6 @@ def test_argument_then_environment_then_the_users_own_then_the_fastest(backends,
     assert use_variant() == "cuda_ad_rgb"
 
 
-def test_plugins_are_registered_after_the_variant_is_set(backends):
-    fake = backends(llvm=19)
-    use_variant()
-    assert fake.events == ["llvm_ad_rgb", "plugins"]
-    use_variant("scalar_rgb")
-    assert fake.events[2:] == ["scalar_rgb", "plugins"]
-
-
 @pytest.mark.parametrize("way", ["argument", "environment"])
 def test_unknown_variant_is_refused_with_those_installed(backends, monkeypatch, way):
     fake = backends(llvm=19)
@@ -107,15 +99,6 @@ def test_unknown_variant_is_refused_with_those_installed(backends, monkeypatch, 
     message = refusal("llvm_rgb" if way == "argument" else None)
     assert "'llvm_rgb'" in message
     assert ", ".join(INSTALLED) in message
-    assert fake.events == []
-
-
-@pytest.mark.parametrize("name", ["scalar_spectral", "llvm_ad_mono"])
-def test_a_variant_without_rgb_is_refused(backends, name):
-    fake = backends(llvm=19)
-    assert "is not an RGB variant" in refusal(name)
-    fake.current = name
-    assert f"'{name}' is not an RGB variant" in refusal()
     assert fake.events == []
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.averaged import LARGEST, Averaged, fitted
+from periscopy_sim.calibration.problem import LARGEST, Averaged, fitted
 from periscopy_sim.calibration.silhouette.blind import STARTS, BlindPhotograph, search
 from periscopy_sim.calibration.silhouette.known import KnownPictures
 from periscopy_sim.calibration.silhouette.mask import MaskFit
@@ -186,7 +186,7 @@ class _View:
     ) -> _View:
         """Look at a scene with the occluder of a name replaced by a mask."""
         averaged = Averaged.of(photographs, longest)
-        used = averaged.used
+        used = averaged.pixels
         finer = -(-LARGEST // max(used.shape))
         views = [
             load_scenario(
@@ -218,7 +218,7 @@ class _View:
     @property
     def light(self) -> list[Array]:
         """(M, 3) of each photograph."""
-        return [each[self.averaged.used] for each in self.averaged.light]
+        return [each[self.averaged.pixels] for each in self.averaged.light]
 
     @property
     def steps(self) -> Array:
@@ -240,7 +240,7 @@ class _View:
                 f"the photograph shows no shadow of '{self.name}' in its rectangle; its silhouette "
                 "cannot be found"
             )
-        light, used = self.shadows.light, self.averaged.used
+        light, used = self.shadows.light, self.averaged.pixels
         scale = float(np.sqrt(np.mean(np.square(self.light))))
         picture = np.zeros((*used.shape, 3))
         picture[used] = fit.residual[0] / scale

@@ -111,7 +111,10 @@ def _tied(result: Calibration) -> str:
     """Return the pairs of parameters whose errors are correlated most, as a list."""
     names = list(result.values)
     pairs = [
-        (abs(result.correlation[j, k]), f"{names[j]} and {names[k]} ({result.correlation[j, k]:.2f})")
+        (
+            abs(result.correlation[j, k]),
+            f"{names[j]} and {names[k]} ({result.correlation[j, k]:.2f})",
+        )
         for j, k in combinations(range(len(names)), 2)
     ]
     return ", ".join(text for size, text in sorted(pairs, reverse=True)[:PAIRS] if size >= TIED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -32,6 +33,7 @@ from periscopy_sim.storage.outputs.staging import staged_folder
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
+    from periscopy_sim.live.session import LiveSession
 
 
 def view(
@@ -74,7 +76,6 @@ def view(
     image = image or ("mushroom" if photo is None else "")
     first = Choice({}, image, ambient or "", sbr, snr, method)
     with progress("loading the scene", lines=False):
-        from periscopy_sim.live.level import Shot
         from periscopy_sim.live.page import Offered
         from periscopy_sim.live.session import LiveSession
 
@@ -84,7 +85,6 @@ def view(
         if image:
             session.hidden_image(image)
         wall = None if photo is None else session.wall(photo, mask)
-        shot = None if wall is None else Shot(wall.values, wall.mask)
         offered = Offered(
             sorted(file.stem for file in (scenes_folder() / "images").glob("*.png")),
             (*REALISTIC, *ADVERSARIAL),
@@ -97,14 +97,27 @@ def view(
 
         live = LiveSession(
             session.scenario, first, offered, save, report_sentences,
-            shot=shot, host=host, port=port,
+            photograph=wall, host=host, port=port,
         )  # fmt: skip
     with live:
+        _stop_by_interrupt(live)
         say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
-        try:
-            live.run()
-        except KeyboardInterrupt:
-            say("closed")
+        live.run()
+    say("closed")
+
+
+def _stop_by_interrupt(live: LiveSession) -> None:
+    """Let Ctrl-C end a session after the present stage of its work; a second one ends it at once.
+
+    An exception anywhere could leave a lock held, or a page half closed.
+    """
+
+    def stop(which: int, _: Any) -> None:
+        signal.signal(which, signal.default_int_handler)
+        live.stop()
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
 
 
 def write_view(
@@ -115,10 +128,11 @@ def write_view(
     A PeriscopyError names what cannot be written; then nothing is written.
     """
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
+    photograph = pictures.photograph.values
     provenance = provenance_of(scenario)
     text = as_text(provenance)
     values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
-    panels = [("photograph", displayable(pictures.photograph))]
+    panels = [("photograph", displayable(photograph))]
     if pictures.truth is not None:
         panels.insert(0, ("hidden image", displayable(pictures.truth, white=1)))
     panels.append(("reconstruction", displayable(pictures.image)))
@@ -135,7 +149,7 @@ def write_view(
         write_copy(scenario.path, values, folder / "scene.xml")
         ps.load_scenario(folder / "scene.xml", scenario.hidden_shape)
         if photo is None:
-            write_exr(folder / "photograph.exr", pictures.photograph, text)
-        write_report(folder, report, pictures.image, pictures.photograph, text)
+            write_exr(folder / "photograph.exr", photograph, text)
+        write_report(folder, report, pictures.image, photograph, text)
         draw_panels(folder / "pictures.png", panels, metadata=text)
         write_json(folder / "view.json", record)

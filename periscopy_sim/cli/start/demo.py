@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import Out, Seed, option
+from periscopy_sim.cli.light import SAMPLES, Light
+from periscopy_sim.cli.options import Model, Out, Seed, option
 from periscopy_sim.cli.output import output_folder, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.evaluation import metrics
@@ -48,7 +48,7 @@ def demo(
         scenario, timed = session.scenario, session.timed
         truth = session.hidden_image(image)
         with timed("transport matrix"):
-            A = session.transport(Light())
+            A = session.transport(Light(SAMPLES, Model.rendered))
         with timed("photograph"):
             signal = session.synthetic_photograph(truth, max(1, round(fraction * 4096)))
         with timed("ambient light"):

@@ -9,23 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import CHARACTERS, drawn_box, facts, world_axes
+from periscopy_sim.figures.laboratory.geometry import CHARACTERS, RoomPlan, facts
 from periscopy_sim.figures.laboratory.overview import draw_overview
 from periscopy_sim.figures.laboratory.projections import LINES, draw_projection, draw_wall
-from periscopy_sim.rendering.survey import Survey
+from periscopy_sim.figures.style import STYLE
 from periscopy_sim.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH, DOTS = 10.0, 160
-"""Inches, and pixels of each."""
-
-LEFT, RIGHT, TOP, BOTTOM, BETWEEN, LINE = 0.62, 0.18, 0.34, 0.6, 0.62, 0.19
-"""Inches about and between the panels, and of a line of text below them."""
-
-LOWEST, TALLEST = 1.3, 5.5
-"""Inches that a panel may be high."""
+WIDTH, TALLEST = 10.0, 5.5
+"""Inches of the drawing's width, and that a panel may be high."""
 
 
 def draw_laboratory(
@@ -45,50 +39,39 @@ def laboratory_figure(scenario: Scenario) -> Figure:
     the side view beside it, the plan below. Grey is how much of the monitor a point of the wall
     sees. Below the side view stands a path-traced overview.
     """
+    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    survey = Survey(scenario)
-    frame = world_axes(scenario, survey)
-    low, high = drawn_box(survey)
-    spans = (high - low)[list(frame.axes)]
-    room = WIDTH - LEFT - RIGHT - BETWEEN
-    scale = min(room / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
-    sizes = np.maximum(scale * spans, LOWEST)
-    ends = (low + high)[list(frame.axes)] / 2 + sizes / scale * np.array([[-0.5], [0.5]])
-    ends[:, np.array(frame.signs) < 0] = ends[::-1, np.array(frame.signs) < 0]
-    across, towards, up = map(float, sizes)
-    lines = [*wrap(LINES, CHARACTERS), *facts(scenario, survey)]
-    bottom = BOTTOM + LINE * len(lines)
-    tall = TOP + up + BETWEEN + towards + bottom
-    figure = Figure(figsize=(WIDTH, tall), dpi=DOTS)
-    FigureCanvasAgg(figure)  # labels are placed by their size in pixels
-    left = LEFT + max(0.0, (room - across - towards) / 2)
-
-    def panel(x: float, y: float, width: float, height: float) -> Any:
-        return figure.add_axes((x / WIDTH, y / tall, width / WIDTH, height / tall))
-
-    wall = panel(left, bottom + towards + BETWEEN, across, up)
-    side = panel(left + across + BETWEEN, bottom + towards + BETWEEN, towards, up)
-    plan = panel(left, bottom, across, towards)
-    picture = panel(left + across + BETWEEN - 0.1, bottom, towards + 0.1, towards)
-    for ax, (h, v), title in (
-        (wall, (0, 2), "the wall as the camera faces it; grey: part of the monitor is hidden"),
-        (side, (1, 2), "from the side"),
-        (plan, (0, 1), "plan"),
-    ):
-        ax.set_title(title, fontsize=9)
-        ax.set_xlabel(frame.label(h), fontsize=8, labelpad=1)
-        ax.set_ylabel(frame.label(v), fontsize=8, labelpad=1)
-        ax.tick_params(labelsize=7)
-        ax.set_xlim(*ends[:, h])
-        ax.set_ylim(*ends[:, v])
-        ax.set_aspect("equal")
-    draw_wall(wall, scenario, survey, frame)
-    draw_projection(side, scenario, survey, frame, (1, 2))
-    draw_projection(plan, scenario, survey, frame, (0, 1))
-    draw_overview(picture, scenario, survey)
-    text = "\n".join(lines)
-    foot = (bottom - BOTTOM + 0.12) / tall
-    figure.text(LEFT / WIDTH, foot, text, fontsize=8, va="top", linespacing=1.5)
+    layout = RoomPlan(scenario)
+    low, high, axes = layout.low, layout.high, [*layout.axes]
+    spans = (high - low)[axes]
+    spans = np.maximum(spans, spans.max() / 5)  # labels need room
+    scale = min(0.86 * WIDTH / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
+    ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
+    ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
+    lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
+    height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
+    with rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
+        figure = Figure(figsize=(WIDTH, height), dpi=160)
+        figure.set_layout_engine("constrained", h_pad=0.1)
+        FigureCanvasAgg(figure)  # labels are placed by their size in pixels
+        ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
+        (wall, side), (plan, picture) = figure.subplots(2, 2, **ratios)
+        for ax, (h, v), title in (
+            (wall, (0, 2), "the wall as the camera faces it; grey: part of the monitor is hidden"),
+            (side, (1, 2), "from the side"),
+            (plan, (0, 1), "plan"),
+        ):
+            ax.set(title=title, xlabel=layout.label(h), ylabel=layout.label(v))
+            ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
+        picture.set_axis_off()
+        picture.set_title("overview")
+        figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # nothing moves once labels have their places
+        draw_wall(wall, layout)
+        draw_projection(side, layout, (1, 2))
+        draw_projection(plan, layout, (0, 1))
+        draw_overview(picture, layout)
     return figure

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from textwrap import wrap
 
 import numpy as np
@@ -21,71 +20,75 @@ a room) are drawn as far as they are in sight."""
 COVERING = 0.15
 """Fraction of a panel; a thing that covers more is drawn as its ground."""
 
-PANELS = (0, 1), (1, 2)
-"""Axes of the plan and the side view, by their places in `WorldAxes`."""
-
-MOST_LISTED, CHARACTERS = 5, 138
-"""Occluders whose distances are listed, and characters of a line."""
+CHARACTERS = 138
+"""Characters of a line of text."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
-@dataclass(frozen=True)
-class WorldAxes:
-    """World axes as panels show them: across the wall, towards it, up; with their directions.
+class RoomPlan:
+    """A scenario's laboratory along the world's axes: across the wall, towards it, up.
 
-    `signs` are -1 where the axis runs to the left (across), or away from the wall (towards).
+    Attributes
+    ----------
+    scenario, survey
+        What is drawn.
+    axes
+        The three axes' numbers; depth is the horizontal axis along which one faces the wall.
+    signs
+        -1 where an axis runs to the left (across), or away from the wall (towards).
+    normal, middle, eye
+        (3,) of the wall, of the view's middle on it, of the camera.
+    low, high
+        (3,) corners of the drawing.
+
+    Raises
+    ------
+    SceneError
+        If the wall lies more than it stands.
     """
 
-    axes: tuple[int, int, int]
-    signs: tuple[int, int, int]
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.survey = scenario, Survey(scenario)
+        survey = self.survey
+        normal = scenario.wall_normals.mean(axis=0)
+        self.normal: Array = normal / np.linalg.norm(normal)
+        self.middle, self.eye = survey.view_points[4], survey.view_origins[4]
+        depth = int(np.argmax(np.abs(normal[:2])))
+        if abs(normal[depth]) < abs(normal[2]):
+            raise SceneError(
+                f"scene '{scenario.path}': its wall lies; only one that stands (z up) can be drawn"
+            )
+        rightwards = (survey.view_points[1] - survey.view_points[0])[1 - depth]
+        self.axes = 1 - depth, depth, 2
+        self.signs = 1 if rightwards >= 0 else -1, 1 if normal[depth] <= 0 else -1, 1
+        core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
+        reach = FARTHEST * float(np.max(np.ptp(core, axis=0)))
+        middle = (core.min(axis=0) + core.max(axis=0)) / 2
+        near = [s.points for s in survey.solids if np.abs(s.points - middle).max() < reach]
+        points = np.concatenate([core, *near])
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.09 * float(np.max(high - low))
+        self.low, self.high = low - margin, high + margin
 
     def label(self, k: int) -> str:
         """Return the name of an axis, and its unit."""
         return f"{'xyz'[self.axes[k]]} / m"
 
+    def standing(self, *panels: tuple[int, int]) -> list[Solid]:
+        """Return the solids that cover little of every panel, unlike tables, floors and walls.
 
-def world_axes(scenario: Scenario, survey: Survey) -> WorldAxes:
-    """Return the world's axes; depth is the horizontal axis along which one faces the wall.
+        A panel shows two of the axes, by their places; without any, the plan and the side view.
+        """
 
-    A wall that lies more than it stands is a `SceneError`.
-    """
-    ahead = -scenario.wall_normals.mean(axis=0)
-    depth = int(np.argmax(np.abs(ahead[:2])))
-    if abs(ahead[depth]) < abs(ahead[2]):
-        raise SceneError(
-            f"scene '{scenario.path}': its wall lies; only one that stands (z up) can be drawn"
-        )
-    rightwards = (survey.view_points[1] - survey.view_points[0])[1 - depth]
-    signs = (1 if rightwards >= 0 else -1, 1 if ahead[depth] >= 0 else -1, 1)
-    return WorldAxes((1 - depth, depth, 2), signs)
+        def is_small(solid: Solid) -> bool:
+            ends = np.clip(
+                [solid.points.min(axis=0), solid.points.max(axis=0)], self.low, self.high
+            )
+            part = ((ends[1] - ends[0]) / (self.high - self.low))[[*self.axes]]
+            return all(part[h] * part[v] < COVERING for h, v in panels or ((0, 1), (1, 2)))
 
-
-def drawn_box(survey: Survey) -> tuple[Array, Array]:
-    """Return the low and the high corner of the drawing, with a margin."""
-    core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
-    reach = FARTHEST * float(np.max(np.ptp(core, axis=0)))
-    middle = (core.min(axis=0) + core.max(axis=0)) / 2
-    near = [s.points for s in survey.solids if np.abs(s.points - middle).max() < reach]
-    points = np.concatenate([core, *near])
-    low, high = points.min(axis=0), points.max(axis=0)
-    margin = 0.09 * float(np.max(high - low))
-    return low - margin, high + margin
-
-
-def standing(survey: Survey, axes: WorldAxes, shown: Sequence[tuple[int, int]]) -> list[Solid]:
-    """Return the solids that cover little of every panel shown, unlike tables, floors and walls.
-
-    A panel shows two of the axes, by their places in `WorldAxes`.
-    """
-    low, high = drawn_box(survey)
-
-    def is_small(solid: Solid) -> bool:
-        ends = np.clip([solid.points.min(axis=0), solid.points.max(axis=0)], low, high)
-        inside = (ends[1] - ends[0]) / (high - low)
-        return all(inside[axes.axes[h]] * inside[axes.axes[v]] < COVERING for h, v in shown)
-
-    return list(filter(is_small, survey.solids))
+        return list(filter(is_small, self.survey.solids))
 
 
 def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
@@ -100,13 +103,12 @@ def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
     return {name: np.concatenate(parts) for name, parts in groups.items()}
 
 
-def facts(scenario: Scenario, survey: Survey) -> list[str]:
+def facts(layout: RoomPlan) -> list[str]:
     """Return lines of distances and sizes."""
-    normal = scenario.wall_normals.mean(axis=0)
-    normal /= np.linalg.norm(normal)
-    corners, middle = survey.view_points[:4], survey.view_points[4]
+    scenario, survey, normal = layout.scenario, layout.survey, layout.normal
+    corners = survey.view_points[:4]
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    sight = survey.view_origins[4] - middle
+    sight = layout.eye - layout.middle
     away = float(np.linalg.norm(sight))
     slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
     aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
@@ -116,7 +118,7 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
     rows, columns = scenario.hidden_shape
     across = columns * np.linalg.norm(scenario.patch_across, axis=1).mean()
     up = rows * np.linalg.norm(scenario.patch_up, axis=1).mean()
-    before = float((scenario.patch_centers.mean(axis=0) - middle) @ normal)
+    before = float((scenario.patch_centers.mean(axis=0) - layout.middle) @ normal)
     facing = turn_and_tilt(scenario.patch_normals.mean(axis=0), -normal)
     lines = [
         f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees "
@@ -125,32 +127,19 @@ def facts(scenario: Scenario, survey: Survey) -> list[str]:
         f"{facing} from facing it squarely.",
         "Turns are counterclockwise as seen from above, tilts upwards; negative the other way.",
     ]
-    frame = world_axes(scenario, survey)
-    solids = standing(survey, frame, PANELS)
     distances = []
-    for name, points in groups_of(solids).items():
-        heights = (points - middle) @ normal
+    for name, points in groups_of(layout.standing()).items():
+        heights = (points - layout.middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
         if 0 < distance < before:
             stretch = distance / (before - distance)
             penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
-            distances.append(f"{name} {in_words(distance)} ({penumbra})")
-    solids += [solid for solid in survey.solids if solid not in solids]
-    sizes = [
-        f"{name} {' x '.join(map(in_words, np.ptp(points, axis=0)[list(frame.axes)]))}"
-        for name, points in groups_of(solids).items()
-    ]
-    axes = ", ".join("xyz"[axis] for axis in frame.axes)
-    for title, items in (
-        (
-            "Middles before the wall (and how wide an edge's penumbra is from there, across x up)",
-            distances,
-        ),
-        (f"Extents along {axes}", sizes),
-    ):
-        if items:
-            listed = ", ".join(item.replace(" ", NO_BREAK) for item in items[:MOST_LISTED])
-            lines.append(f"{title}: {listed}{', ...' if items[MOST_LISTED:] else ''}.")
+            distances.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))
+    if distances:
+        lines.append(
+            "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
+            f"{', '.join(distances)}."
+        )
     return [line for long in lines for line in wrap(long, CHARACTERS)]
 
 

@@ -6,32 +6,28 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.figures.laboratory.geometry import PANELS, drawn_box, hull, standing, world_axes
+from periscopy_sim.figures.laboratory.geometry import RoomPlan, hull
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.laboratory.projections import MONITOR, VIEWED
-from periscopy_sim.rendering.overview import View, covered, find_view, render_overview
-from periscopy_sim.rendering.survey import Survey
+from periscopy_sim.rendering.overview import covered, find_view, render_overview
 from periscopy_sim.rendering.variant import is_vectorized
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
 COLUMNS = {True: 640, False: 200}
 """Pixels of the picture's width; fewer where one ray is traced after the other."""
 
 
-def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
+def draw_overview(ax: Any, layout: RoomPlan) -> None:
     """Show a path-traced picture, with the camera and its view drawn in."""
     from matplotlib.patches import Polygon
     from matplotlib.path import Path as Polyline
 
-    ax.set_axis_off()
-    low, high = drawn_box(survey)
+    scenario, survey, normal = layout.scenario, layout.survey, layout.normal
     box = ax.get_window_extent()
     columns = COLUMNS[is_vectorized()]
     shape = (round(columns * box.height / box.width), columns)
-    inside = [np.clip(s.points, low, high) for s in survey.solids]
+    inside = [np.clip(s.points, layout.low, layout.high) for s in survey.solids]
     corners = [survey.monitor_points, survey.view_points, survey.view_origins, *inside]
-    normal = scenario.wall_normals.mean(axis=0)
     patches, facing = scenario.patch_centers[::9], scenario.patch_normals[::9]
     landmarks = [
         patches + 0.01 * facing,
@@ -40,7 +36,7 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
         *(s.points[:: max(1, len(s.points) // 8)] for s in survey.solids),
     ]
     surfaces = [
-        (survey.view_points[4], normal),
+        (layout.middle, normal),
         (scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)),
     ]
     view = find_view(
@@ -53,7 +49,6 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
     lit = (shown[..., 0] > 0.99) & ~on_screen
     white = float(np.percentile(picture[lit], 98)) if lit.any() else 1.0
     ax.imshow(srgb_encode(np.clip(picture / white, 0, 1)) * shown + (1 - shown), aspect="equal")
-    ax.set_title("overview", fontsize=9)
     labels = Labels(ax)
     outline, _ = view.project(survey.view_points[:4])
     for polygon, colour in ((screen, MONITOR), (outline, VIEWED)):
@@ -69,19 +64,7 @@ def draw_overview(ax: Any, scenario: Scenario, survey: Survey) -> None:
     labels.add("camera", camera, VIEWED)
     labels.add("monitor", view.project(survey.monitor_points)[0], MONITOR)
     labels.add("seen by the camera", outline, VIEWED, hollow=True)
-    for solid in standing(survey, world_axes(scenario, survey), PANELS):
+    for solid in layout.standing():
         labels.avoid(view.project(solid.points)[0])
-    _draw_triad(ax, view)
     ax.set(xlim=(0, shape[1]), ylim=(shape[0], 0))
     labels.place()
-
-
-def _draw_triad(ax: Any, view: View) -> None:
-    """Draw the directions of x, y and z in the lower left corner, each letter beyond its tip."""
-    width = view.shape[1]
-    corner = np.array([0.09 * width, 0.9 * view.shape[0]])
-    look = {"arrowstyle": "->", "lw": 1, "shrinkA": 0, "shrinkB": 0}
-    for name, arrow in zip("xyz", 0.08 * width * view.axes[:2].T * (1, -1), strict=True):
-        ax.annotate("", corner + arrow, corner, arrowprops=look)
-        beyond = 0.028 * width * arrow / max(float(np.linalg.norm(arrow)), 1e-9)
-        ax.text(*(corner + arrow + beyond), name, fontsize=8, ha="center", va="center")

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.figures.laboratory.geometry import (
-    PANELS,
-    WorldAxes,
+    RoomPlan,
     extremes,
     groups_of,
     hull,
     in_words,
-    standing,
 )
 from periscopy_sim.figures.laboratory.labels import Labels
-from periscopy_sim.figures.panels import OKABE_ITO
-from periscopy_sim.rendering.survey import Solid, Survey
+from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.rendering.variant import is_vectorized
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array
 
-VIEWED, MONITOR, OCCLUDER, GROUND = OKABE_ITO[0], OKABE_ITO[1], "0.25", "0.93"
+VIEWED, MONITOR, *_ = OKABE_ITO
+OCCLUDER, GROUND = "0.25", "0.93"
 
 GRID = {True: 150, False: 40}
 """Points of the wall along its panel's width; fewer where one ray is traced after the other."""
@@ -39,17 +35,17 @@ DARKEST = -0.5
 """Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
 
 
-def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
     from matplotlib.patches import Polygon
 
-    h, v = frame.axes[0], frame.axes[2]
+    survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
     limits = ax.get_xlim(), ax.get_ylim()
     (left, right), (bottom, top) = map(sorted, limits)
     columns = GRID[is_vectorized()]
     x = np.linspace(left, right, columns)
     z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
-    share = _share(scenario, survey, frame, x, z)
+    share = _share(layout, x, z)
     ax.imshow(
         share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,
         interpolation="bilinear", zorder=0,
@@ -69,24 +65,23 @@ def draw_wall(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> 
     labels.place()
 
 
-def draw_projection(
-    ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes, shown: tuple[int, int]
-) -> None:
+def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     """Draw everything onto two axes: camera and view, monitor, occluders, shadows."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Polygon
 
-    h, v = (frame.axes[k] for k in shown)
+    scenario, survey = layout.scenario, layout.survey
+    h, v = (layout.axes[k] for k in shown)
     limits = ax.get_xlim(), ax.get_ylim()
     labels = Labels(ax)
-    middle, eye = survey.view_points[4], survey.view_origins[4]
+    middle, eye, normal = layout.middle, layout.eye, layout.normal
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
     ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
-    _draw_wall_line(ax, labels, scenario, survey, frame, shown)
+    _draw_wall_line(ax, labels, layout, (h, v))
     seen = extremes(survey.view_points[:4][:, [h, v]])
     ax.plot(*seen.T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4)
-    upright = standing(survey, frame, [shown])
-    _draw_shadow_rays(ax, standing(survey, frame, PANELS), survey, scenario, (h, v))
+    upright = layout.standing(shown)
+    _draw_shadow_rays(ax, layout, (h, v))
     for solid in survey.solids:
         corners = solid.points[:, [h, v]]
         outlines = [hull(corners)] if solid.faces is None else list(corners[solid.faces])
@@ -100,8 +95,7 @@ def draw_projection(
     labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
     screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
-    normal, sight = scenario.wall_normals.mean(axis=0), middle - eye
-    shortened = min(1.0, size / float(np.linalg.norm(sight))) * sight
+    shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
     for start, direction, colour in (
         (screen, size * facing, MONITOR), (middle, size * normal, "0.45"), (eye, shortened, VIEWED)
     ):  # fmt: skip
@@ -113,74 +107,49 @@ def draw_projection(
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
-    if shown == (0, 1):
-        _draw_scale_bar(ax)
-    else:
-        _draw_distances(ax, scenario, survey, frame)
+    if shown != (0, 1):
+        _draw_distances(ax, layout)
     ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
-def _draw_wall_line(
-    ax: Any,
-    labels: Labels,
-    scenario: Scenario,
-    survey: Survey,
-    frame: WorldAxes,
-    shown: tuple[int, int],
-) -> None:
-    """Draw the wall as a strip, shaded as at the height (or place) of the view's middle."""
-    from matplotlib.collections import PolyCollection
-
-    k = 0 if shown == (0, 1) else 2  # the axis along the wall
-    axis, depth = frame.axes[k], frame.axes[1]
-    order = [0, 1] if k == 0 else [1, 0]
-    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    ends, others = (ax.get_xlim(), ax.get_ylim())[:: 1 if k == 0 else -1]
-    along = np.linspace(min(ends), max(ends), 3 * GRID[is_vectorized()])
-    fixed = np.array([middle[frame.axes[2 - k]]])
-    share = _share(scenario, survey, frame, *((along, fixed)[:: 1 if k == 0 else -1])).ravel()
-    plane = middle[depth] - (along - middle[axis]) * normal[axis] / normal[depth]
-    near = np.stack([along, plane], axis=1)
-    far = near + np.array([0, 0.05 * float(np.ptp(others)) * frame.signs[1]])
-    pieces = np.stack([near[:-1], near[1:], far[1:], far[:-1]], axis=1)[..., order]
-    grey = ((share[:-1] - DARKEST) / (1 - DARKEST)).astype(str)
-    look: dict[str, Any] = {"facecolors": grey, "edgecolors": grey, "linewidths": 0.5}
-    ax.add_collection(PolyCollection(list(pieces), zorder=2, **look))
-    line = near[:, order]
+def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
+    """Draw where the wall's plane meets the panel's: through the view's middle, to the ends."""
+    middle, normal = layout.middle[[*axes]], layout.normal[[*axes]]
+    along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
+    reach = float(np.ptp(ax.get_xlim()) + np.ptp(ax.get_ylim()))
+    line = middle + np.linspace(-reach, reach, 200)[:, None] * along
     ax.plot(*line.T, color="black", linewidth=0.8, zorder=3)
-    # The label stands by the end where the camera does not look.
-    tenths = np.array_split(line, 10)
-    left = k == 0 and middle[axis] > along.mean()
-    labels.add("wall", tenths[0 if left else -1], "black")
+    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    inside = line[((line > (left, bottom)) & (line < (right, top))).all(axis=1)]
+    # The label stands by the end that is farther from the view.
+    far = inside[[0, -1]][np.argmax(np.linalg.norm(inside[[0, -1]] - middle, axis=1))]
+    labels.add("wall", far[None], "black")
     labels.avoid_line(line[[0, -1]])
 
 
-def _share(
-    scenario: Scenario, survey: Survey, frame: WorldAxes, x: Array, z: Array
-) -> NDArray[np.float64]:
+def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
     """Return the share of the monitor that points of the wall's plane see, (z, x)."""
-    normal, middle = scenario.wall_normals.mean(axis=0), survey.view_points[4]
+    normal, middle = layout.normal, layout.middle
     grid = np.empty((len(z), len(x), 3))
-    h, d, v = frame.axes
+    h, d, v = layout.axes
     grid[..., h], grid[..., v] = x, z[:, None]
     slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
     grid[..., d] = middle[d] - slope / normal[d]
     points = grid.reshape(-1, 3) + 1e-4 * normal
-    return survey.lit_share(points, scenario.patch_centers).reshape(len(z), len(x))
+    share = layout.survey.lit_share(points, layout.scenario.patch_centers)
+    return share.reshape(len(z), len(x))
 
 
-def _draw_shadow_rays(
-    ax: Any, solids: Sequence[Solid], survey: Survey, scenario: Scenario, axes: tuple[int, int]
-) -> None:
+def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
-    middle, normal = survey.view_points[4], scenario.wall_normals.mean(axis=0)
-    points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in solids)])
-    before = ((survey.monitor_points - middle) @ normal).min()
+    middle, normal, monitor = layout.middle, layout.normal, layout.survey.monitor_points
+    points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in layout.standing())])
     height = (points - middle) @ normal
+    before = ((monitor - middle) @ normal).min()
     points = points[(height > 1e-3) & (height < before - 1e-3)][:, axes]
     wall, facing = middle[[*axes]], normal[[*axes]]
-    for end in extremes(survey.monitor_points[:, axes]):
+    for end in extremes(monitor[:, axes]):
         to = points - end
         hits = end + ((wall - end) @ facing / (to @ facing))[:, None] * to
         along = hits @ np.array([-facing[1], facing[0]])
@@ -189,12 +158,12 @@ def _draw_shadow_rays(
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
 
 
-def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxes) -> None:
+def _draw_distances(ax: Any, layout: RoomPlan) -> None:
     """Draw dimension lines along the depth: from the monitor to each thing and to the wall."""
-    depth = frame.axes[1]
-    monitor, wall = scenario.patch_centers.mean(axis=0)[depth], survey.view_points[4][depth]
+    depth = layout.axes[1]
+    monitor, wall = layout.scenario.patch_centers.mean(axis=0)[depth], layout.middle[depth]
     bottom, top = ax.get_ylim()
-    groups = groups_of(standing(survey, frame, PANELS)).values()
+    groups = groups_of(layout.standing()).values()
     between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
     inside = [y for y in between if min(monitor, wall) + 0.02 < y < max(monitor, wall) - 0.02]
     stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]
@@ -203,23 +172,9 @@ def _draw_distances(ax: Any, scenario: Scenario, survey: Survey, frame: WorldAxe
         look = {"arrowstyle": "<->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", (start, level), (end, level), arrowprops=look, zorder=6)
         text = ax.text(
-            (start + end) / 2, level, in_words(abs(end - start)), fontsize=7, ha="center",
+            (start + end) / 2, level, in_words(abs(end - start)), ha="center",
             va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8}, zorder=7,
         )  # fmt: skip
         room = abs(np.diff(ax.transData.transform([(start, level), (end, level)])[:, 0])[0])
         if text.get_window_extent().width > 0.6 * room:  # too long to stand within its arrows
             text.set(y=level + 0.02 * (top - bottom), va="bottom")
-
-
-def _draw_scale_bar(ax: Any) -> None:
-    """Draw a bar of a round length in the lower right corner."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    wide = right - left
-    length = max(n for n in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10) if n < 0.3 * abs(wide))
-    end, level = right - 0.04 * wide, bottom + 0.04 * (top - bottom)
-    ends = [end - np.sign(wide) * length, end]
-    ax.plot(ends, [level, level], color="black", linewidth=3, solid_capstyle="butt", zorder=6)
-    ax.text(
-        float(np.mean(ends)), level + 0.015 * (top - bottom), in_words(length), fontsize=7,
-        ha="center", va="bottom", zorder=7,
-    )  # fmt: skip

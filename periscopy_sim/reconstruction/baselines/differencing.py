@@ -8,7 +8,6 @@ Nature, 2019.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -19,12 +18,11 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.preconditioned.still import noise_level
 from periscopy_sim.reconstruction.total_variation.least_squares import (
     LeastSquares,
     LeastSquaresMinimum,
@@ -141,12 +139,10 @@ class Differencing(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
-        Dy = self._inverse.reject_background(self._differenced(y))
+        Dy = self._inverse.project_out(self._differenced(y))
         h = self._inverse.A.T @ Dy
         least_squares = self._inverse.solve(h)
-        noise = noise_level(
-            self._inverse, *(np.ascontiguousarray(part.T) for part in (Dy, least_squares))
-        )
+        noise = self._inverse.noise(*(np.ascontiguousarray(y.T) for y in (Dy, least_squares)))
         weight = self.tv_weight * noise * np.sqrt(np.trace(self._least_squares.gram) / len(h))
         minimize = self._minimizer(h)
         minima = [
@@ -154,13 +150,8 @@ class Differencing(StillMethod[np.float64]):
             for h_c, λ in zip(np.ascontiguousarray(h.T), weight.tolist(), strict=True)
         ]
         gap = np.array([minimum.gap for minimum in minima])
-        if self.stop == "converged" and not (gap <= self.tolerance).all():
-            warnings.warn(
-                f"differencing stopped after {MAX_ITERATIONS} iterations at a relative duality gap "
-                f"of {gap.max():.1e}, above {self.tolerance:.1e}: raise the tolerance",
-                RuntimeWarning,
-                stacklevel=2,
-            )
+        if self.stop == "converged":
+            warn_unconverged("differencing", MAX_ITERATIONS, float(gap.max()), self.tolerance)
         return DifferencingResult(
             image=self.observation.image(np.stack([minimum.f for minimum in minima], axis=1)),
             noise=noise,

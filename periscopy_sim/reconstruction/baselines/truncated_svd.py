@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Observed, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
@@ -93,8 +94,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         Q = self._background
         y -= Q @ (Q.T @ y)
         coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
-        residual = np.sum(y**2, axis=0) - np.sum(coefficients**2, axis=0)
-        noise: Array = np.sqrt(np.maximum(residual, 0) / max(len(y) - self.rank - Q.shape[1], 1))
+        energy, explained = (np.sum(each**2, axis=0) for each in (y, coefficients))
+        noise = residual_noise(energy, explained, len(y) - self.rank - Q.shape[1])
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
         return denoise_and_repair(

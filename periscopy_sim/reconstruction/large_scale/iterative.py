@@ -21,7 +21,6 @@ Sun, Zhang, "Scaled sparse linear regression", 2012.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Unpack
@@ -31,13 +30,14 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import (
     Eigenvectors,
     Matrix,
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.numerics.validation import check_stopping, check_weight
+from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
@@ -46,9 +46,6 @@ Array = NDArray[np.float64]
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
-
-ROUNDING = 1e-7
-"""Noise as a part of the photograph, below which it cannot be told from rounding errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,25 +123,17 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
-        y = self.transport.reject_background(self.observation.vectorized(photograph))
+        y = self.transport.project_out(self.observation.vectorized(photograph))
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
-        result = IterativeReconstruction(
+        warn_unconverged("iterative recovery", end.iterations, end.error, self.tolerance)
+        return IterativeReconstruction(
             image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
             iterations=end.iterations,
-            change=end.left,
-            converged=end.left <= self.tolerance,
+            change=end.error,
+            converged=end.error <= self.tolerance,
         )
-        if not result.converged:
-            warnings.warn(
-                f"stopped after {self.max_iterations} iterations, the last third of which changed "
-                f"the image by {result.change:.1e} of it, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        return result
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
@@ -163,8 +152,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         end = least_squares(
             self.transport, h, tolerance=self.tolerance, max_iterations=self.max_iterations
         )
-        misfit = np.sum(y**2, axis=0) + np.sum(end.f * (end.product - 2 * h), axis=0)
-        return end, self._noise(misfit, self.transport.shape[1])
+        explained = np.sum(end.f * (2 * h - end.product), axis=0)
+        return end, self._noise(np.sum(y**2, axis=0), explained, self.transport.shape[1])
 
     def _total_variation(self, y: Array) -> tuple[Iterate, Array]:
         problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
@@ -172,10 +161,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         weighed, energy = problem.data(h), problem.energy(y, h)
 
         def noise(f: Array, product: Array) -> Array:
-            misfit = energy + np.sum(f * (product - 2 * weighed), axis=0)
-            return self._noise(
-                np.maximum(misfit, ROUNDING**2 * energy), len(problem.eigenvectors.energy)
-            )
+            explained = np.sum(f * (2 * weighed - product), axis=0)
+            return self._noise(energy, explained, len(problem.eigenvectors.energy))
 
         end = minimize(
             problem,
@@ -192,8 +179,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         weight: Array = self.regularization * noise * np.sqrt(self.transport.squared_norm)
         return weight
 
-    def _noise(self, misfit: Array, used: int) -> Array:
-        """Return σ from a sum of squares, of which the image took `used` degrees of freedom."""
-        freedom = max(self.transport.Q.shape[0] - self.transport.Q.shape[1] - used, 1)
-        noise: Array = np.sqrt(np.maximum(misfit, 0) / freedom)
-        return noise
+    def _noise(self, energy: Array, explained: Array, dimensions: int) -> Array:
+        """Return σ; see `residual_noise`. The image counts as so many dimensions."""
+        pixels, rank = self.transport.Q.shape
+        return residual_noise(energy, explained, pixels - rank - dimensions)

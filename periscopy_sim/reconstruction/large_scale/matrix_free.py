@@ -46,7 +46,7 @@ def least_squares(
     slope = np.sum(descent**2, axis=0)
     path: list[Array] = []
     iterate = Iterate(f, h - descent, descent, 0, path, np.inf)
-    while len(path) < max_iterations and iterate.left > tolerance:
+    while len(path) < max_iterations and iterate.error > tolerance:
         image = transport.gram_product(direction)
         step = ratio(slope, np.sum(direction * image, axis=0))
         f = f + step * direction
@@ -55,7 +55,7 @@ def least_squares(
         previous, slope = slope, np.sum(descent**2, axis=0)
         direction = descent + ratio(slope, previous) * direction
         iterate = Iterate(f, h - descent, descent, len(path), path, np.inf)
-        iterate = replace(iterate, left=path_of_last_third(iterate))
+        iterate = replace(iterate, error=path_of_last_third(iterate))
     return iterate
 
 

@@ -33,13 +33,16 @@ class Problem:
 def problem_of(method: NoiseAware, solution: NoiseAwareReconstruction) -> Problem | None:
     """Return the problem of a photograph from its noise-aware solution; None of a black image."""
     evidence, patterns = solution.evidence, method.fit.patterns
+    # The network takes each of the monitor's primaries on its own.
+    unmixing = np.linalg.inv(method.observation.mixing)
+    coefficients, variances = unmixing @ evidence.coefficients, unmixing**2 @ evidence.noise**2
     start = np.moveaxis(solution.image, -1, 0) * (method.fit.unit / evidence.level)
     scale = float(np.sqrt(np.mean(start**2)))
     if not scale > 0:
         return None
     start = start / scale
-    weights = scale**2 / np.tile((evidence.noise**2)[:, None], len(patterns.curvatures))
-    data = weights * evidence.coefficients / scale
+    weights = scale**2 / np.tile(variances[:, None], len(patterns.curvatures))
+    data = weights * coefficients / scale
     # Images of this contrast: a Gaussian prior of precision p K, K = ∇ᵀ∇ + I.
     slopes = sum(np.sum(np.diff(start, axis=axis) ** 2) for axis in (1, 2))
     p = start.size / float(slopes + np.sum(start**2))

@@ -121,20 +121,15 @@ def read_weights(file: str | Path) -> Weights:
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except (safetensors.SafetensorError, OSError) as error:
         raise PeriscopyError(f"{file}: not a whole safetensors file: {error}") from error
-    if (metadata.get("kind"), metadata.get("network")) != (KIND, NETWORK):
-        raise PeriscopyError(f"{file}: holds no weights of '{NETWORK}'; experiments.learned.train "
-                             "writes such files")  # fmt: skip
     try:
-        rows, _, columns = metadata["hidden"].partition("x")
-        weights = Weights(
-            tensors,
-            (int(rows), int(columns)),
-            dict(json.loads(metadata["settings"])),
-            dict(json.loads(metadata["provenance"])),
-        )
+        if (metadata["kind"], metadata["network"]) != (KIND, NETWORK):
+            raise ValueError(f"of {metadata['kind']} {metadata['network']}")
+        rows, columns = map(int, metadata["hidden"].split("x"))
+        settings, provenance = (json.loads(metadata[key]) for key in ("settings", "provenance"))
+        weights = Weights(tensors, (rows, columns), dict(settings), dict(provenance))
         recorded = metadata["sha256"]
     except (KeyError, TypeError, ValueError) as error:
-        raise PeriscopyError(f"{file}: damaged metadata: {error}") from error
+        raise PeriscopyError(f"{file}: holds no weights of '{NETWORK}': {error}") from error
     if weights.digest != recorded:
         raise PeriscopyError(
             f"{file}: damaged: its SHA-256 begins with {weights.digest[:12]}, not "

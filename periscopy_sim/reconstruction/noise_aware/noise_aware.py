@@ -1,23 +1,25 @@
 """The hidden image that explains the photograph best, given the photograph's own noise.
 
-    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ f_c − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
+    f̂ = argmin_{f ≥ 0} Σ_c ‖A⊥ Σ_k M_ck f_k − y⊥_c‖² / σ_c² + λ Σ ‖∇f‖,   A⊥ = A − Q QᵀA
 
 Q is an orthonormal basis of the ambient light, so that the misfit is that of y on [A, B] with the
-ambient light fitted freely: the very information that P keeps. But the paper goes on from P y as if
-its noise were white and equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. This
-method models the noise in the photograph, where it is white, couples edges across colour channels
-(‖∇f‖ is the norm over both directions and all three channels), and constrains f ≥ 0.
+ambient light fitted freely: the very information that P keeps. M is the colour matrix from the
+monitor's primaries, in which the image is, to the camera's channels, in which the noise is
+independent; the identity by default. The paper goes on from P y as if its noise were white and
+equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. This method models the noise
+in the photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both
+directions and all three primaries), and constrains f ≥ 0.
 
-λ is `regularization` ‖A⊥‖_F/σ, and where the noise has more energy than the signal, the root of
-their ratio times as much. f ≥ 0 cuts off at zero what noise total variation leaves, which brightens
-the image: without the root, natural images at 30 dB and an SBR of 0.5 came out up to 1.2 times too
-bright, with 2.5 times the error. Images with much black still come out 1.1 to 1.6 times too bright
-there; `make validate` tabulates it.
+λ is `regularization` ‖A⊥‖_F ‖M1‖/(√3 σ), so that grey images are regularized as without M, and
+where the noise has more energy than the signal, the root of their ratio times as much. f ≥ 0 cuts
+off at zero what noise total variation leaves, which brightens the image: without the root, natural
+images at 30 dB and an SBR of 0.5 came out up to 1.2 times too bright, with 2.5 times the error.
+Images with much black still come out 1.1 to 1.6 times too bright there; `make validate` tabulates
+it.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
@@ -33,7 +35,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import standard_errors
 from periscopy_sim.model.wall_gain import WallGain
-from periscopy_sim.numerics.validation import check_stopping
+from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
@@ -69,7 +71,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     photograph
         The photograph, corrected.
     corrections
-        What the corrections found, by name.
+        The corrections' numbers, by name.
     """
 
     weight: float
@@ -81,7 +83,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     corrections: Mapping[str, Any]
 
     def numbers(self) -> dict[str, Any]:
-        """Return the noise, the weight, the iterations and what the corrections found."""
+        """Return the noise, the weight, the iterations and the corrections' numbers."""
         return {**self.corrections, **super().numbers(), "iterations": self.iterations}
 
     @property
@@ -91,28 +93,21 @@ class NoiseAwareReconstruction(Solution[np.float64]):
 
     def warn_unless_converged(self) -> None:
         """Warn where the iterations did not suffice."""
-        if not self.converged:
-            warnings.warn(
-                f"noise-aware recovery stopped after {self.iterations} iterations at a relative "
-                f"residual of {self.residual:.1e}, above {self.tolerance:.1e}: raise "
-                "max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=3,
-            )
+        arguments = self.iterations, self.residual, self.tolerance
+        warn_unconverged("noise-aware recovery", *arguments, stacklevel=4)
 
 
 class NoiseAware(StillMethod[np.float64]):
     """Recover hidden images by penalized likelihood; fit once to a scene.
 
-    λ = `regularization` ‖A⊥‖_F / σ, σ the mean noise of the channels, which follows the
-    photograph's noise and units; more where there is more noise than signal, see the module.
+    λ follows the photograph's noise and units, see the module.
 
     Other parameters and errors are those of `StillMethod`.
 
     Parameters
     ----------
     regularization
-        λ over ‖A⊥‖_F / σ, a number without unit, which fits any grid of patches.
+        λ over ‖A⊥‖_F ‖M1‖ / (√3 σ), without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
@@ -137,6 +132,8 @@ class NoiseAware(StillMethod[np.float64]):
     ValueError
         If B explains all of A, or a correction needs the rows and columns of photographs.
     """
+
+    mixes_colours = True
 
     def __init__(
         self,
@@ -171,9 +168,9 @@ class NoiseAware(StillMethod[np.float64]):
 
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
-        (planes,) = self.observation.planar(np.asarray(photograph)[None])
+        (planes,) = self.observation.planar(plain_array(photograph)[None])
         corrected = FittedPhotograph(planes, self.fit)
-        found: dict[str, Any] = {}
+        summary: dict[str, Any] = {}
         split: Splitting | None = None
         iterations = 0
 
@@ -186,11 +183,13 @@ class NoiseAware(StillMethod[np.float64]):
 
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
-            found.update(numbers)
+            summary.update(numbers)
         schedule = self._schedule(self.max_iterations - iterations)
         solution, _ = self.recover(corrected.evidence, schedule, split)
         iterations += solution.iterations
-        solution = replace(solution, iterations=iterations, photograph=corrected, corrections=found)
+        solution = replace(
+            solution, iterations=iterations, photograph=corrected, corrections=summary
+        )
         solution.warn_unless_converged()
         return solution
 
@@ -210,15 +209,22 @@ class NoiseAware(StillMethod[np.float64]):
         """
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
-        unit = evidence.level / self.fit.unit
+        mixing = self.observation.mixing
+        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(3)  # of grey
+        unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))
-        objective = Objective(self.fit.patterns, self.hidden_shape, regularization, self.positive)
+        objective = Objective(
+            self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
+        )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         solution = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=regularization * self.fit.norm / (evidence.level * evidence.mean_noise),
+            weight=regularization
+            * self.fit.norm
+            * strength
+            / (evidence.level * evidence.mean_noise),
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
@@ -257,14 +263,14 @@ class NoiseAware(StillMethod[np.float64]):
         errors of uncertain parameters, that the corrections are, and that what the wall hides of
         the image varies like what it shows.
         """
-        evidence, response = solution.evidence, None
+        evidence, response, M = solution.evidence, None, self.observation.mixing
         _, rest = self.fit.explicable(evidence, solution.image)
         if self.uncertain is not None:
             light = self.uncertain.lights(solution.image, self.observation.mask)
             response = self.fit.response(light)
         return standard_errors(
             self.fit.gram,
-            evidence.level * evidence.noise,
+            (M.T / (evidence.level * evidence.noise) ** 2) @ M,
             solution.image,
             solution.weight,
             float(np.sum(rest**2)),
@@ -273,7 +279,7 @@ class NoiseAware(StillMethod[np.float64]):
         )
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
-        """Return the photograph without what the corrections found; see `StillMethod`."""
+        """Return the photograph without the corrections' light; see `StillMethod`."""
         if solution.photograph is None:
             return super().corrected(photograph, solution)
         return np.ascontiguousarray(solution.photograph.planes.T)

@@ -1,10 +1,13 @@
 """The minimization behind `noise_aware`, for one photograph or for a frame of a video.
 
-    f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ f_c − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖],   w_c = σ²/σ_c²
+    f̂ = argmin_{f ≥ 0} ½ Σ_c w_c ‖A⊥ Σ_k M_ck f_k − y⊥_c‖² + λ Σ ‖∇f‖ [+ λ₂ Σ ‖f − f_prev‖]
 
-in units in which A⊥ᵀA⊥ has a mean diagonal of 1. The sums are over the patches; their norms are
-over the colours too. The last term, in a video, is Eq. 12's, of the patches'
-colours: a patch keeps what it showed in the frame before, or changes in all its channels.
+with w_c = σ²/σ_c², in units in which A⊥ᵀA⊥ has a mean diagonal of 1, and M a colour matrix that
+keeps the norm of grey. The sums are over the patches; their norms are over the colours too. The
+last term, in a video, is Eq. 12's, of the patches' colours: a patch keeps what it showed in the
+frame before, or changes in all its channels.
+
+The misfit couples the primaries by MᵀWM = V diag(p) Vᵀ, W = diag(w), but not the channels Vᵀf.
 
 It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
 u = ∇f and v = f split off and over-relaxed; `spectral_basis` solves each iteration's equations.
@@ -70,6 +73,7 @@ class Objective:
 
     basis: SpectralBasis  # of A⊥ᵀA⊥, its mean diagonal 1
     hidden_shape: tuple[int, int]  # (R, C)
+    mixing: Array  # (3, 3) M, from the monitor's primaries to the camera's channels
     regularization: float  # λ over √N σ/2
     positive: bool  # whether f ≥ 0
 
@@ -88,15 +92,17 @@ class Objective:
         """
         σ = evidence.mean_noise
         λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
-        w = (σ / evidence.noise[:, None]) ** 2
-        data = w * evidence.coefficients
-        ridge = self.basis.combined(data / (w * self.basis.curvatures + RIDGE))
+        w = (σ / evidence.noise) ** 2
+        p, V = np.linalg.eigh((self.mixing.T * w) @ self.mixing)
+        data = V.T @ (self.mixing.T * w) @ evidence.coefficients
+        ridge = self.basis.combined(data / (p[:, None] * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))
         if not scale > 0:
             return Minimum(np.zeros((3, *self.hidden_shape), np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
-        solve = self.basis.solver(w, ρ, data, schedule.weak)
+        solve = self.basis.solver(p[:, None], ρ, data, schedule.weak)
+        V = V.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(np.clip(previous, -FARTHEST, FARTHEST), np.float32)
@@ -106,7 +112,7 @@ class Objective:
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
             g = right_hand_side(split)
-            f = solve(g, renew=iteration % schedule.renewed == 0)
+            f = V @ solve(V.T @ g, renew=iteration % schedule.renewed == 0)
             iteration += 1
             image = f.reshape(split.v.shape)
             residuals = advance(image, split, threshold, self.positive, drawn_to, pull, black)

@@ -53,45 +53,46 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
     Frames are not corrected (`model.correction`): a gain over the wall would differ between them.
 
-    Parameters, attributes and errors are those of `FrameByFrame`; `method` is the one for stills.
+    Parameters, attributes and errors are those of `FrameByFrame`.
     """
 
+    still: NoiseAware
+
     def __init__(
-        self, method: NoiseAware, *, coupling: Coupling = "l1", l1_weight: float = 0.8
+        self, still: NoiseAware, *, coupling: Coupling = "l1", l1_weight: float = 0.8
     ) -> None:
-        super().__init__(method, coupling, l1_weight, get_args(Coupling))
-        self.method = method
+        super().__init__(still, coupling, l1_weight, get_args(Coupling))
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         super().restart()
         self._split: Splitting | None = None
 
-    def begun(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
-        """Yield what finishes each frame, A applied to many at once; see `FrameByFrame.begun`."""
+    def recoveries(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+        """Apply A to many photographs in one product; see `FrameByFrame.recoveries`."""
         for start in range(0, len(photographs), BATCH):
             part = np.asarray(photographs[start : start + BATCH])
-            for evidence in self.method.evidence(part):
+            for evidence in self.still.evidence(part):
                 yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
         """Return the next frame, of its photograph's evidence."""
         if self.previous is None:
-            found, split = self.method.recover(evidence)
+            solution, split = self.still.recover(evidence)
         else:
             weight = self.l1_weight if self.coupling == "l1" else 0.0
             schedule = Schedule(
                 penalty=PENALTY / max(1.0, weight / FIRM),
-                tolerance=LOOSER * self.method.tolerance,
-                max_iterations=self.method.max_iterations,
+                tolerance=LOOSER * self.still.tolerance,
+                max_iterations=self.still.max_iterations,
                 checked=1,
                 weak=WEAK,
                 renewed=RENEWED,
             )
-            found, split = self.method.recover(
+            solution, split = self.still.recover(
                 evidence, schedule, self._split, self.previous, weight
             )
-        found.warn_unless_converged()
+        solution.warn_unless_converged()
         self._split = split
-        self.previous = found.image.copy()  # the caller may change what is returned
-        return found
+        self.previous = solution.image.copy()  # the caller may change what is returned
+        return solution

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
-from periscopy_sim.numerics.products import subtract_combinations
+from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.numerics.products import subtract_combinations, times_rows
 
 Array = NDArray[np.float64]
+Image = NDArray[np.floating[Any]]
 
 PROBES = 8
 """Random vectors of ±1 on which I − P A is looked at."""
@@ -54,10 +56,10 @@ class Preconditioner:
         M, N = self.A.shape
         return f"Preconditioner({N} patches, {M} pixels, backgrounds of rank {self.Q.shape[1]})"
 
-    def reject_background(self, y: NDArray[np.floating[Any]]) -> Array:
-        """Project range(B) out of photographs, (M,) or (M, K): y − Q Qᵀ y, float64."""
-        rejected: Array = y - self.Q @ (self.Q.T @ y)
-        return rejected
+    def project_out(self, y: NDArray[np.floating[Any]]) -> Array:
+        """Return photographs, (M,) or (M, K), with range(B) projected out: y − Q Qᵀ y, float64."""
+        projected: Array = y - self.Q @ (self.Q.T @ y)
+        return projected
 
     def solve(self, g: Array) -> Array:
         """Apply (A⊥ᵀ A⊥)⁻¹ to (N,) or (N, K)."""
@@ -67,11 +69,22 @@ class Preconditioner:
     def apply(self, y: NDArray[np.floating[Any]]) -> Array:
         """Return P y, (N,) or (N, K) float64, of photographs, (M,) or (M, K), without forming P."""
         # One step of iterative refinement: the Gram matrix squares A's condition number.
-        y = self.reject_background(y)
+        y = self.project_out(y)
         f = self.solve(self.A.T @ y)
-        residual = self.reject_background(y - self.A @ f)
+        residual = self.project_out(y - self.A @ f)
         refined: Array = f + self.solve(self.A.T @ residual)
         return refined
+
+    def noise(self, y: Array, f: Array, factor: Image | None = None) -> Array:
+        """Return σ of photographs, (K,), from what [A, B] leaves of them; see `residual_noise`.
+
+        y is (K, M) with range(B) projected out, f = P y is (K, N). ‖A⊥ f‖ = ‖R f‖, R the Cholesky
+        factor or a copy of it in single precision.
+        """
+        light = times_rows(f, self.cholesky if factor is None else factor, upper=True)
+        energy, explained = (np.einsum("km,km->k", rows, rows) for rows in (y, light))
+        M, N = self.A.shape
+        return residual_noise(energy, explained, M - N - self.Q.shape[1])
 
     def matrix(self) -> Array:
         """Form P itself, (N, M) float64."""

@@ -13,13 +13,11 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import smooth_basis, with_backgrounds
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.memory import fits_in_memory
-from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
-from periscopy_sim.reconstruction.preconditioned.preconditioner import (
-    Preconditioner,
-    form_preconditioner,
-)
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
@@ -136,7 +134,7 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        return self._finished(self.estimate(np.asarray(photograph)[None]), 0)
+        return self._finished(self.estimate(plain_array(photograph)[None]), 0)
 
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
@@ -185,19 +183,17 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def estimate(self, photographs: Image) -> Estimate:
         """Precondition photographs and estimate the noise of each; see `estimates`."""
-        y = self.observation.planar(photographs)
-        rejected = y.reshape(-1, y.shape[-1])  # a row for each channel of each photograph
-        P = self.preconditioner
-        subtract_combinations(rejected, times_rows(rejected, self._background), self._background)
+        P, planes = self.preconditioner, self.observation.planar(photographs)
+        # A row for each channel of each photograph.
+        y = project_out(planes.reshape(-1, planes.shape[-1]), self._background)
         if self._matrix is None:
-            f = P.apply(rejected.T).T
+            f = P.apply(y.T).T
         else:
             # Single precision needs numbers near 1, in whatever unit the photograph is.
-            scale = np.sqrt(np.mean(rejected**2, axis=1, keepdims=True))
+            scale = np.sqrt(np.mean(y**2, axis=1, keepdims=True))
             scale[scale == 0] = 1
-            near_one = (rejected / scale).astype(np.float32)
-            f = scale * times_rows(near_one, self._matrix)
-        noise = noise_level(P, rejected, f, self._factor).reshape(-1, 3)
+            f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
+        noise = P.noise(y, f, self._factor).reshape(-1, 3)
         return Estimate(
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
             noise,
@@ -211,26 +207,6 @@ class Periscope(StillMethod[np.floating[Any]]):
             weight=estimate.weight[k],
             repair_threshold=self.repair_threshold,
         )
-
-
-def noise_level(P: Preconditioner, rejected: Array, f: Array, factor: Image | None = None) -> Array:
-    """Return the standard deviation of what [A, B] leaves of photographs, channel by channel, (K,).
-
-    By Pythagoras, ‖y⊥ − A⊥ f‖² = ‖y⊥‖² − ‖R f‖² with the Cholesky factor RᵀR = A⊥ᵀA⊥, that of P
-    unless given, such as in single precision. `rejected` is y⊥, (K, M), and f = P y is (K, N).
-    """
-    R = P.cholesky if factor is None else factor
-    explained = _energies(times_rows(f, R, upper=True))
-    residual = np.maximum(_energies(rejected) - explained, 0)
-    freedom = len(P.A) - P.A.shape[1] - P.Q.shape[1]
-    noise: Array = np.sqrt(residual / max(freedom, 1))
-    return noise
-
-
-def _energies(rows: Array) -> Array:
-    """Squared norm of each row."""
-    energies: Array = np.einsum("km,km->k", rows, rows)
-    return energies
 
 
 def denoise_and_repair(

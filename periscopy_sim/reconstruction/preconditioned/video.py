@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_weight
 from periscopy_sim.reconstruction.method import Image
@@ -42,7 +43,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
 
     Parameters
     ----------
-    periscope
+    still
         The method for stills, whose P, λ and κ serve every frame.
     temporal_weight
         Weight of the difference in time within three-dimensional total variation; the paper's is 1.
@@ -50,32 +51,33 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     Raises
     ------
     ValueError
-        If the periscope's `tv_weight` is infinite and the frames are coupled.
+        If the `tv_weight` for stills is infinite and the frames are coupled.
     """
+
+    still: Periscope
 
     def __init__(
         self,
-        periscope: Periscope,
+        still: Periscope,
         *,
         coupling: Coupling = "l1",
         temporal_weight: float = 1.0,
         l1_weight: float = 0.4,
     ) -> None:
-        super().__init__(periscope, coupling, l1_weight, get_args(Coupling))
+        super().__init__(still, coupling, l1_weight, get_args(Coupling))
         check_weight("temporal_weight", temporal_weight)
-        if np.isinf(periscope.tv_weight) and coupling != "none":
+        if np.isinf(still.tv_weight) and coupling != "none":
             raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
-        self.periscope = periscope
         self.temporal_weight = temporal_weight
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         super().restart()
-        self._dual: Image | None = None
+        self._dual: NDArray[np.float64] | None = None
 
-    def begun(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
-        """Apply P to many photographs in one product; see `FrameByFrame.begun`."""
-        for estimate in self.periscope.estimates(photographs):
+    def recoveries(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
+        """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
+        for estimate in self.still.estimates(photographs):
             for k in range(len(estimate.noise)):
                 yield partial(self.finish, estimate, k)
 
@@ -98,6 +100,6 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         result.warn_unless_converged()
         self._dual = result.dual
         denoised = result.image[1] if result.image.ndim == 4 else result.image
-        image, threshold = repaired(denoised, self.periscope.repair_threshold, previous)
+        image, threshold = repaired(denoised, self.still.repair_threshold, previous)
         self.previous = image.copy()  # the caller may change what is returned
         return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)

@@ -1,4 +1,4 @@
-"""Total variation's proximal operators in compiled loops: its dual problem, channel by channel.
+"""Total variation's proximal operators by their dual problem, channel by channel.
 
 Minimized over f is
 
@@ -12,13 +12,12 @@ iterated upon: by projected gradient steps of 1/‖∇‖², with Nesterov's mom
 Teboulle 2009), which is dropped whenever it points uphill (O'Donoghue and Candès 2015). The
 duality gap is then Σ(τ|∇f| − ∇f·q), whose terms are all non-negative.
 
-Each channel is first shifted and scaled to mean 0 and peak 1. Where the answer is known, it is
-given without iterating.
-
-Images are flat in the loops. The neighbour that lies `stride` entries on may belong to the next
-row or frame, but there the difference, and with it the dual field, is zero: `inside` holds 1
-where a difference counts and 0 where it does not. So no loop knows a border, and all vectorize.
+Images are flat in the loops. The neighbour that lies a stride on may belong to the next row or
+frame, but there the difference, and with it the dual field, is zero: `inside` holds 1 where a
+difference counts and 0 where it does not. So no loop knows a border, and all vectorize.
 """
+
+from __future__ import annotations
 
 import math
 from typing import Any
@@ -27,361 +26,243 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.threads import in_parallel
 
-Array = NDArray[Any]
-Bounds = tuple[float, float]
-"""τ and τ₂."""
+Array = NDArray[np.float64]
+Image = NDArray[Any]
+Strides = NDArray[np.int64]
 
-Shape = tuple[int, int, int]
-"""Frames, rows and columns; without time one frame."""
-
-Stop = tuple[float, int]
-"""The relative duality gap to stop at, and the number of iterations to give up after."""
-
-_RESOLVED = 16
+RESOLVED = 16
 """Relative duality gaps below this many roundings are left to double precision."""
 
-_GAP_INTERVAL = 10
+GAP_INTERVAL = 10
+"""Iterations between two duality gaps, each of which costs as much as one of them."""
+
+SMALL = 1 << 13
+"""Values in all below which waking threads takes longer than the work they share."""
 
 
-@compiled_reordered
-def denoise_channels(
-    images: Array,
-    previous: Array,
-    weights: NDArray[np.float64],
-    l1_weights: NDArray[np.float64],
-    temporal_weight: float | None,
-    stop: Stop,
-    part: tuple[int, int],
-    denoised: Array,
+def solve_dual(
+    g: Array,
+    p: Array,
+    bounds: tuple[Array, Array],
+    w: float,
+    stop: tuple[float, int],
     duals: Array,
-    iterations: NDArray[np.int64],
-    gaps: NDArray[np.float64],
-) -> None:
-    """Denoise some channels of a stack, each on its own: those from `part[0]` to before `part[1]`.
+    precision: type,
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 
-    The images g are (stack, frames, rows, columns, channels), float32 or float64, finite, of one
-    frame without a temporal weight w > 0; p is alike and not read where λ₂ is 0. λ = 2τ and λ₂ =
-    2τ₂ are (stack · channels,). `denoised`, like g, receives f; `duals`, (stack · channels, axes,
-    frames · rows · columns), hold the q/τ to start from and receive that of f, unless f is known
-    without iterating. `iterations` and relative duality `gaps`, (stack · channels,), likewise; only
-    channels whose iterations are negative are denoised, and stay so if the precision of `duals`,
-    in which they are iterated upon, does not resolve the gap asked for.
+    Parameters
+    ----------
+    g, p
+        (K, frames, rows, columns); p is not read where τ₂ is 0.
+    bounds
+        τ and τ₂, (K,) each.
+    w
+        Weight of differences in time; 0 without.
+    stop
+        The relative duality gap to stop at, and the number of iterations to give up after.
+    duals
+        (K, axes, frames · rows · columns) q/τ to start from, which receive that of f; those of
+        channels whose f is known without iterating stay.
+    precision
+        Of the iterations: float32 where it resolves the gap to stop at, or float64.
     """
-    shape = images.shape[1:4]
-    for k in range(part[0], part[1]):
-        if iterations[k] >= 0:
-            continue
-        which, channel = k // images.shape[4], k % images.shape[4]
-        f = denoised[which, :, :, :, channel]
-        g = p = _flat(images[which, :, :, :, channel])
-        if l1_weights[k] > 0:
-            p = _flat(previous[which, :, :, :, channel])
-        # Shifted and scaled to mean 0 and peak 1, no sum can over- or underflow.
-        mean = _mean(g)
-        peak = max(_peak(g, mean), _peak(p, mean))
-        bound, l1_bound = weights[k] / 2, l1_weights[k] / 2
-        largest = (4 if temporal_weight is None else 4 + 2 * temporal_weight) * bound  # of |div q|
-        rounding = float(np.finfo(f.dtype).eps)
-        if peak == 0 or largest <= rounding * peak:
-            for n in range(len(g)):
-                g[n] = _shrunk(g[n], p[n], l1_bound)
-            _unflatten(g, 0.0, 1.0, f)
-            iterations[k], gaps[k] = 0, 0.0
-            continue
-        bound = bound / peak
-        l1_bound = min(l1_bound, 2 * peak + largest) / peak  # |g + div q − p|: that gives p already
-        g, p = _scaled(g, mean, peak), _scaled(p, mean, peak)
-        if l1_bound == 0 and bound >= _flattening_bound(g.reshape(shape), temporal_weight):
-            f[:] = mean
-            iterations[k], gaps[k] = 0, 0.0
-            continue
-        # Where div q nearly cancels g, it is the roundings of q that count.
-        energy = _energy(g)
-        rounded = max(energy, _energy(p)) + 2 * len(g) * bound**2
-        if duals.itemsize == 8 or _RESOLVED * rounding * rounded <= stop[0] * energy:
-            bounds = bound, l1_bound
-            own, own_p = g.astype(duals.dtype), p.astype(duals.dtype)
-            scaled, iterations[k], gaps[k] = _minimize(
-                own, own_p, shape, bounds, temporal_weight, stop, duals[k]
-            )
-            _unflatten(scaled, mean, peak, f)
+    τ, τ2 = (bound.reshape(-1, 1, 1, 1) for bound in bounds)
+    first, axes = g[:, :1, :1, :1], (1, 2, 3)
+    # Shifted and scaled to mean 0 and peak 1, no sum can over- or underflow.
+    mean = first + (g - first).mean(axis=axes, keepdims=True)
+    peak = np.abs(g - mean).max(axis=axes, keepdims=True)
+    peak = np.maximum(peak, np.where(τ2 > 0, np.abs(p - mean).max(axis=axes, keepdims=True), 0))
+    largest = (4 + 2 * w) * τ  # of |div q|
+    unchanged = largest <= np.finfo(np.float64).eps * peak
+    scale = np.where(peak > 0, peak, 1)
+    scaled, scaled_p = (g - mean) / scale, (p - mean) / scale
+    flat = (τ2 == 0) & (τ / scale >= _flattening_bound(scaled, w)) & ~unchanged
+    f = np.where(flat, mean, p + _shrunk(g - p, τ2))
+    iterations, gaps = np.zeros(len(g), np.int64), np.zeros(len(g))
+    strides, inside = _differences(g.shape[1:], w)
+    step = 1 / (8 + w**2 * (2 + 2 * math.cos(math.pi / g.shape[1])))  # of 1/‖∇‖² at least
+    τ2 = np.minimum(τ2, 2 * peak + largest)  # which gives p already
+    limits = np.stack([τ / scale, τ2 / scale], axis=1).reshape(-1, 2)
+    # Where div q nearly cancels g, the roundings of q count.
+    energy, energy_p = (np.sum(each**2, axis=axes) for each in (scaled, scaled_p))
+    with np.errstate(over="ignore"):  # of images that are known
+        rounded = np.maximum(energy, energy_p) + 2 * g[0].size * limits[:, 0] ** 2
+    resolved = RESOLVED * np.finfo(np.float32).eps * rounded <= stop[0] * energy
+
+    def solve(k: int) -> None:
+        kind = np.float32 if resolved[k] and precision == np.float32 else np.float64
+        own, own_p, dual, mask = (
+            each.astype(kind) for each in (scaled[k].ravel(), scaled_p[k].ravel(), duals[k], inside)
+        )
+        weights = np.array([1, 1, w], kind)[: len(strides)]
+        solution, iterations[k], gaps[k] = _minimize(
+            own, own_p, tuple(limits[k]), strides, weights, mask, step, stop, dual
+        )
+        duals[k], f[k] = dual, mean[k] + scale[k] * solution.reshape(g.shape[1:])
+
+    unknown = np.flatnonzero(~(flat | unchanged)).tolist()
+    for _ in map(solve, unknown) if g.size < SMALL else in_parallel(solve, unknown):
+        pass
+    return f, iterations, gaps
 
 
-@compiled_reordered
-def _flat(image: Array) -> NDArray[np.float64]:
-    return image.astype(np.float64).ravel()
+def _shrunk(values: Array, by: Array) -> Array:
+    """Move values towards zero by a given amount, at most onto it (soft threshold)."""
+    return np.asarray(np.sign(values) * np.maximum(np.abs(values) - by, 0))
 
 
-@compiled_reordered
-def _unflatten(flat: Array, mean: float, peak: float, image: Array) -> None:
-    """Set an image to its flat values, scaled and shifted back."""
-    frames, rows, columns = image.shape
-    n = 0
-    for t in range(frames):
-        for i in range(rows):
-            for j in range(columns):
-                image[t, i, j] = mean + peak * flat[n]
-                n += 1
-
-
-@compiled_reordered
-def _scaled(values: Array, mean: float, peak: float) -> Array:
-    scaled = np.empty_like(values)
-    for n in range(len(values)):
-        scaled[n] = (values[n] - mean) / peak
-    return scaled
-
-
-@compiled_reordered
-def _mean(values: NDArray[np.float64]) -> float:
-    """Average; of equal values exactly their value."""
-    first: float = values[0]
-    total = 0.0
-    for deviation in values - first:
-        total += deviation
-    return first + total / len(values)
-
-
-@compiled_reordered
-def _peak(values: NDArray[np.float64], mean: float) -> float:
-    peak = 0.0
-    for value in values:
-        peak = max(peak, abs(value - mean))
-    return peak
-
-
-@compiled_reordered
-def _energy(values: NDArray[np.float64]) -> float:
-    energy = 0.0
-    for value in values:
-        energy += value * value
-    return energy
-
-
-@compiled_reordered
-def _shrunk(value: float, towards: float, by: float) -> float:
-    """Move a value towards another by a given amount, at most onto it (soft threshold)."""
-    distance = value - towards
-    return value - math.copysign(by, distance) if abs(distance) > by else towards
-
-
-@compiled_reordered
-def _flattening_bound(deviation: NDArray[np.float64], temporal_weight: float | None) -> float:
-    """Return a τ from which on the minimizer is the mean, for an image of mean zero.
+def _flattening_bound(g: Array, w: float) -> Array:
+    """Return a τ from which on the minimizer is the mean, (K, 1, 1, 1), for images of mean zero.
 
     Any field q with div q = −g makes f = g + div q = 0 optimal for τ ≥ max|q| (Meyer's G-norm is
     the least such τ). Up to its sign, this q carries each row's deviations along the row, what
     their mean leaves over down the rows, and what the frame's mean leaves over through time.
     """
-    frames, rows, columns = deviation.shape
-    ahead = 0.0
-    longest = 0.0
-    for t in range(frames):
-        frame_mean = _mean(deviation[t].ravel())
-        if temporal_weight is not None:
-            ahead += frame_mean / temporal_weight
-        down = 0.0
-        for i in range(rows):
-            row_mean = _mean(deviation[t, i])
-            down += row_mean - frame_mean
-            across = 0.0
-            for j in range(columns):
-                across += deviation[t, i, j] - row_mean
-                longest = max(longest, across * across + down * down + ahead * ahead)
-    return math.sqrt(longest)
+    of_frames, of_rows = (g.mean(axis=axes, keepdims=True) for axes in ((2, 3), 3))
+    across, down = np.cumsum(g - of_rows, axis=3), np.cumsum(of_rows - of_frames, axis=2)
+    ahead = np.cumsum(of_frames, axis=1) / w if w else np.zeros(1)
+    return np.asarray(np.sqrt(across**2 + down**2 + ahead**2).max(axis=(1, 2, 3), keepdims=True))
+
+
+def _differences(shape: tuple[int, ...], w: float) -> tuple[Strides, NDArray[np.bool_]]:
+    """Return how far on the neighbours lie, (axes,), and where there are any, (axes, pixels)."""
+    _, rows, columns = shape
+    strides, inside = [columns, 1, rows * columns], np.ones((3, *shape), bool)
+    inside[0, :, -1] = inside[1, :, :, -1] = inside[2, -1] = False
+    axes = 3 if w else 2
+    return np.array(strides[:axes]), inside[:axes].reshape(axes, -1)
 
 
 @compiled_reordered
 def _minimize(
-    g: Array,
-    p: Array,
-    shape: Shape,
-    bounds: Bounds,
-    temporal_weight: float | None,
-    stop: Stop,
-    relative_dual: Array,
-) -> tuple[Array, int, float]:
+    g: Image,
+    p: Image,
+    bounds: tuple[float, float],
+    strides: Strides,
+    weights: Image,
+    inside: Image,
+    step: float,
+    stop: tuple[float, int],
+    relative_dual: Image,
+) -> tuple[Image, int, float]:
     """Minimize for one channel of numbers near 1, from q/τ, which receives that of f.
 
-    Returns f, the iterations taken and the relative duality gap.
+    `weights` are those of differences along the axes, (axes,); `inside` is 1 where there is a next
+    pixel, 0 elsewhere. Returns f, the iterations taken and the relative duality gap.
     """
-    frames, rows, columns = shape
-    bound, l1_bound = bounds
-    margin = columns if temporal_weight is None else rows * columns
-    axes = len(relative_dual)
-    inside = _inside(g, shape, axes)
-    dual = np.zeros((axes, margin + len(g)), g.dtype)
-    for axis in range(axes):
-        within, given = dual[axis, margin:], relative_dual[axis]
-        for n in range(len(g)):
-            within[n] = bound * given[n]
-    extrapolated = dual.copy()
-    f = np.zeros(len(g) + margin, g.dtype)
-    step = 1 / _squared_norm(frames, temporal_weight)
-    t = 1.0
-    gap = math.inf
-    iteration = 0
+    axes, size = inside.shape
+    margin, real = strides.max(), g.dtype.type
+    τ, τ2 = real(bounds[0]), real(bounds[1])
+    q = np.zeros((axes, margin + size), g.dtype)
+    q[:, margin:] = τ * relative_dual
+    r, f = q.copy(), np.zeros(margin + size, g.dtype)
+    moved, shrink = np.empty((axes, size), g.dtype), np.empty(size, g.dtype)
+    t, gap, iteration = 1.0, math.inf, 0
     while iteration < stop[1] and gap > stop[0]:
         iteration += 1
-        _apply_dual(g, p, l1_bound, extrapolated, columns, temporal_weight, f)
+        _apply_dual(g, p, τ2, r, strides, weights, f)
         t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        uphill = _ascend(
-            f, inside, bound, step, (t - 1) / t_next, dual, extrapolated, columns, temporal_weight
-        )
+        momentum = real((t - 1) / t_next)
+        _climb(f, r, strides, weights, inside, τ, real(step), moved, shrink)
         t = t_next
-        if uphill > 0:
-            extrapolated = dual.copy()
+        if _extrapolate(moved, shrink, momentum, q, r) > 0:
+            r[:] = q
             t = 1.0
-        if iteration % _GAP_INTERVAL == 0 or iteration == stop[1]:
-            _apply_dual(g, p, l1_bound, dual, columns, temporal_weight, f)
-            gap = _relative_gap(g, p, f, inside, bounds, dual, columns, temporal_weight)
-    for axis in range(axes):
-        within, given = dual[axis, margin:], relative_dual[axis]
-        for n in range(len(g)):
-            given[n] = within[n] / bound
-    return f[: len(g)], iteration, gap
-
-
-@compiled_reordered
-def _squared_norm(frames: int, temporal_weight: float | None) -> float:
-    """Bound ‖∇‖²: 4 for rows and for columns, and in time the eigenvalue 2 + 2 cos(π/frames)."""
-    if temporal_weight is None:
-        return 8.0
-    return 8.0 + temporal_weight**2 * (2 + 2 * math.cos(math.pi / frames))
-
-
-@compiled_reordered
-def _inside(g: Array, shape: Shape, axes: int) -> Array:
-    """Mark where each axis has a next row, column or frame, by 1; elsewhere 0."""
-    _, rows, columns = shape
-    frame = rows * columns
-    inside = np.ones((axes, len(g)), g.dtype)
-    for end in range(frame, len(g) + 1, frame):
-        inside[0, end - columns : end] = 0
-    inside[1, columns - 1 :: columns] = 0
-    if axes == 3:
-        inside[2, len(g) - frame :] = 0
-    return inside
+        if iteration % GAP_INTERVAL == 0 or iteration == stop[1]:
+            _apply_dual(g, p, τ2, q, strides, weights, f)
+            gap = _relative_gap(g, p, f, strides, weights, inside, τ, τ2, q)
+    relative_dual[:] = q[:, margin:] / τ
+    return f[:size], iteration, gap
 
 
 @compiled_reordered
 def _apply_dual(
-    g: Array,
-    p: Array,
-    l1_bound: float,
-    field: Array,
-    columns: int,
-    temporal_weight: float | None,
-    f: Array,
+    g: Image, p: Image, τ2: float, q: Image, strides: Strides, weights: Image, f: Image
 ) -> None:
     """Set f = g + div q − s."""
-    margin = field.shape[1] - len(g)
-    down, above = field[0, margin:], field[0, margin - columns :]
-    across, left = field[1, margin:], field[1, margin - 1 :]
-    if temporal_weight is not None:
-        w = g.dtype.type(temporal_weight)
-        ahead, before = field[2, margin:], field[2]
-    most = g.dtype.type(l1_bound)
-    for n in range(len(g)):
-        value = g[n] + (down[n] - above[n]) + (across[n] - left[n])
-        if temporal_weight is not None:
-            value += w * (ahead[n] - before[n])
-        if most > 0:
-            distance = value - p[n]
-            value = value - math.copysign(most, distance) if abs(distance) > most else p[n]
-        f[n] = value
+    margin = q.shape[1] - len(g)
+    f[: len(g)] = g
+    for axis in range(len(strides)):
+        w, ahead, behind = weights[axis], q[axis, margin:], q[axis, margin - strides[axis] :]
+        for n in range(len(g)):
+            f[n] += w * (ahead[n] - behind[n])
+    if τ2 > 0:
+        for n in range(len(g)):
+            distance = f[n] - p[n]
+            f[n] = f[n] - math.copysign(τ2, distance) if abs(distance) > τ2 else p[n]
 
 
 @compiled_reordered
-def _ascend(
-    f: Array,
-    inside: Array,
-    bound: float,
+def _climb(
+    f: Image,
+    r: Image,
+    strides: Strides,
+    weights: Image,
+    inside: Image,
+    τ: float,
     step: float,
-    momentum: float,
-    dual: Array,
-    extrapolated: Array,
-    columns: int,
-    temporal_weight: float | None,
-) -> float:
-    """Take one step, q ← Π(r + ∇f · step) and r ← q + momentum · (change of q).
-
-    Π shortens what is longer than τ. Returns ⟨r − q, change of q⟩, positive where the momentum
-    points uphill.
-    """
-    size = inside.shape[1]
-    margin = dual.shape[1] - size
-    real = f.dtype.type
-    τ, σ, β = real(bound), real(step), real(momentum)
-    below, right = f[columns:], f[1:]
-    has_below, has_right = inside[0], inside[1]
-    q_down, q_across = dual[0, margin:], dual[1, margin:]
-    r_down, r_across = extrapolated[0, margin:], extrapolated[1, margin:]
-    if temporal_weight is not None:
-        w = real(temporal_weight)
-        following, has_following = f[margin:], inside[2]
-        q_ahead, r_ahead = dual[2, margin:], extrapolated[2, margin:]
-    uphill: float = real(0)
+    moved: Image,
+    shrink: Image,
+) -> None:
+    """Set `moved` to r + step · ∇f, and `shrink` to what brings its length down to τ."""
+    axes, size = inside.shape
+    margin = r.shape[1] - size
+    shrink[:] = 0
+    for axis in range(axes):
+        following, before, new = f[strides[axis] :], r[axis, margin:], moved[axis]
+        along, has_next = step * weights[axis], inside[axis]
+        for n in range(size):
+            new[n] = before[n] + along * (has_next[n] * (following[n] - f[n]))
+            shrink[n] += new[n] * new[n]
     for n in range(size):
-        down = r_down[n] + σ * (has_below[n] * (below[n] - f[n]))
-        across = r_across[n] + σ * (has_right[n] * (right[n] - f[n]))
-        squared = down * down + across * across
-        if temporal_weight is not None:
-            ahead = r_ahead[n] + σ * (w * has_following[n] * (following[n] - f[n]))
-            squared += ahead * ahead
-        shrink = τ / max(τ, math.sqrt(squared))
-        down *= shrink
-        across *= shrink
-        change_down = down - q_down[n]
-        change_across = across - q_across[n]
-        uphill += (r_down[n] - down) * change_down + (r_across[n] - across) * change_across
-        q_down[n] = down
-        q_across[n] = across
-        r_down[n] = down + β * change_down
-        r_across[n] = across + β * change_across
-        if temporal_weight is not None:
-            ahead *= shrink
-            change_ahead = ahead - q_ahead[n]
-            uphill += (r_ahead[n] - ahead) * change_ahead
-            q_ahead[n] = ahead
-            r_ahead[n] = ahead + β * change_ahead
-    return uphill
+        shrink[n] = τ / max(τ, math.sqrt(shrink[n]))
+
+
+@compiled_reordered
+def _extrapolate(moved: Image, shrink: Image, momentum: float, q: Image, r: Image) -> float:
+    """Set q to what was moved, shrunk, and r to q + momentum · (change of q).
+
+    Returns ⟨r − q, change of q⟩, positive where the momentum points uphill.
+    """
+    axes, size = moved.shape
+    margin = q.shape[1] - size
+    uphill = q.dtype.type(0)
+    for axis in range(axes):
+        own, extrapolated, new = q[axis, margin:], r[axis, margin:], moved[axis]
+        for n in range(size):
+            value = shrink[n] * new[n]
+            change = value - own[n]
+            uphill += (extrapolated[n] - value) * change
+            own[n] = value
+            extrapolated[n] = value + momentum * change
+    return float(uphill)
 
 
 @compiled_reordered
 def _relative_gap(
-    g: Array,
-    p: Array,
-    f: Array,
-    inside: Array,
-    bounds: Bounds,
-    dual: Array,
-    columns: int,
-    temporal_weight: float | None,
+    g: Image,
+    p: Image,
+    f: Image,
+    strides: Strides,
+    weights: Image,
+    inside: Image,
+    τ: float,
+    τ2: float,
+    q: Image,
 ) -> float:
     """Return the duality gap over the primal objective at f, summed in double precision."""
-    bound, l1_bound = bounds
-    margin = dual.shape[1] - len(g)
-    below, right = f[columns:], f[1:]
-    has_below, has_right = inside[0], inside[1]
-    q_down, q_across = dual[0, margin:], dual[1, margin:]
-    if temporal_weight is not None:
-        following, has_following = f[margin:], inside[2]
-        q_ahead = dual[2, margin:]
-    gap = 0.0
-    objective = 0.0
+    margin = q.shape[1] - len(g)
+    gap = objective = 0.0
     for n in range(len(g)):
-        here = np.float64(f[n])
-        down = has_below[n] * (below[n] - here)
-        across = has_right[n] * (right[n] - here)
-        squared = down * down + across * across
-        product = down * q_down[n] + across * q_across[n]
-        if temporal_weight is not None:
-            ahead = temporal_weight * has_following[n] * (following[n] - here)
-            squared += ahead * ahead
-            product += ahead * q_ahead[n]
-        variation = bound * math.sqrt(squared)
+        squared = product = 0.0
+        for axis in range(len(strides)):
+            difference = weights[axis] * inside[axis, n] * (f[n + strides[axis]] - f[n])
+            squared += difference * difference
+            product += difference * q[axis, margin + n]
+        variation = τ * math.sqrt(squared)
         gap += variation - product
-        objective += variation + (here - g[n]) ** 2 / 2 + l1_bound * abs(here - p[n])
+        objective += variation + (f[n] - g[n]) ** 2 / 2 + τ2 * abs(f[n] - p[n])
     return max(gap, 0.0) / objective

@@ -80,8 +80,8 @@ class Iterate:
     iterations: int
     path: Sequence[Array]
     """(K,) length of each iteration's change, as a part of the image's norm."""
-    left: float
-    """What is left to do, by the measure that the iterations stop at."""
+    error: float
+    """The measure that the iterations stop at."""
 
 
 def path_of_last_third(iterate: Iterate) -> float:
@@ -104,13 +104,13 @@ def minimize(
     *,
     tolerance: float,
     max_iterations: int,
-    left: Callable[[Iterate], float] = path_of_last_third,
+    error: Callable[[Iterate], float] = path_of_last_third,
     proximal_tolerance: float | None = None,
 ) -> Iterate:
     """Minimize fᵀG f − 2 hᵀf + λ‖f‖_TV for each column of h, (N, K); all share the products with G.
 
     `weight` returns λ ≥ 0, (K,), from the latest f and G f, (N, K). The iterations stop when
-    `left`, which tells what is left, is at most the tolerance. The proximal operators' relative
+    `error` returns at most the tolerance. The proximal operators' relative
     duality gap, which bounds a squared distance, is the hundredth part of the squared tolerance
     unless given.
     """
@@ -123,7 +123,7 @@ def minimize(
     path: list[Array] = []
     iterate = Iterate(f, Gf, np.zeros_like(f), 0, path, math.inf)
     first = np.full(h.shape[1], math.inf)
-    while len(path) < max_iterations and iterate.left > tolerance:
+    while len(path) < max_iterations and iterate.error > tolerance:
         step = reach / problem.lipschitz
         proximal = solve_total_variation(
             (z - step * (Gz - h)).reshape(*problem.image_shape, -1),
@@ -140,7 +140,7 @@ def minimize(
         path.append(ratio(length, np.linalg.norm(f, axis=0)))
         first = length if len(path) == 1 else first
         iterate = Iterate(f, Gf, Gz - h + (f - z) / step, len(path), path, math.inf)
-        iterate = replace(iterate, left=left(iterate))
+        iterate = replace(iterate, error=error(iterate))
         # The product with the next z follows from those with f by linearity.
         momentum = np.sum((z - f) * (f - previous), axis=0) <= 0  # or it points uphill
         reach = np.where(length > first, np.maximum(STEP_SHRINKAGE * reach, 1), reach)
@@ -163,11 +163,19 @@ class LeastSquares:
     image_shape: tuple[int, int]  # (R, C) of f, with product N
 
     def product(self, f: Array) -> Array:
-        """Multiply (N,) by G, on one thread: waking others takes longer, by far on a busy machine.
+        """Multiply (N,) or (N, K) by G, on one thread: waking others takes longer.
 
-        Its result does not depend on the number of threads either.
+        The result does not depend on the number of threads either.
         """
-        return _product(self.gram, f)
+        columns = [_product(self.gram, column) for column in f.reshape(len(f), -1).T.copy()]
+        return np.stack(columns, axis=1).reshape(f.shape)
+
+    @cached_property
+    def lipschitz(self) -> float:
+        """The largest eigenvalue of G, or rounding where G is 0."""
+        last = len(self.gram) - 1
+        largest = linalg.eigvalsh(self.gram, subset_by_index=(last, last), check_finite=False)[0]
+        return max(float(largest), 1e-300)
 
     def solve(self, h: Array) -> Array:
         """Apply G⁻¹ to (N,) or (N, K): the unregularized least squares."""
@@ -180,14 +188,10 @@ class LeastSquares:
         return shift
 
     @cached_property
-    def without_mean(self) -> GramMatrix:
-        """G where the mean of f is the best one, G − G11ᵀG / 1ᵀG1."""
-        g, last = self.gram.sum(axis=1), len(self.gram) - 1
-        matrix = self.gram - np.outer(g, g / g.sum())
-        largest = linalg.eigvalsh(matrix, subset_by_index=(last, last), check_finite=False)[0]
-        # A single patch is all mean, and leaves nothing.
-        rounding = np.finfo(np.float64).eps * float(np.trace(self.gram))
-        return GramMatrix(matrix, self.image_shape, max(float(largest), rounding))
+    def without_mean(self) -> LeastSquares:
+        """The quadratic where the mean of f is the best one, of G − G11ᵀG / 1ᵀG1."""
+        g = self.gram.sum(axis=1)
+        return replace(self, gram=self.gram - np.outer(g, g / g.sum()))
 
     def gap(self, h: Array, weight: float, f: Array, divergence: Array) -> float:
         """Return the duality gap at f, (N,), an upper bound on ‖K(f − f̂)‖², but for rounding.
@@ -231,23 +235,10 @@ class LeastSquares:
             start[:, None],
             tolerance=tolerance,
             max_iterations=max_iterations,
-            left=relative_gap,
+            error=relative_gap,
             proximal_tolerance=tolerance / 10,
         )
-        return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.left)
-
-
-@dataclass(frozen=True, eq=False)
-class GramMatrix:
-    """A `Quadratic` whose G is a matrix, (N, N)."""
-
-    matrix: Array
-    image_shape: tuple[int, int]
-    lipschitz: float
-
-    def product(self, f: Array) -> Array:
-        """Multiply (N, K) by G, see `LeastSquares.product`."""
-        return np.stack([_product(self.matrix, column) for column in f.T.copy()], axis=1)
+        return LeastSquaresMinimum(centred(end.f[:, 0]), end.iterations, end.error)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Isotropic total variation and its proximal operators: Eq. 11, its video form, and Eq. 12.
 
-`solve_total_variation` tells how they are computed; the loops are in `dual_solver`.
+`dual_solver` solves them.
 
 References
 ----------
@@ -12,22 +12,22 @@ O'Donoghue, Candès, "Adaptive restart for accelerated gradient schemes", 2015.
 """
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.numerics.validation import check_stopping, checked_companion, checked_image
-from periscopy_sim.reconstruction.total_variation.dual_solver import denoise_channels
+from periscopy_sim.numerics.validation import (
+    check_stopping,
+    checked_companion,
+    checked_image,
+    warn_unconverged,
+)
+from periscopy_sim.reconstruction.total_variation.dual_solver import solve_dual
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
-
-_SMALL = 1 << 13
-"""Values in all below which waking threads takes longer than the work they share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,61 +44,36 @@ class TotalVariationResult:
     gap
         The duality gap as a fraction of the objective, the largest of the channels. The squared
         distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction of the objective.
-    converged
-        Whether `gap` is within the tolerance asked for.
+    tolerance
+        The largest gap that counts as converged.
     dual
-        The dual field over its largest length λ/2, (channels in all, axes, pixels), to start a
+        (channels in all, axes, pixels) the dual field over its largest length λ/2, to start a
         similar problem from.
     """
 
     image: Image
     iterations: int
     gap: float
-    converged: bool
-    dual: Image
+    tolerance: float
+    dual: Array
+
+    @property
+    def converged(self) -> bool:
+        """Whether the gap is at most the tolerance."""
+        return self.gap <= self.tolerance
 
     def warn_unless_converged(self) -> None:
         """Warn, in the name of the caller's caller, that the tolerance was not reached."""
-        if not self.converged:
-            warnings.warn(
-                f"total variation stopped after {self.iterations} iterations at a relative duality "
-                f"gap of {self.gap:.1e}, above the tolerance: raise max_iterations or tolerance",
-                RuntimeWarning,
-                stacklevel=3,
-            )
+        warn_unconverged("total variation", self.iterations, self.gap, self.tolerance, stacklevel=4)
 
 
-def gradient(image: ArrayLike) -> Array:
-    """Return differences, (2, R, C), of an image, (R, C), to the next row and column.
+def total_variation(image: Image) -> float:
+    """Return ‖f‖_TV = Σ √(dx² + dy²) of an image, (R, C) (Rudin, Osher and Fatemi 1992).
 
-    They are zero in the last row and in the last column respectively (Chambolle 2004, Section 2).
+    Differences are zero in the last row and in the last column (Chambolle 2004, Section 2).
     """
-    values = np.asarray(image, dtype=np.float64)
-    if values.ndim != 2:
-        raise ValueError(f"image has shape {values.shape}: give (rows, columns)")
-    field = np.zeros((2, *values.shape))
-    field[0, :-1] = np.diff(values, axis=0)
-    field[1, :, :-1] = np.diff(values, axis=1)
-    return field
-
-
-def divergence(field: ArrayLike) -> Array:
-    """Return minus the adjoint of `gradient`, (rows, columns): ⟨∇f, q⟩ = −⟨f, div q⟩.
-
-    The last row of a field, (2, rows, columns), down the rows, and its last column along the
-    columns, meet only zeros of a gradient and do not count.
-    """
-    values = np.asarray(field, dtype=np.float64)
-    if values.ndim != 3 or values.shape[0] != 2:
-        raise ValueError(f"field has shape {values.shape}: give (2, rows, columns)")
-    down = np.diff(values[0, :-1], axis=0, prepend=0, append=0)
-    across = np.diff(values[1, :, :-1], axis=1, prepend=0, append=0)
-    return np.asarray(down + across)
-
-
-def total_variation(image: ArrayLike) -> float:
-    """Return ‖f‖_TV = Σ √(dx² + dy²) of an image, (R, C) (Rudin, Osher and Fatemi 1992)."""
-    return float(np.hypot(*gradient(image)).sum())
+    down, across = (np.diff(image, axis=a, append=image.take([-1], a)) for a in (0, 1))
+    return float(np.hypot(down, across).sum())
 
 
 def prox_total_variation(
@@ -171,7 +146,7 @@ def solve_total_variation(
     l1_weight: ArrayLike = 0.0,
     tolerance: float = 1e-4,
     max_iterations: int = 10_000,
-    start: Image | None = None,
+    start: Array | None = None,
 ) -> TotalVariationResult:
     """Return a proximal operator's image with an account of its convergence, and no warning.
 
@@ -179,9 +154,6 @@ def solve_total_variation(
 
     The dual problem (Chambolle 2004) is solved by accelerated projected gradient ascent (FGP, Beck
     and Teboulle 2009) with restarts (O'Donoghue and Candès 2015), until the duality gap is small.
-    A float32 image is denoised in single precision, which resolves relative gaps of about 2e-6;
-    where rounding could keep it from the tolerance, it is denoised in double precision, and the
-    result rounded. Large stacks and images are shared among threads, with the same result.
 
     Arguments and errors are those of `prox_total_variation`, beside them: p, finite and of the
     image's shape; λ₂ ≥ 0, which needs p and a finite λ, in the image's units and of a shape that λ
@@ -191,51 +163,34 @@ def solve_total_variation(
     if temporal_weight is not None and not 0 <= temporal_weight < math.inf:
         raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
     values = checked_image(image)
-    g = _stacked(values, temporal_weight)
-    p = g
+    stack = _stacked(values, temporal_weight)
+    g = p = stack.reshape(-1, *stack.shape[2:])
     if previous is not None:
-        p = checked_companion(previous, "previous", values).reshape(g.shape)
-    weights = _weight_of_each_channel(weight, "weight", g)
-    l1_weights = _weight_of_each_channel(l1_weight, "l1_weight", g)
+        p = _stacked(checked_companion(previous, "previous", values), temporal_weight)
+        p = p.reshape(g.shape)
+    weights = _weight_of_each_channel(weight, "weight", stack)
+    l1_weights = _weight_of_each_channel(l1_weight, "l1_weight", stack)
     if l1_weights.any() and (previous is None or np.isinf(weights).any()):
         raise ValueError("an l1_weight needs a previous image and a finite weight beside it")
 
-    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else None
-    denoised = np.empty_like(g)
-    dual = np.zeros((len(weights), 2 if w is None else 3, g[0, ..., 0].size), g.dtype)
+    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else 0.0
+    dual = np.zeros((len(g), 3 if w else 2, g[0].size))
     if start is not None and start.shape == dual.shape:
         dual[:] = start
-    iterations = np.full(len(weights), -1)
-    gaps = np.zeros(len(weights))
-    stop = float(tolerance), int(max_iterations)
-
-    def denoise(duals: Image) -> None:
-        def denoise_part(part: tuple[int, int]) -> None:
-            told = denoised, duals, iterations, gaps
-            denoise_channels(g, p, weights, l1_weights, w, stop, part, *told)
-
-        if g.size < _SMALL:
-            denoise_part((0, len(weights)))
-        else:
-            in_parallel(denoise_part, ranges(len(weights)))
-
-    denoise(dual)
-    if (iterations < 0).any():  # single precision does not resolve the gap asked for
-        wide = dual.astype(np.float64)
-        denoise(wide)
-        dual[:] = wide
-    gap = float(gaps.max())
+    bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
+    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual, values.dtype.type)
+    images = np.moveaxis(f.reshape(stack.shape), 1, -1)
     return TotalVariationResult(
-        image=denoised.reshape(values.shape),
+        image=images.reshape(values.shape).astype(values.dtype),
         iterations=int(iterations.max()),
-        gap=gap,
-        converged=gap <= tolerance,
+        gap=float(gaps.max()),
+        tolerance=tolerance,
         dual=dual,
     )
 
 
-def _stacked(image: Image, temporal_weight: float | None) -> Image:
-    """View as (stack, frames, rows, columns, channels); the stack holds what is independent."""
+def _stacked(image: Image, temporal_weight: float | None) -> Array:
+    """Return (stack, channels, frames, rows, columns) float64; the stack is independent images."""
     known = (2, 3, 4) if temporal_weight is None else (3, 4)
     if image.ndim not in known or image.size == 0:
         raise ValueError(
@@ -246,11 +201,12 @@ def _stacked(image: Image, temporal_weight: float | None) -> Image:
     *leading, rows, columns, channels = image.shape if with_channels else (*image.shape, 1)
     count = math.prod(leading)
     stack, frames = (1, count) if temporal_weight else (count, 1)
-    return image.reshape(stack, frames, rows, columns, channels)
+    planes = np.moveaxis(image.reshape(stack, frames, rows, columns, channels), -1, 1)
+    return np.ascontiguousarray(planes, np.float64)
 
 
-def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Image) -> Array:
-    images, *_, channels = stack.shape
+def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Array) -> Array:
+    images, channels = stack.shape[:2]
     weights = np.asarray(weight, dtype=np.float64)
     if weights.shape not in ((), (channels,), (images, channels)):
         raise ValueError(

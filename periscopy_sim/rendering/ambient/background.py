@@ -23,7 +23,8 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.refusals import check_lamps, check_media
+from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import (
@@ -123,8 +124,7 @@ def render_background(
     ------
     SceneError
         If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
-        see its wall, no light reaches that, a lamp without a size shines where a shape is clear or
-        a mirror, or the scenario's wall is not diffuse.
+        see its wall, no light reaches that, or the scenario's wall is not diffuse.
     VariantError
         In scalar variants.
 
@@ -140,13 +140,13 @@ def render_background(
             "type diffuse"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters, check_lamps)
+    scene, points, normals = placed_in(path, scenario, parameters)
     parts = _parts(scene, points, normals, scenario.photograph_shape, rays or RAYS)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
     )
-    irradiance, errors = _refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
     if not irradiance.any():
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"
@@ -203,23 +203,25 @@ def _parts(
     ]
 
 
-def _refined(
+def refined(
     parts: list[Part],
     target: float,
     max_rounds: int,
     seeds: Iterator[int],
     progress: Callable[[float], None],
 ) -> tuple[Array, tuple[float, float]]:
-    """Add rounds where they gain most for their time until the whole is as exact as the target."""
+    """Add rounds where they gain most for their time until the whole is as exact as the target.
+
+    Return the irradiance, (M, 3), and its errors, see `relative_errors`.
+    """
     for part in parts:
         part.add_round(seeds)
     while True:
         whole = sum((part.fit.replicas for part in parts), np.zeros(()))
         bias = sum((part.fit.squared_bias for part in parts), np.zeros(3))
-        mean = whole.mean(axis=0)
-        errors = relative_errors(whole, bias)
-        open_parts = [part for part in parts if part.rounds < max_rounds]
+        mean, errors = whole.mean(axis=0), relative_errors(whole, bias)
         error = np.hypot(*errors)
+        open_parts = [part for part in parts if part.rounds < max_rounds]
         if error <= target or not open_parts:
             return mean, errors
         progress(min(1.0, (target / error) ** 2))
@@ -227,11 +229,9 @@ def _refined(
         def gain(part: Part, mean: Array = mean) -> float:
             """Return by how much a round lowers the squared error, over its work.
 
-            With the noise falls what is told of the bias: more is known of it, and fits of higher
-            powers do better.
+            With the noise the bias falls: more is known of it, and higher powers serve better.
             """
-            replicas = part.fit.replicas
-            alone = mean + replicas - replicas.mean(axis=0)
+            alone = mean + part.fit.replicas - part.fit.replicas.mean(axis=0)
             error = np.hypot(*relative_errors(alone, part.fit.squared_bias))
             return float(error**2 / (part.rounds + 1) / part.work)
 
@@ -260,14 +260,13 @@ def placed_in(
     path: Path,
     scenario: Scenario,
     parameters: Mapping[str, str] | None,
-    check: Callable[[SceneNodes], None],
+    check: Callable[[SceneNodes], None] = check_media,
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
     A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check_media(nodes)
     check(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()
@@ -278,21 +277,24 @@ def placed_in(
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
     """Centre, axes and size of what the ambient scene's camera sees of its wall."""
+    import drjit as dr
     import mitsuba as mi
 
     camera, wall = camera_of(scene), shape_of(scene, "wall")
-    points, normals = [], []
-    for row, column in itertools.product((1 / 6, 1 / 2, 5 / 6), repeat=2):
-        ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(column, row), mi.Point2f(0.5, 0.5))
+
+    def meet(film: Any) -> tuple[Any, ...]:
+        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
         si = scene.ray_intersect(ray)
-        if not bool(np.all(si.is_valid())) or not bool(np.all(si.shape == mi.ShapePtr(wall))):
-            raise SceneError(
-                f"scene '{path}': its camera does not see its wall; move what stands between them"
-            )
-        points.append(np.ravel(si.p))
-        normals.append(np.ravel(si.n) * -np.sign(np.ravel(si.n) @ np.ravel(ray.d)))
+        return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), si.shape == mi.ShapePtr(wall)
+
+    row, column = np.indices((3, 3)).reshape(2, -1)
+    points, normals, seen = map_points(meet, np.stack([column + 0.5, row + 0.5], axis=1) / 3)
+    if not seen.all():
+        raise SceneError(
+            f"scene '{path}': its camera does not see its wall; move what stands between them"
+        )
     size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    return wall_frame(np.array(points, float), np.array(normals, float), (3, 3)), size
+    return wall_frame(points, normals, (3, 3)), size
 
 
 def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:

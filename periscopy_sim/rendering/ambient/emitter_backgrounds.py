@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import Part, placed_in, relative_errors
+from periscopy_sim.rendering.ambient.background import Part, placed_in, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
-from periscopy_sim.rendering.scene.refusals import check_opaque
+from periscopy_sim.rendering.scene.refusals import check_media, check_opaque
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
@@ -120,15 +120,10 @@ def emitter_backgrounds(
     seeds = iter(np.random.SeedSequence(seed).generate_state(len(parts) * max_rounds * REPLICAS))
     columns, worst = [], 0.0
     for number, part in enumerate(parts):
-        error = np.inf
-        while error > target and part.rounds < max_rounds:
-            part.add_round(map(int, seeds))
-            error = relative_errors(part.fit.replicas, part.fit.squared_bias)[0]
-            report((number + part.rounds / max_rounds) / len(parts))
-        column = part.fit.replicas.mean(axis=(0, 2))
-        if column.any():
-            columns.append(column)
-            worst = max(worst, error)
+        irradiance, errors = refined([part], target, max_rounds, map(int, seeds), lambda _: None)
+        if irradiance.any():
+            columns.append(irradiance.mean(axis=1))
+            worst = max(worst, np.hypot(*errors))
         report((number + 1) / len(parts))
     if not columns:
         raise SceneError(
@@ -147,7 +142,8 @@ def emitter_backgrounds(
 
 
 def _check_shadows(nodes: SceneNodes) -> None:
-    """Refuse shapes that let light through: prototypes have full shadows of all shapes."""
+    """Refuse media, and shapes that let light through: prototypes have full shadows of all."""
+    check_media(nodes)
     check_opaque(nodes, "the light of emitters straight on the wall would not pass it")
 
 

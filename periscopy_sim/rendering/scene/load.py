@@ -70,7 +70,8 @@ def load_scenario(
     """
     use_variant()
     values = {name: str(value) for name, value in (parameters or {}).items()}
-    return _load(SceneNodes(find_scene(path), values), _hidden_size(hidden), photograph)
+    rows, columns = map(operator.index, hidden)
+    return _load(SceneNodes(find_scene(path), values), (rows, columns), photograph)
 
 
 def _load(
@@ -115,7 +116,8 @@ def _load(
         for name, body in bodies.items()
         if name != "wall" and body.bounds is not None
     }
-    loaded = LoadedScene(scenario, layout, wall.origins, wall.directions, boxes)
+    origins, directions = (each.astype(np.float32) for each in (wall.origins, wall.directions))
+    loaded = LoadedScene(scenario, layout, origins, directions, boxes)
     return replace(scenario, loader=partial(_at, loaded, photograph))
 
 
@@ -178,18 +180,6 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _hidden_size(hidden: tuple[int, int]) -> tuple[int, int]:
-    try:
-        rows, columns = (operator.index(number) for number in hidden)
-    except (TypeError, ValueError):
-        raise SceneError(
-            f"the hidden size must be two whole numbers, (rows, columns), not {hidden!r}"
-        ) from None
-    if rows < 1 or columns < 1:
-        raise SceneError(f"a hidden image of {rows}x{columns} patches has none; give at least 1x1")
-    return rows, columns
-
-
 def _photograph_size(
     scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
 ) -> tuple[int, int]:
@@ -201,6 +191,8 @@ def _photograph_size(
             f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
             f"from 1 to {MOST_PIXELS}"
         )
+    if min(hidden) < 1:
+        raise SceneError(f"a hidden image of {hidden[0]}x{hidden[1]} patches has none; give 1x1")
     if hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
             f"{hidden[0]}x{hidden[1]} hidden patches are more than the {rows}x{columns} "

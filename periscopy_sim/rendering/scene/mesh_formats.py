@@ -1,20 +1,20 @@
 """Mesh files of any format, as arrays, and as PLY for Mitsuba, which reads no STL, GLB or OFF.
 
-trimesh reads these, Mitsuba PLY and OBJ. What both let pass is checked here: a file cut short,
-vertices that are not finite, and indices of no vertex.
+trimesh reads these, Mitsuba PLY and OBJ. What both let pass in silence is checked here: a file cut
+short, vertices that are not finite, indices of no vertex, polygons with a notch, which they would
+fill, and what trimesh skips of GLB.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import json
 import logging
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,6 +28,12 @@ FOREIGN = ("stl", "glb", "off")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
+
+UNREAD = {
+    "EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_draco_mesh_compression",
+    "KHR_mesh_quantization",
+}  # fmt: skip
+"""Extensions of GLB that change geometry."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +68,11 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
             reason = " ".join(str(error).split())[-200:]
             raise ValueError(f"cannot be read (... {reason})") from None
     announced = _announced(content, kind)
-    mesh = _concatenated(_parts(content, kind))
+    parts = _parts(content, kind)
+    if kind == "glb":
+        _check_glb(content)
+    _check_polygons(content, kind)
+    mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:
         raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
     _check_arrays(mesh)
@@ -75,10 +85,15 @@ def check_mesh(path: Path, plugin: str) -> None:
     What is wrong is a ValueError in these words, or a RuntimeError in Mitsuba's. The mesh itself
     must not outlive this: Dr.Jit traces every one at the next virtual call.
     """
+    if plugin in ("ply", "obj"):
+        _check_unchanged(path, plugin, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _check_unchanged(path: Path, plugin: str, _: int) -> None:
+    """Check a mesh file once, as of a time: who calibrates reads a scene hundreds of times."""
     import mitsuba as mi
 
-    if plugin not in ("ply", "obj"):
-        return
     # Flat first: Mitsuba follows a wrong index to the vertex normals, out of its memory.
     mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
     indices, vertices = np.array(mesh.faces_buffer()), mesh.vertex_count()
@@ -87,6 +102,8 @@ def check_mesh(path: Path, plugin: str) -> None:
         raise ValueError("has no faces")
     if indices.max() >= vertices:
         raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
+    if plugin == "obj":
+        _check_polygons(path.read_bytes(), plugin)
 
 
 def write_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -116,7 +133,7 @@ def as_ply(path: Path, kind: str) -> Path:
 
 @cache
 def _copies() -> TemporaryDirectory[str]:
-    """Return this process's folder of copies: who calibrates reads a scene hundreds of times."""
+    """Return this process's folder of copies."""
     return TemporaryDirectory(prefix="periscopy-meshes-")
 
 
@@ -137,33 +154,62 @@ def _announced(content: bytes, kind: str) -> int | None:
     return None
 
 
+def _check_glb(content: bytes) -> None:
+    """Refuse a GLB file with geometry that trimesh skips or takes for another."""
+    text = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+    document = json.loads(text)
+    used = set(document.get("extensionsUsed", ())) & UNREAD
+    found = [f"the extension {name}" for name in (*document.get("extensionsRequired", ()), *used)]
+    for mesh in document.get("meshes", ()):
+        for part in mesh["primitives"]:
+            if part.get("mode", 4) != 4:
+                found.append(f"primitives of mode {part['mode']}, not triangles")
+            if "targets" in part:
+                found.append("morph targets")
+    for accessor in document.get("accessors", ()):
+        found += [kind for kind in ("sparse", "normalized") if accessor.get(kind)]
+    if found:
+        raise ValueError(f"has what is not supported ({found[0]}); write plain triangles of floats")
+
+
+def _check_polygons(content: bytes, kind: str) -> None:
+    """Refuse the polygons of an OBJ or OFF file that have a notch."""
+    lines = [line.split() for line in re.sub(rb"#.*", b"", content).splitlines() if line.strip()]
+    if kind == "obj":
+        vertices = [line[1:4] for line in lines if line[0] == b"v"]
+        faces = [[c.split(b"/")[0] for c in line[1:]] for line in lines if line[0] == b"f"]
+    elif kind == "off" and lines[0] == [b"OFF"]:
+        end = 2 + int(lines[1][0])
+        vertices = [line[:3] for line in lines[2:end]]
+        faces = [line[1 : 1 + int(line[0])] for line in lines[end:]]
+    else:
+        return
+    places = np.array(vertices, np.float64)
+    for size in {len(face) for face in faces if len(face) > 3}:
+        alike = np.array([face for face in faces if len(face) == size], np.int64)
+        corner = places[alike - (kind == "obj")]  # (faces, size, 3)
+        side = np.roll(corner, -1, axis=1) - corner
+        area = np.cross(corner - corner[:, :1], side).sum(axis=1, keepdims=True)  # twice, directed
+        turns = np.sum(np.cross(side, np.roll(side, -1, axis=1)) * area, axis=2)
+        if (turns < -1e-6 * np.sum(area**2, axis=2)).any():
+            raise ValueError("has a polygon with a notch; triangulate it")
+
+
 def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
     """Return what a file holds of triangles, each part placed as the file says."""
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL + 1)  # which logs what it tries in vain
     try:
-        with _in_silence():
-            scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
-            return [
-                _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
-                for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
-                if isinstance(scene.geometry[name], trimesh.Trimesh)
-            ]
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+        return [
+            _placed(scene.geometry[name], np.asarray(to_scene, np.float64))
+            for to_scene, name in map(scene.graph.get, sorted(scene.graph.nodes_geometry))
+            if isinstance(scene.geometry[name], trimesh.Trimesh)
+        ]
     except Exception as error:  # trimesh raises whatever its readers meet
         reason = " ".join(str(error).split())[:200]
         raise ValueError(f"cannot be read ({type(error).__name__}: {reason})") from None
-
-
-@contextmanager
-def _in_silence() -> Iterator[None]:
-    """Keep trimesh from logging what it tries in vain."""
-    logger = logging.getLogger("trimesh")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
 from periscopy_sim.scenario import Array, Occluder, Scenario
@@ -32,8 +33,8 @@ class LoadedScene:
 
     scenario: Scenario
     layout: SceneLayout
-    origins: Array  # (M, 3) of the rays through the pixels' centres
-    directions: Array  # (M, 3)
+    origins: NDArray[np.float32]  # (M, 3) of the rays through the pixels' centres
+    directions: NDArray[np.float32]  # (M, 3)
     boxes: Mapping[str, Array]  # (8, 3) corners about each shape but the wall
 
     def __getstate__(self) -> dict[str, Any]:
@@ -118,7 +119,7 @@ class LoadedScene:
         return bool(beside.any(axis=1).all())
 
 
-def _moved(points: Array, motion: Array) -> Array:
+def _moved(points: NDArray[np.floating[Any]], motion: Array) -> Array:
     """Return points, (n, 3), moved by a matrix, (4, 4)."""
     return points @ motion[:3, :3].T + motion[:3, 3]
 

@@ -47,8 +47,8 @@ class SceneLayout:
 class SceneNodes:
     """The parsed nodes of one scene file.
 
-    `required` are ids, each with its kind of node, that the scene must have: one that is missing,
-    or is no plain shape or sensor, is a `SceneError`.
+    `required` are ids, each with its kind of node, that the scene itself must have, outside of
+    groups; one that is missing is a `SceneError`.
     """
 
     def __init__(
@@ -261,32 +261,28 @@ class SceneNodes:
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
             raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        for name in ("width", "height", "crop_width", "crop_height"):
+        for name in ("width", "height"):
             size = films[0].get(name, 1)
             if not isinstance(size, int) or size < 1:
                 raise SceneError(
-                    f"scene '{self.path}': the film of sensor '{sensor}' has {name} {size}; give "
-                    "it a whole number from 1 on"
+                    f"scene '{self.path}': the film's {name} is {size}; give a whole number from 1"
                 )
         return films[0]
 
     def _require(self, name: str, kind: str) -> int:
         """Return the index of a node that the scene must have; its id becomes an alias's name."""
-        where, what = f"scene '{self.path}'", kind.lower()
         index: int = self._state.id_to_index.get(name, -1)
-        if index < 0 or not str(self._state.nodes[index].type).endswith(kind):
-            others = ", ".join(f"'{props.id()}'" for props in self.of_type(kind)) or "none"
-            raise SceneError(f"{where} has no {what} with id '{name}' (its {what}s: {others})")
-        props = self._state.nodes[index].props
-        if props.plugin_name() in ("instance", "shapegroup", "merge"):
+        props = self._state.nodes[index].props if index >= 0 else None
+        plain = [
+            each
+            for _, each in self.children(self._state.root.props, kind)
+            if each.plugin_name() not in ("instance", "shapegroup", "merge")
+        ]
+        if props is None or not any(each is props for each in plain):
+            others = ", ".join(f"'{each.id()}'" for each in plain) or "none"
             raise SceneError(
-                f"{where}: {what} '{name}' is of type '{props.plugin_name()}', which has no "
-                "surface of its own; give the id to a plain shape"
-            )
-        in_scene = self.children(self._state.root.props, kind)
-        if not any(child is props for _, child in in_scene):
-            raise SceneError(
-                f"{where}: {what} '{name}' lies within another shape; put it into the scene itself"
+                f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
+                f"outside of groups (it has {others})"
             )
         props.set_id(name)
         return index
@@ -326,19 +322,13 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     # Merging meshes would lose their ids.
     config.merge_meshes = False
     config.merge_equivalent = False
-    if document.errors.keys() & set(parameters):  # no plugin reads what a ruler's errors are
-        config.unused_parameters = mi.LogLevel.Debug
-    values = {name: str(value) for name, value in parameters.items()}
+    config.unused_parameters = mi.LogLevel.Debug  # no plugin reads the priors' standard errors
     try:
         with searching(path.parent):
-            state = mi.parser.parse_file(config, str(path), **values)
+            state = mi.parser.parse_file(config, str(path), **parameters)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError) as error:
-        reason = one_line(error)
-        _, quotes, text = reason.rpartition(' value "')
-        given = [f"{name}={value}" for name, value in values.items() if quotes and value in text]
-        named = f", given as {' and '.join(given)}" if given else ""
-        raise SceneError(f"scene '{path}': {reason}{named}") from None
+        raise SceneError(f"scene '{path}': {one_line(error)}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for index, node in enumerate(state.nodes):

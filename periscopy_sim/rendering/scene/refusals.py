@@ -25,12 +25,6 @@ OPAQUE = {
 """BSDF plugins that let no light through unless they are told to; of a ``twosided`` one Mitsuba
 makes sure."""
 
-SCATTERING = OPAQUE - {"conductor", "plastic"} | {"roughdielectric", "principledthin"}
-"""BSDF plugins without a mirror's or a clear pane's part, unless they hold another that has one."""
-
-SIZELESS = {"point", "spot", "projector", "directional", "directionalarea"}
-"""Emitter plugins whose light comes from a point or in one direction: chance never finds them."""
-
 GRID = 64
 """Points along each side of the monitor's UV square at which its surface is looked for."""
 
@@ -61,32 +55,12 @@ def check_media(nodes: SceneNodes) -> None:
 def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
     """Refuse shapes that let light through, wherever they stand, and say what would be wrong."""
     for props in nodes.of_type("Shape"):
-        for bsdf in _bsdfs(nodes, props, sealed="twosided"):
-            if not _is_opaque(bsdf):
-                raise SceneError(
-                    f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                    f"'{bsdf.plugin_name()}'), and {else_wrong}; remove the shape, or give it an "
-                    "opaque bsdf (a mask's opacity is a number, 1; a bsdf of your own goes into a "
-                    "twosided one)"
-                )
-
-
-def check_lamps(nodes: SceneNodes) -> None:
-    """Refuse lamps without a size where a shape is clear or a mirror: paths miss what it sends on.
-
-    From a clear pane or a mirror a path goes on in one direction, which such a lamp never lies in,
-    and a ray aimed at the lamp is blocked by panes. So it is in Mitsuba's own path tracer.
-    """
-    lamps = [props for props in nodes.of_type("Emitter") if props.plugin_name() in SIZELESS]
-    for props in nodes.of_type("Shape") if lamps else ():
-        for bsdf in _bsdfs(nodes, props):
-            if not (bsdf.plugin_name() in SCATTERING or _is_opaque_mask(bsdf)):
-                raise SceneError(
-                    f"scene '{nodes.path}': emitter '{lamps[0].id()}' ({lamps[0].plugin_name()}) "
-                    f"has no size, and its light by way of shape '{props.id()}' (bsdf "
-                    f"'{bsdf.plugin_name()}') would be missing; give the lamp a size, such as a "
-                    "small sphere with an area emitter, or the shape a rough, opaque bsdf"
-                )
+        for name in _see_through(nodes, props):
+            raise SceneError(
+                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
+                f"'{name}'), and {else_wrong}; remove the shape, or give it an opaque bsdf (a "
+                "mask's opacity is a number, 1; a bsdf of your own goes into a twosided one)"
+            )
 
 
 def check_monitor(monitor: Any, path: Path) -> None:
@@ -144,23 +118,20 @@ def _check_outside(nodes: SceneNodes) -> None:
             )
 
 
-def _bsdfs(nodes: SceneNodes, props: Any, sealed: str = "") -> Iterator[Any]:
-    """Return the BSDFs within a node, but for those within a BSDF of the sealed type."""
+def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
+    """Return the names of the BSDFs within a node that may let light through."""
     for _, inner in nodes.children(props, "BSDF"):
-        yield inner
-        if inner.plugin_name() != sealed:
-            yield from _bsdfs(nodes, inner, sealed)
-
-
-def _is_opaque(bsdf: Any) -> bool:
-    if bsdf.plugin_name() == "principled":
-        return "spec_trans" not in bsdf or _numbers(bsdf["spec_trans"]).max() <= 0
-    return bsdf.plugin_name() in OPAQUE or _is_opaque_mask(bsdf)
-
-
-def _is_opaque_mask(bsdf: Any) -> bool:
-    is_mask = bsdf.plugin_name() == "mask" and "opacity" in bsdf
-    return bool(is_mask and _numbers(bsdf["opacity"]).min() >= 1)
+        name = str(inner.plugin_name())
+        if name == "principled":
+            opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
+        elif name == "mask":
+            opaque = "opacity" in inner and _numbers(inner["opacity"]).min() >= 1
+        else:
+            opaque = name in OPAQUE
+        if not opaque:
+            yield name
+        elif name != "twosided":
+            yield from _see_through(nodes, inner)
 
 
 def _numbers(value: Any) -> Any:

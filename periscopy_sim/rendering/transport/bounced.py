@@ -152,11 +152,11 @@ class BouncedTransport:
 def check_bounces(bounces: int | None) -> int | None:
     """Return the number of reflections, or None for any; a ValueError says that it is none."""
     whole = isinstance(bounces, (int, np.integer)) and not isinstance(bounces, bool)
-    if bounces is None or (whole and DIRECT <= bounces < 1 << 31):
+    if bounces is None or (whole and DIRECT <= bounces <= 10**6):
         return None if bounces is None else int(bounces)
     raise ValueError(
-        f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, or "
-        "None for any number"
+        f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, to "
+        "a million, or None for any number"
     )
 
 
@@ -169,9 +169,9 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit()):
+    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= 10**6):
         raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
-    return check_bounces(int(text))
+    return int(text)
 
 
 def render_bounced_light(

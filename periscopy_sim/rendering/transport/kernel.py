@@ -31,13 +31,8 @@ def make_kernel(
     samples: int,
     strata: Strata,
     pixel_samples: int,
-    *,
-    visibility: bool = False,
 ) -> Callable[[Any, Any, Any], Any]:
-    """Return the function that computes entries A[pixel, patch] as Dr.Jit arrays.
-
-    With `visibility` they are pairs: the entry, and the part of its rays that nothing blocks.
-    """
+    """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
     import drjit as dr
     import mitsuba as mi
 
@@ -51,7 +46,6 @@ def make_kernel(
     pixels_down, pixels_across = _factor(pixel_samples)
     jittered = strata == "jittered"
     has_lens = camera.needs_aperture_sample()
-    kind = mi.Vector2f if visibility else mi.Float
 
     def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
         """Position in the unit square of sample number `index` of down x across strata."""
@@ -125,8 +119,7 @@ def make_kernel(
         # Traced for every lane: a mask costs more than the few rays that it saves.
         visible = ~scene.ray_test(segment)
         lit = visible & light.is_valid() & (cos_emission > 0) & (value > 0)
-        value = dr.select(lit, value, 0)
-        return mi.Vector2f(value, dr.select(visible, mi.Float(1), 0)) if visibility else value
+        return dr.select(lit, value, 0)
 
     def entries(pixel: Any, patch: Any, seed: Any) -> Any:
         key, _ = _hash(mi, pixel, seed)
@@ -135,24 +128,23 @@ def make_kernel(
         def at_wall_point(p: Any) -> Any:
             point_key, _ = _hash(mi, key, p)
             seen = wall_points(pixel, p, point_key)
-            return _sum(samples, lambda k: transfer(seen(k), patch, k, point_key), kind)
+            return _sum(samples, lambda k: transfer(seen(k), patch, k, point_key))
 
-        total = _sum(pixel_samples, at_wall_point, kind)
-        rays, patches = samples * pixel_samples, hidden_rows * hidden_columns
-        return total / (mi.Vector2f(rays * patches, rays) if visibility else rays * patches)
+        total = _sum(pixel_samples, at_wall_point)
+        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
 
     return entries
 
 
-def _sum(count: int, term: Callable[[Any], Any], kind: Any) -> Any:
-    """Sum term(0) + ... + term(count - 1), of some kind, in a loop within the kernel."""
+def _sum(count: int, term: Callable[[Any], Any]) -> Any:
+    """Sum term(0) + ... + term(count - 1) in a loop within the kernel."""
     import drjit as dr
     import mitsuba as mi
 
     if count == 1:
         return term(mi.UInt32(0))  # a loop would keep the loop within it from being optimized
     total, _ = dr.while_loop(
-        (kind(0), mi.UInt32(0)),
+        (mi.Float(0), mi.UInt32(0)),
         lambda _, k: k < count,
         lambda total, k: (total + term(k), k + 1),
     )

@@ -33,22 +33,14 @@ from periscopy_sim.scenario import Scenario
 
 Progress = Callable[[float], None]
 
-DIRECT_SHARE = 0.1
-"""Fraction of the time of a matrix with bounced light that its direct light takes, about."""
-
 LANES = 1 << 22
 """Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
-
-TEXTURE_SAMPLES = 16
-"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
 
 RAYS = 1 << 28
 """Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
 
-PROBES = 4
-"""Rays from a pixel's centre to a patch that look for edges."""
-
-Mask = NDArray[np.bool_]
+TEXTURE_SAMPLES = 16
+"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
 
 
 @overload
@@ -152,12 +144,12 @@ def render_transport(
     alone = check_bounces(bounces) == DIRECT
     if not alone:
         check_bouncing_wall(scenario)
-    rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed, LANES)
+    rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
     A = np.empty(rendered.shape, np.float32) if out is None else out
     if A.shape != rendered.shape:
         raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
     report = progress or (lambda _: None)
-    share = 1.0 if alone else DIRECT_SHARE
+    share = 1.0 if alone else 0.1  # of the time, about
     if not is_vectorized():
         _render_columns(scenario, A, samples, seed, report)
     else:
@@ -185,9 +177,9 @@ def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
-    `model.transport_operator.TransportOperator` makes a SciPy linear operator
-    of it, and `IterativePeriscope` takes it in the place of A. Every pass traces all the rays
-    again, and draws the same samples.
+    `model.transport_operator.TransportOperator` makes a SciPy linear operator of it, and
+    `IterativePeriscope` takes it in the place of A. Every pass traces all the rays again, and draws
+    the same samples.
 
     Parameters
     ----------
@@ -195,8 +187,6 @@ class RenderedTransport:
         The scene.
     samples, strata, pixel_samples, seed
         As of `render_transport`.
-    lanes
-        Entries rendered at once; bounds the memory (about 40 bytes each).
     bounced
         Result of `render_bounced_light`, whose channels' mean is added. None: direct light.
 
@@ -211,14 +201,12 @@ class RenderedTransport:
     strata: Strata = "jittered"
     pixel_samples: int = 1
     seed: int = 0
-    lanes: int = LANES
     bounced: BouncedLight | None = None
 
     def __post_init__(self) -> None:
-        if self.samples < 1 or self.pixel_samples < 1 or self.lanes < 1:
+        if self.samples < 1 or self.pixel_samples < 1:
             raise ValueError(
-                f"{self.samples} samples, {self.pixel_samples} pixel samples, {self.lanes} lanes: "
-                "all must be positive"
+                f"{self.samples} samples, {self.pixel_samples} pixel samples: both must be positive"
             )
         if self.strata not in get_args(Strata):
             raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
@@ -242,8 +230,7 @@ class RenderedTransport:
             pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
         entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
         pixels, patches = self.shape
-        rays = self.samples * pixel_samples
-        height = max(1, min(self.lanes, RAYS // rays) // patches)
+        height = max(1, min(LANES, RAYS // (self.samples * pixel_samples)) // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
@@ -299,75 +286,3 @@ def profile_matrix(scenario: Scenario) -> NDArray[Any]:
         offset = np.sum(unit * scenario.patch_centers, axis=1)
         axes.append(scenario.wall_points @ unit.T - offset)
     return scenario.emission(*axes)
-
-
-def render_penumbrae(
-    scenario: Scenario, *, samples: int, pixel_samples: int, seed: int = 0
-) -> NDArray[np.float32]:
-    """Render A, (M, N), as `render_transport` does, with fewer rays where no shadow has an edge.
-
-    Between a pixel and a patch that see all of each other, or nothing, a few rays are as good as
-    many. A few go everywhere, to Gauss and Legendre's points of the patch. Where they disagree, or
-    with those of a neighbouring pixel or patch, an edge passes, and all the rays are traced.
-
-    For JIT variants, and walls without texture. Entries that an edge crosses are the same, byte for
-    byte, as `render_transport` makes them.
-
-    Raises
-    ------
-    SceneError
-        If no light of the monitor reaches the wall.
-    """
-    use_variant()
-    everywhere = np.arange(np.prod(scenario.transport_shape), dtype=np.uint32)
-    probe = make_kernel(scenario, PROBES, "gauss", 1, visibility=True)
-    A, visible = _evaluated(probe, 2, everywhere, scenario, PROBES, seed)
-    lanes = everywhere[edges(visible.reshape(*scenario.photograph_shape, *scenario.hidden_shape))]
-    kernel = make_kernel(scenario, samples, "jittered", pixel_samples)
-    (A[lanes],) = _evaluated(kernel, 1, lanes, scenario, samples * pixel_samples, seed)
-    require_light(A, scenario)
-    return A.reshape(scenario.transport_shape)
-
-
-def edges(visible: NDArray[np.floating[Any]]) -> Mask:
-    """Return where shadows have edges, (M N,), of the part that is visible, (rows, columns, R, C).
-
-    There some rays of an entry, or of its neighbours by pixel or by patch, pass and some do not.
-    """
-    some, not_all = visible > 0, visible < 1 - 0.5 / PROBES  # a division may round
-    crossed = [_spread(some, axes) & _spread(not_all, axes) for axes in ((0, 1), (2, 3))]
-    return np.asarray(crossed[0] | crossed[1]).ravel()
-
-
-def _spread(where: Mask, axes: tuple[int, int]) -> Mask:
-    """Return where a mask is true or a neighbour along two axes, diagonal ones too."""
-    for axis in axes:
-        moved = np.moveaxis(where, axis, 0)
-        wider = moved.copy()
-        wider[1:] |= moved[:-1]
-        wider[:-1] |= moved[1:]
-        where = np.moveaxis(wider, 0, axis)
-    return where
-
-
-def _evaluated(
-    entries: Callable[[Any, Any, Any], Any],
-    count: int,
-    lanes: NDArray[np.uint32],
-    scenario: Scenario,
-    rays: int,
-    seed: int,
-) -> list[NDArray[np.float32]]:
-    """Return what a kernel makes of some entries, by their row-major numbers: so many of each."""
-    import drjit as dr
-    import mitsuba as mi
-
-    patches = scenario.transport_shape[1]
-    found = [np.empty(len(lanes), np.float32) for _ in range(count)]
-    at_once = max(1, min(LANES, RAYS // rays))
-    for start in range(0, len(lanes), at_once):
-        lane = mi.UInt32(lanes[start : start + at_once])
-        values = entries(lane // patches, lane % patches, dr.opaque(mi.UInt32, seed))
-        for each, value in zip(found, np.atleast_2d(np.array(values)), strict=True):
-            each[start : start + at_once] = value
-    return found

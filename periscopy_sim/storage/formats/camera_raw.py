@@ -7,13 +7,15 @@ balance, no colour matrix and no gamma.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import Picture, decoding
-from periscopy_sim.storage.formats.rasters import check_whole
+from periscopy_sim.storage.formats.decoding import Picture, decoding, upright
+from periscopy_sim.storage.formats.matlab import bayer_colours
+from periscopy_sim.storage.formats.rasters import reaches_its_pixels
 
 RAW_SUFFIXES = (
     ".dng", ".nef", ".nrw", ".arw", ".srf", ".sr2", ".cr2", ".cr3", ".pef", ".raf", ".orf", ".rw2",
@@ -27,29 +29,23 @@ RAW_SIGNATURES = (
 )  # fmt: skip
 """Of the others: Canon's CR3, Fujifilm, Olympus, Panasonic."""
 
-_TURNS = {0: 0, 3: 2, 5: 1, 6: 3}  # LibRaw's flip: quarter turns counterclockwise
-
 
 def read_camera_raw(path: Path, *_: object) -> Picture:
     """Read a camera's raw file as counts above its black level, half the mosaic's size."""
     import rawpy  # outside `decoding`: a missing package is no damaged file
     import tifffile
 
-    try:
-        with tifffile.TiffFile(path) as file:
-            check_whole(file, path)
-    except PhotographError:
-        raise
-    except Exception:
-        pass
+    is_whole = True
+    with suppress(Exception), tifffile.TiffFile(path) as file:
+        is_whole = reaches_its_pixels(file, path)
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
-        counts = raw.raw_image_visible.astype(np.float32)
-        full, turns = counts >= raw.white_level, _TURNS.get(raw.sizes.flip)
-        if turns is None:
-            raise PhotographError(f"{path}: is stored mirrored; export it as 16-bit linear TIFF")
+        if not is_whole:  # LibRaw would fill what is cut off
+            raise ValueError("it is cut short")
+        counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
+        full = counts >= raw.white_level
         if raw.num_colors == 1:
             light = (counts - np.float32(raw.black_level_per_channel[0]))[..., np.newaxis]
-            return Picture(np.rot90(light, turns), saturated=np.rot90(full, turns))
+            return Picture(upright(light, flip), saturated=upright(full, flip))
         colours = raw.raw_colors_visible
         places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
         is_even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
@@ -58,12 +54,7 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
                 f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
                 "16-bit linear TIFF"
             )
-        rows, columns = counts.shape[0] // 2 * 2, counts.shape[1] // 2 * 2
         counts -= np.array(raw.black_level_per_channel, np.float32)[colours]
-        light = np.zeros((rows // 2, columns // 2, 3), np.float32)
-        saturated = np.zeros(light.shape[:2], bool)
-        for k, letter in enumerate(places):
-            place = (slice(k // 2, rows, 2), slice(k % 2, columns, 2))
-            light[..., "RGB".index(letter)] += counts[place] / places.count(letter)
-            saturated |= full[place]
-    return Picture(np.rot90(light, turns), saturated=np.rot90(saturated, turns), cell=2)
+        light = bayer_colours(counts, places)
+        saturated = np.asarray(bayer_colours(full, places).any(axis=2))
+    return Picture(upright(light, flip), saturated=upright(saturated, flip), cell=2)

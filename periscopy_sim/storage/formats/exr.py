@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +12,9 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
-_STRUCTURAL = {  # attributes that describe the pixels, which metadata must not replace
-    *("channels", "chunkCount", "compression", "dataWindow", "deepImageState", "displayWindow"),
-    *("lineOrder", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowCenter"),
-    *("screenWindowWidth", "tiles", "type", "version", "view"),
+_STRUCTURAL = {  # texts and numbers of every header, which describe the pixels
+    *("chunkCount", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowWidth"),
+    *("version", "view"),
 }
 _FLAT = ("scanlineimage", "tiledimage")
 
@@ -24,22 +22,19 @@ _FLAT = ("scanlineimage", "tiledimage")
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
     """Write a float32 RGB image, (rows, columns, 3) linear light.
 
-    The same inputs give the same bytes. The metadata are text, and numbers at double precision.
-    Another shape of the image is a ValueError, and so is a name that OpenEXR itself uses, such as
-    `compression`.
+    The same inputs give the same bytes. The metadata are text, and numbers at double precision,
+    under names that OpenEXR itself does not use. Another shape of the image is a ValueError.
     """
     import OpenEXR
 
     pixels = np.asarray(image, dtype=np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise ValueError(f"image: expected shape (rows, columns, 3), got {pixels.shape}")
-    if reserved := sorted(_STRUCTURAL & set(metadata)):
-        raise ValueError(f"metadata: '{reserved[0]}' cannot name an attribute")
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
         # In an array: a Python float would lose its double precision.
         **{n: v if isinstance(v, str) else np.array([v], np.float64) for n, v in metadata.items()},
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
     }
     # OpenEXR ignores strides: each channel must be contiguous.
     channels = {c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate("RGB")}
@@ -78,30 +73,19 @@ def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
             part, header = file.parts[0], file.parts[0].header
             if count > 1 or header["type"].name not in _FLAT:
                 raise PhotographError(f"{path}: has several parts or is deep; save one flat image")
-            colour = _colour_channels(list(part.channels), path)
+            if not np.array_equal(header["dataWindow"], header["displayWindow"]):
+                raise PhotographError(f"{path}: holds a crop of its picture; save all of it")
+            names = [name for name in part.channels if name != "A"]
+            colour = [*"RGB"] if {*"RGB"} <= {*names} else names
+            if colour != [*"RGB"] and len(colour) != 1:
+                raise PhotographError(
+                    f"{path}: among its channels {listed(names) or 'none'} there is no colour "
+                    "image; save R, G, B alone"
+                )
             pixels = np.stack([part.channels[name].pixels for name in colour], axis=-1)
             left_out = tuple(name for name in part.channels if name not in colour)
-            return Picture(pixels, left_out=left_out), _metadata(header)
-
-
-def _colour_channels(names: Sequence[str], path: Path) -> list[str]:
-    """Return the names of the red, green and blue channels, or of the grey one."""
-    opaque = [name for name in names if name.rpartition(".")[2] != "A"]
-    prefixes = [name[:-1] for name in opaque if name.rpartition(".")[2] == "R"]
-    layers = [prefix for prefix in prefixes if {f"{prefix}G", f"{prefix}B"} <= set(opaque)]
-    if "" in layers or len(layers) == 1:
-        layer = "" if "" in layers else layers[0]
-        return [f"{layer}{colour}" for colour in "RGB"]
-    if len(opaque) == 1:
-        return opaque
-    raise PhotographError(
-        f"{path}: among its channels {listed(names) or 'none'} there is not exactly one "
-        "colour image; save R, G, B alone"
-    )
-
-
-def _metadata(header: Mapping[str, Any]) -> dict[str, str | float]:
-    """Return text and numbers of a header, doubles unpacked from the arrays they come in."""
-    held = {name: value for name, value in header.items() if name not in _STRUCTURAL}
-    lone = {n: float(v[0]) for n, v in held.items() if isinstance(v, np.ndarray) and v.size == 1}
-    return {name: v for name, v in held.items() if isinstance(v, str | float | int)} | lone
+            # Doubles come in arrays.
+            values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
+                      for n, v in header.items() if n not in _STRUCTURAL}  # fmt: skip
+            metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
+            return Picture(pixels, left_out=left_out), metadata

@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding
@@ -53,15 +53,17 @@ def read_matlab_counts(path: Path, *_: object) -> Picture:
 
 def picture_of(matrices: Mapping[str, NDArray[Any]], path: Path) -> Picture:
     """Return the raw counts of a MATLAB file's fields, see `read_matlab_counts`."""
-    counts = _field(matrices, "image", path)
+    counts = matrices.get("image", np.zeros(0))
     if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
-        raise PhotographError(
-            f"{path}: 'image' has shape {counts.shape}; store Bayer counts, even x even"
-        )
-    repeats = next((name for name in _REPEATS if name in matrices), _REPEATS[-1])
-    exposure = _number(matrices, "shutter_speed", path) * _number(matrices, repeats, path)
+        raise PhotographError(f"{path}: 'image' is missing or no Bayer counts, even x even")
+    exposure = 1.0
+    for name in ("shutter_speed", next((n for n in _REPEATS if n in matrices), _REPEATS[-1])):
+        value = matrices.get(name, np.zeros(0))
+        if value.size != 1 or not 0 < value.item() < np.inf:
+            raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")
+        exposure *= value.item()
     with np.errstate(over="ignore", invalid="ignore"):
-        return Picture(bayer_colours(counts), exposure=exposure, cell=2)
+        return Picture(bayer_colours(counts.astype(np.float64)), exposure=exposure, cell=2)
 
 
 def averaged_counts(
@@ -69,9 +71,9 @@ def averaged_counts(
 ) -> NDArray[np.float64]:
     """Return the counts of a sensor averaged down to a photograph, for each unit of exposure time.
 
-    So files of one camera share a scale. The counts are (i rows, j columns, channels) with whole
+    Files of one camera share a scale. The counts are (i rows, j columns, channels) with whole
     numbers i and j, exposed for a time `exposure`; the result is (rows, columns, channels) linear
-    light. `name` is what messages call it.
+    light. Messages call it `name`.
     """
     height, width, _ = colour.shape
     if height % shape[0] or width % shape[1] or not colour.size:
@@ -84,30 +86,14 @@ def averaged_counts(
         return np.asarray(blocks.mean(axis=(1, 3)) / exposure, np.float64)
 
 
-def bayer_colours(counts: ArrayLike) -> NDArray[np.float64]:
-    """Return half-size colours of Bayer counts: red at even and blue at odd rows and columns.
+def bayer_colours(counts: NDArray[Any], places: Sequence[str] = "RGGB") -> NDArray[Any]:
+    """Return half-size colours, (rows, columns, 3), of (2 rows, 2 columns) Bayer counts.
 
-    The counts are (2 rows, 2 columns), the result is (rows, columns, 3); the two greens of each
-    cell are averaged.
+    `places` are the colours of a cell, row-major; its two greens are averaged.
     """
-    counts = np.asarray(counts, dtype=np.float64)
-    red, blue = counts[0::2, 0::2], counts[1::2, 1::2]
-    green = (counts[0::2, 1::2] + counts[1::2, 0::2]) / 2
-    return np.stack([red, green, blue], axis=-1)
-
-
-def _field(matrices: Mapping[str, NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
-    if name not in matrices:
-        raise PhotographError(
-            f"{path}: has no numbers '{name}'; store the raw layout: image, shutter_speed, "
-            "iterations"
-        )
-    return matrices[name]
-
-
-def _number(matrices: Mapping[str, NDArray[Any]], name: str, path: Path) -> float:
-    """Return the value of a field that is one positive number."""
-    values = _field(matrices, name, path)
-    if values.size != 1 or not 0 < values.item() < np.inf:
-        raise PhotographError(f"{path}: '{name}' is not one positive number; store it as such")
-    return float(values.item())
+    rows, columns = counts.shape[0] // 2, counts.shape[1] // 2
+    colours = np.zeros((rows, columns, 3), np.result_type(counts, np.float32))
+    for k, letter in enumerate(places):
+        cells = counts[k // 2 : 2 * rows : 2, k % 2 : 2 * columns : 2]
+        colours[..., "RGB".index(letter)] += cells / places.count(letter)
+    return colours

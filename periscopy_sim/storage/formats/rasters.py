@@ -1,9 +1,12 @@
-"""PNG, TIFF and JPEG files, read at the bit depth they were saved with."""
+"""PNG, TIFF and JPEG files, read at the bit depth they were saved with, upright."""
 
 from __future__ import annotations
 
 import io
 import logging
+import zlib
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,46 +14,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import Picture, decoding
+from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
+from periscopy_sim.storage.formats.decoding import (
+    GAMMA,
+    LINEAR,
+    SRGB,
+    Picture,
+    decoding,
+    upright,
+)
 from periscopy_sim.storage.formats.srgb import srgb_encode
-
-LINEAR, SRGB = "linear", "sRGB"
 
 CLOSE = 3
 """Of 255: profiles round their curves."""
 
-MOST_VALUES = 2**28
-"""Of a TIFF file: with a damaged size, tifffile would fill the memory for minutes."""
-
 STEEP = 32
 """Of 255: LittleCMS limits the slope of a linear profile's curve to sRGB below."""
 
-_DIRECT_MODES = ("L", "LA", "RGB", "RGBA")  # of Pillow; others are converted:
-_CHANGED_MODES = {"1": "L", "P": "RGB", "PA": "RGBA"}
+MOST_VALUES = 2**28
+"""Of a TIFF file: with a damaged size, tifffile would fill the memory for minutes."""
+
+_MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # of Pillow: grey, palettes, RGB
+_FLIPS = (0, 0, 1, 3, 2, 4, 6, 7, 5)  # by EXIF's orientation, 1 to 8; see `upright`
+_ORIENTATION = 274
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is an error here
 
 
-def read_png(path: Path, *_: object) -> Picture:
+def read_png(path: Path, key: str) -> Picture:
     """Read a PNG file without changing its bit depth."""
-    with path.open("rb") as stream:
-        depth = stream.read(25)[24:]
-    if depth != b"\x10":
-        return _read_with_pillow(path, "PNG")
     import png  # Pillow cuts 16-bit colour down to 8 bits, without a word
+    from PIL import Image
 
     with decoding(path, "PNG"):
-        columns, rows, lines, info = png.Reader(bytes=path.read_bytes()).read()
+        content = path.read_bytes()
+        chunks = dict(png.Reader(bytes=content).chunks())
+        encoding = _png_encoding(chunks, path) if key == PHOTOGRAPH else None
+        if chunks[b"IHDR"][8] < 16:
+            return read_8_bits(path, key, "PNG", encoding)
+        columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
-        return _picture(values.reshape(rows, columns, info["planes"]), path, _png_profile(path))
+        exif = Image.Exif()
+        exif.load(chunks.get(b"eXIf", b""))
+        image = upright(values.reshape(rows, columns, info["planes"]), _flip_of(exif))
+        return _picture(image, path, encoding)
 
 
-def read_jpeg(path: Path, *_: object) -> Picture:
-    """Read a JPEG file, grey or RGB."""
-    return _read_with_pillow(path, "JPEG")
-
-
-def read_tiff(path: Path, *_: object) -> Picture:
+def read_tiff(path: Path, key: str) -> Picture:
     """Read by tifffile, which keeps 16-bit and floating-point values; 8 bits by Pillow."""
     import tifffile
 
@@ -61,27 +71,35 @@ def read_tiff(path: Path, *_: object) -> Picture:
         count = len(file.series if is_deep else file.pages)
         if count != 1:
             raise PhotographError(f"{path}: holds {count} pictures; save one alone")
+        flip = _flip_of({_ORIENTATION: page.tags.valueof("Orientation", 1)})
+        if not is_deep and flip & 4:  # Pillow 13 scrambles some
+            raise PhotographError(f"{path}: is stored turned by 90 degrees; save it upright")
         if not is_deep:
-            return _read_with_pillow(path, "TIFF")
+            return read_8_bits(path, key, "TIFF")
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
             raise PhotographError(f"{path}: is {page.photometric.name}; save it as grey or RGB")
-        if page.tags.valueof("Orientation", 1) != 1:
-            raise PhotographError(f"{path}: is stored turned or mirrored; save it upright")
-        check_whole(file, path)
+        if tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples:
+            raise PhotographError(f"{path}: has premultiplied alpha; save it as grey or RGB")
+        if not reaches_its_pixels(file, path):
+            raise PhotographError(f"{path}: is cut short; save or copy it again")
         if series.size > MOST_VALUES:
             raise PhotographError(f"{path}: {series.shape} values are too many, or damaged")
         values = series.asarray()
         if series.axes == "SYX":
             values = np.moveaxis(values, 0, -1)
-        return _picture(values, path, bytes(page.tags.valueof("InterColorProfile", b"")))
+        profile = bytes(page.tags.valueof("InterColorProfile", b""))
+        is_integer = key == PHOTOGRAPH and values.dtype == np.uint16
+        encoding = encoding_of(profile, path) if profile and is_integer else None
+        picture = _picture(upright(values, flip), path, encoding)
+        is_named = tifffile.EXTRASAMPLE.UNSPECIFIED not in page.extrasamples
+        return picture if is_named else replace(picture, alpha=None, left_out=("extra",))
 
 
-def check_whole(file: Any, path: Path) -> None:
-    """Raise if a TIFF file, open by tifffile, ends before its pixels do: decoders let it pass."""
+def reaches_its_pixels(file: Any, path: Path) -> bool:
+    """Return whether a TIFF file, open by tifffile, holds all its pixels; decoders let it pass."""
     parts = [part for page in file.pages for part in (page, *(page.pages or ()))]
     ends = [np.add(part.dataoffsets, part.databytecounts).max(initial=0) for part in parts]
-    if max(ends) > path.stat().st_size:
-        raise PhotographError(f"{path}: is cut short; save or copy it again")
+    return bool(max(ends) <= path.stat().st_size)
 
 
 def encoding_of(profile: bytes, path: Path) -> str:
@@ -105,42 +123,61 @@ def encoding_of(profile: bytes, path: Path) -> str:
         return SRGB
     if np.abs(shown - 255 * srgb_encode(ramp / 255))[STEEP:].max() <= CLOSE:
         return LINEAR
-    raise PhotographError(
-        f"{path}: its colour profile '{name}' encodes light by a curve other than sRGB's; export "
-        "it with a linear profile, or with none and linear values"
+    raise _unknown(f"colour profile '{name}'", path)
+
+
+def _png_encoding(chunks: Mapping[bytes, bytes], path: Path) -> str | None:
+    """Return the encoding that the first of PNG's four chunks for it declares (PNG 3, 4.3)."""
+    if coding := chunks.get(b"cICP"):
+        known, value = {8: LINEAR, 13: SRGB}, coding[1]  # transfer functions of ITU-T H.273
+        name = f"cICP transfer function {value}"
+    elif profile := chunks.get(b"iCCP"):
+        return encoding_of(zlib.decompress(profile[profile.index(b"\0") + 2 :]), path)
+    elif b"sRGB" in chunks:
+        return SRGB
+    elif gamma := chunks.get(b"gAMA"):
+        known, value = {100_000: LINEAR, 45_455: GAMMA}, int.from_bytes(gamma)
+        name = f"gamma {value / 1e5}"
+    else:
+        return None
+    if value not in known:
+        raise _unknown(name, path)
+    return known[value]
+
+
+def _unknown(encoding: str, path: Path) -> PhotographError:
+    return PhotographError(
+        f"{path}: its {encoding} is neither linear nor sRGB's; export it with a linear profile, or "
+        "with none and linear values"
     )
 
 
-def _png_profile(path: Path) -> bytes:
-    """Return the profile of a PNG file, that of sRGB if its sRGB chunk says so."""
-    from PIL import Image, ImageCms
-
-    with Image.open(path, formats=["PNG"]) as picture:
-        if "srgb" in picture.info:
-            return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-        return bytes(picture.info.get("icc_profile", b""))
+def _flip_of(exif: Mapping[int, Any]) -> int:
+    orientation = exif.get(_ORIENTATION, 1)
+    return _FLIPS[orientation] if orientation in range(9) else 0
 
 
-def _read_with_pillow(path: Path, kind: str) -> Picture:
-    """Read 8 bits a channel or fewer, upright, palettes looked up."""
+def read_8_bits(path: Path, key: str, kind: str = "JPEG", encoding: str | None = None) -> Picture:
+    """Read a file of 8 bits a channel or fewer, by Pillow, palettes looked up."""
     from PIL import Image, ImageOps
 
     with decoding(path, kind), Image.open(path, formats=[kind]) as picture:
-        mode = _CHANGED_MODES.get(picture.mode, picture.mode)
-        if mode not in _DIRECT_MODES:
+        if picture.mode not in _MODES:
             raise PhotographError(f"{path}: has colours {picture.mode}; save it as grey or RGB")
-        if "transparency" in picture.info:
-            mode = {"L": "LA", "RGB": "RGBA"}.get(mode, mode)
-        profile = picture.info.get("icc_profile") or b""
-        return _picture(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path, profile)
+        profile = picture.info.get("icc_profile")
+        if profile and not encoding and key == PHOTOGRAPH:
+            encoding = encoding_of(profile, path)
+        mode = "RGBA" if picture.has_transparency_data else "RGB"
+        values = np.asarray(ImageOps.exif_transpose(picture).convert(mode))
+        return _picture(values, path, encoding)
 
 
-def _picture(values: NDArray[Any], path: Path, profile: bytes) -> Picture:
+def _picture(values: NDArray[Any], path: Path, encoding: str | None) -> Picture:
     """Return colour and alpha of (rows, columns[, channels]) values."""
     if values.ndim == 2:
         values = values[..., None]
     if values.ndim != 3 or not 1 <= values.shape[2] <= 4:
         raise PhotographError(f"{path}: has shape {values.shape}; save a grey or RGB picture")
     if values.shape[2] % 2:
-        return Picture(values, is_display=True, profile=profile)
-    return Picture(values[..., :-1], values[..., -1:], is_display=True, profile=profile)
+        return Picture(values, is_display=True, encoding=encoding)
+    return Picture(values[..., :-1], values[..., -1:], is_display=True, encoding=encoding)

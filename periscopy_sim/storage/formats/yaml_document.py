@@ -91,19 +91,14 @@ def _located(node: yaml.Node | None, mistake: Any) -> str:
     line, name = 1, ""
     unknown = mistake.get("ctx", {}).get("entry")
     for part in (*mistake["loc"], *([unknown] if unknown else [])):
-        key, inside = _within(node, part)
-        if key is not None:
-            node, line = inside, key.start_mark.line + 1
+        pairs: list[tuple[Any, Any]] = []
+        if isinstance(node, yaml.MappingNode):
+            pairs = [pair for pair in node.value if pair[0].value == part]
+        elif isinstance(node, yaml.SequenceNode):
+            pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
+        if pairs:
+            line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
         elif part != mistake["loc"][-1] or mistake["type"] != "missing":
             continue  # a kind, which pydantic names too
         name += f"[{part}]" if isinstance(part, int) else f".{part}"
     return f"line {line}, {name.lstrip('.')}: " if name else ""
-
-
-def _within(node: yaml.Node | None, part: int | str) -> tuple[Any, Any]:
-    """Return the key and the node of an entry of a mapping or a list; None if it has none."""
-    if isinstance(node, yaml.MappingNode):
-        return next((pair for pair in node.value if pair[0].value == part), (None, None))
-    if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-        return node.value[part], node.value[part]
-    return None, None

@@ -21,12 +21,11 @@ def provenance(
     command: Sequence[str],
     parameters: Mapping[str, str] | None = None,
 ) -> dict[str, object]:
-    """Return what a result was made from, ready for JSON.
+    """Return what a result was made from, flat and ready for JSON.
 
-    The dict is flat: the versions of this package, NumPy, SciPy, Mitsuba, Dr.Jit and Python under
-    their names, then `scene`, `scene_sha256` (with values for the scene's defaults), `variant`,
-    `seed` and `command` without `--out`, so that results are the same wherever they lie; None
-    where there is none.
+    The entries are versions by package, `scene`, `scene_sha256` (with values for the scene's
+    defaults), `variant`, `seed`, and `command` without ``--out``: results are the same wherever
+    they lie. What there is not is None.
     """
     words = [word for word in command if not word.startswith("--out=")]
     if "--out" in words:
@@ -49,10 +48,9 @@ def as_text(record: Mapping[str, object]) -> dict[str, str]:
 
 
 def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> str:
-    """Return the digest of a scene file and of every file that it names.
+    """Return the digest of a scene file and of every file that it names, in the text's order.
 
-    The order is that of the text, as `periscopy_sim.rendering.scene.document` reads it, with the
-    scene's defaults, or the parameters given instead. The scene's own folder does not matter.
+    The scene's own folder does not matter.
     """
     digest = hashlib.sha256()
     for path in read_document(scene, parameters).files:

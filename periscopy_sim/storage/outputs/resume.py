@@ -79,7 +79,8 @@ def check_settings(
 ) -> None:
     """Raise if results have other settings; the message names the first entry that differs.
 
-    Settings are of JSON's types. `where` is what holds the results, `what` they are: a sweep.
+    Settings are of JSON's types. Messages call what holds the results `where`, a folder, and the
+    results `what`, a sweep.
     """
     there: Any = held
     here: Any = json.loads(json.dumps(wanted))
@@ -88,8 +89,8 @@ def check_settings(
         path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
         there, here = there.get(path[-1]), here.get(path[-1])
     if path:
-        told = ["unset" if value is None else json.dumps(value)[:48] for value in (there, here)]
+        values = ["unset" if value is None else json.dumps(value)[:48] for value in (there, here)]
         raise OutputError(
-            f"{where} holds another {what} ({'.'.join(path)} {told[0]}, here {told[1]}); name "
+            f"{where} holds another {what} ({'.'.join(path)} {values[0]}, here {values[1]}); name "
             "another folder, or remove it to start anew"
         )

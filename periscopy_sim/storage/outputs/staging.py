@@ -35,12 +35,8 @@ def staged_file(path: Path) -> Iterator[Path]:
     The block receives the temporary name, which has the same suffix. Missing parent folders are
     made and symbolic links followed. If the block raises, the temporary file and those folders are
     removed, and an earlier file of that name stays as it was. If the process is killed, the next
-    call with the same path removes the temporary file.
-
-    Raises
-    ------
-    OutputError
-        On entry if `path` is a folder or a device, or cannot be written; later if the disk is full.
+    call with the same path removes the temporary file. An `OutputError` on entry says that `path`
+    is a folder or a device, or cannot be written; a later one that the disk is full.
     """
     with ExitStack() as undo:
         with _reported(path):
@@ -75,13 +71,23 @@ def staged_folder(path: Path) -> Iterator[Path]:
         with out_of_space_reported(path):
             yield staged
         with _reported(path):
-            for file in staged.rglob("*"):
-                if file.is_file():
-                    _flush(file)
-            if target.is_dir():
-                _merge(staged, target)
-            else:
+            entries = sorted(staged.rglob("*"))
+            for entry in entries:
+                final = target / entry.relative_to(staged)
+                if final.exists() and final.is_dir() != entry.is_dir():
+                    kind = "folder" if final.is_dir() else "file"
+                    raise OutputError(f"cannot write {final}: a {kind} of that name exists")
+                if entry.is_file():
+                    _flush(entry)
+            if not target.is_dir():
                 staged.rename(target)
+                return
+            for entry in entries:
+                final = target / entry.relative_to(staged)
+                if entry.is_dir():
+                    final.mkdir(exist_ok=True)
+                else:
+                    entry.replace(final)
 
 
 def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
@@ -120,22 +126,6 @@ def _flush(file: Path) -> None:
     """Wait until a file's content is on the disk."""
     with file.open("rb+") as stream:
         os.fsync(stream.fileno())
-
-
-def _merge(staged: Path, target: Path) -> None:
-    """Move every file of `staged` over the file of the same name in `target`."""
-    entries = sorted(staged.rglob("*"))
-    for entry in entries:
-        final = target / entry.relative_to(staged)
-        if final.exists() and final.is_dir() != entry.is_dir():
-            kind = "folder" if final.is_dir() else "file"
-            raise OutputError(f"cannot write {final}: a {kind} of that name exists; remove it")
-    for entry in entries:
-        final = target / entry.relative_to(staged)
-        if entry.is_dir():
-            final.mkdir(exist_ok=True)
-        else:
-            entry.replace(final)
 
 
 @contextmanager

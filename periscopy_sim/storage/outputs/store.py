@@ -1,10 +1,10 @@
 """A Zarr v3 store that no crash can spoil, filled block by block over many runs.
 
-Each block has files of its own. It counts as done once its completion record stands in
-``making/finished``, which holds the checksum of each of these files; a block whose files are not
-what its record says is made again. Chunks carry a checksum of their own, so that a damaged one is
-an error to any reader, not a result. Nothing measured, such as times, lies in the store: the same
-attributes give the same bytes, however often the work was stopped, and by whomever.
+Each block has files of its own. It counts as done once its record stands in ``making/finished``,
+which holds the checksum of each of these files; a block whose files are not what its record says is
+made again. Chunks carry a checksum of their own, so that a damaged one is an error to any reader,
+not a result. Nothing measured, such as times, lies in the store: the same attributes give the same
+bytes, however often the work was stopped, and by whomever.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ MAKING = "making"
 class Block:
     """What is written at once, with files of its own."""
 
-    number: int  # counts the blocks of a store from 0
     place: Mapping[str, slice]  # its slice of each dimension that is cut into blocks
     files: Mapping[str, str]  # each variable's file, as seen from the store
 
@@ -42,29 +41,82 @@ class Block:
         return math.prod(each.stop - each.start for each in self.place.values())
 
 
-class StoreLayout(Protocol):
-    """The variables of a store, and how it is cut into blocks."""
+@dataclass(frozen=True)
+class StoreLayout:
+    """The variables of a store, and how it is cut into blocks; the last may be cut short."""
+
+    what: str  # name of the store in messages: a sweep
+    variables: Mapping[str, Mapping[str, Any]]  # arguments of `zarr.Group.create_array`
+    cuts: Mapping[str, tuple[int, int]]  # length and block's length of each dimension that is cut
+    count: int | None = None  # entries, if they may become more from run to run
 
     @property
-    def what(self) -> str:
-        """Return the name of the store in messages: a sweep."""
+    def grid(self) -> list[int]:
+        """Numbers of blocks along the dimensions that are cut."""
+        return [-(-length // size) for length, size in self.cuts.values()]
 
     @property
-    def count(self) -> int | None:
-        """Return the entries, if they may become more from run to run; else None."""
-
-    @property
-    def blocks(self) -> int:
-        """Return the number of blocks."""
+    def blocks(self) -> range:
+        """Numbers of the blocks, row-major."""
+        return range(math.prod(self.grid))
 
     def block(self, number: int) -> Block:
-        """Return a block."""
+        """Return a block: a file of each variable."""
+        index = dict(zip(self.cuts, map(int, np.unravel_index(number, self.grid)), strict=True))
+        place = {
+            name: slice(index[name] * size, min((index[name] + 1) * size, length))
+            for name, (length, size) in self.cuts.items()
+        }
+        chunks = {
+            name: "/".join(str(index.get(dimension, 0)) for dimension in each["dimension_names"])
+            for name, each in self.variables.items()
+        }
+        return Block(place, {name: f"{name}/c/{chunk}" for name, chunk in chunks.items()})
 
-    def variables(self) -> dict[str, dict[str, Any]]:
-        """Return the arguments of `zarr.Group.create_array` for each variable of blocks."""
 
-    def recognizes(self, attributes: Mapping[str, Any]) -> bool:
-        """Return whether attributes are those of such a store."""
+class Records:
+    """Which blocks of a store are complete, one file each; the store's attributes identify it."""
+
+    def __init__(self, path: Path, layout: StoreLayout, attributes: Mapping[str, Any]) -> None:
+        self.path, self.layout, self.of = path, layout, digest_of(attributes)
+
+    def file(self, number: int) -> Path:
+        """Return the file whose presence says that a block is complete."""
+        return self.path / MAKING / "finished" / f"{number:08d}.json"
+
+    def numbers(self) -> list[int]:
+        """Return the numbers of the blocks that have a record, whole or not."""
+        files = self.file(0).parent.glob("*.json")
+        return sorted(int(file.stem) for file in files if file.stem.isdecimal())
+
+    def read(self, number: int) -> dict[str, Any]:
+        """Read the record of a block; empty if it is missing or damaged."""
+        try:
+            return dict(json.loads(self.file(number).read_text("utf-8")))
+        except (OSError, ValueError, TypeError):
+            return {}
+
+    def has(self, number: int) -> bool:
+        """Return whether a block has a record, of this store and as large as the layout's."""
+        block, record = self.layout.block(number), self.read(number)
+        held = record.get("of"), record.get("samples"), (record.get("crc32c") or {}).keys()
+        return held == (self.of, block.size, block.files.keys())
+
+    def verify(self, number: int) -> bool:
+        """Return whether a block has a record, and each of its files is what that says."""
+        # If not, its checksums need no computing.
+        return self.has(number) and self.read(number) == self._of_files(number)
+
+    def write(self, number: int) -> None:
+        """Record that a block is complete."""
+        with staged_file(self.file(number)) as staged:
+            staged.write_text(json.dumps(self._of_files(number)) + "\n", "utf-8")
+
+    def _of_files(self, number: int) -> dict[str, Any]:
+        """Return the record of a block that was written."""
+        block = self.layout.block(number)
+        checksums = {name: checksum(self.path / f) for name, f in sorted(block.files.items())}
+        return {"of": self.of, "samples": block.size, "crc32c": checksums}
 
 
 class BlockStore:
@@ -86,16 +138,16 @@ class BlockStore:
         import zarr
 
         self.path, self.layout = path, layout
-        self.digest = digest_of(attributes)
-        check_place(path, layout.what, layout.recognizes)
+        self.records = Records(path, layout, attributes)
+        check_place(path, layout.what)
         self._check_held(attributes)
         with out_of_space_reported(path):
             for torn in path.rglob("*.partial*"):  # left by a process that was killed
                 if torn.is_file():
                     torn.unlink()
-            for number in recorded_blocks(path):  # before the head tells of more than there is
-                if not (number < layout.blocks and self._has(number, is_recorded)):
-                    record_file(path, number).unlink()
+            for number in self.records.numbers():  # before the head tells of more than there is
+                if not (number in layout.blocks and self.records.has(number)):
+                    self.records.file(number).unlink()
             # The head of the whole comes last: `zarr.json` is behind all other names.
             with staged_folder(path) as head:
                 self._lay_out(head, attributes, labels)
@@ -103,45 +155,34 @@ class BlockStore:
 
     def missing(self) -> Iterator[int]:
         """Yield the numbers of the blocks that are missing, smaller, or not what was written."""
-        for number in range(self.layout.blocks):
-            if not self._has(number, is_complete):
-                yield number
+        return (n for n in self.layout.blocks if not self.records.verify(n))
 
     def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
         block = self.layout.block(number)
         with out_of_space_reported(self.path):
-            file = record_file(self.path, number)
-            file.unlink(missing_ok=True)
+            self.records.file(number).unlink(missing_ok=True)
             for name, each in values.items():
                 # Zarr would read what is there, whole or not.
                 (self.path / block.files[name]).unlink(missing_ok=True)
                 array = self._group[name]
-                dimensions = array.metadata.dimension_names
-                place = tuple(block.place.get(d, slice(None)) for d in dimensions)
-                lengths = (p.stop - p.start if p.stop is not None else None for p in place)
-                array[place] = each[tuple(slice(length) for length in lengths)]
-            with staged_file(file) as staged:
-                record = _record_of(self.path, self.digest, block)
-                staged.write_text(json.dumps(record) + "\n", "utf-8")
-
-    def _has(self, number: int, test: Callable[[Path, str, Block], bool]) -> bool:
-        return test(self.path, self.digest, self.layout.block(number))
+                place = [block.place.get(d) for d in array.metadata.dimension_names]
+                lengths = [slice(cut.stop - cut.start) if cut else slice(None) for cut in place]
+                array[tuple(cut or slice(None) for cut in place)] = each[tuple(lengths)]
+            self.records.write(number)
 
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
         """Raise if there are entries of other attributes, or more of them than the layout has."""
-        path, layout = self.path, self.layout
-        records = {number: read_record(path, number) for number in recorded_blocks(path)}
-        own = {n: record for n, record in records.items() if record.get("of") == self.digest}
-        if not own and any(records.values()):
-            held = attributes_of(path)
-            held.pop("count", None)
-            check_settings(held, wanted, str(path), layout.what)
-        last = max(own, default=-1)
-        if last >= layout.blocks or (last >= 0 and own[last]["samples"] > layout.block(last).size):
+        if not (numbers := self.records.numbers()):
+            return
+        held = attributes_of(self.path)
+        held.pop("count", None)
+        check_settings(held, wanted, str(self.path), self.layout.what)
+        last, samples = numbers[-1], self.records.read(numbers[-1]).get("samples", 0)
+        if last not in self.layout.blocks or samples > self.layout.block(last).size:
             raise OutputError(
-                f"{path} holds more than {layout.count} samples; ask for as many or more, or name "
-                "another folder"
+                f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
+                "more, or name another folder"
             )
 
     def _lay_out(
@@ -154,7 +195,7 @@ class BlockStore:
         group = zarr.create_group(head, zarr_format=3, attributes={**attributes, **count})
         making = zarr.create_group(head / MAKING, zarr_format=3)
         making.attrs["description"] = "marks of the blocks that are finished, and what made them"
-        for name, settings in self.layout.variables().items():
+        for name, settings in self.layout.variables.items():
             group.create_array(name, **settings)
         for name, (dimension, values) in labels.items():
             is_text = isinstance(values[0], str)
@@ -170,13 +211,12 @@ def attributes_of(path: Path) -> dict[str, Any]:
         return {}
 
 
-def check_place(path: Path, what: str, recognizes: Callable[[Mapping[str, Any]], bool]) -> None:
-    """Raise an `OutputError` if a place holds anything but such a store, whole or begun."""
+def check_place(path: Path, what: str) -> None:
+    """Raise an `OutputError` if a place holds anything but a store, whole or begun."""
     if path.exists() and not path.is_dir():
         raise OutputError(f"cannot write {path}: it is a file; name a folder")
     begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
-    held = any(each.is_file() for each in path.rglob("*"))
-    if held and not begun and not recognizes(attributes_of(path)):
+    if not begun and any(each.is_file() for each in path.rglob("*")):
         raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
 
@@ -186,52 +226,11 @@ def digest_of(attributes: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def record_file(path: Path, number: int) -> Path:
-    """Return the file whose presence says that a block of the store at `path` is complete."""
-    return path / MAKING / "finished" / f"{number:08d}.json"
+def checksum(file: Path) -> str | None:
+    """Return the CRC-32C of a file in hexadecimal; None if there is no file.
 
-
-def recorded_blocks(path: Path) -> list[int]:
-    """Return the numbers of the blocks that have a record, whole or not."""
-    records = record_file(path, 0).parent.glob("*.json")
-    return sorted(int(file.stem) for file in records if file.stem.isdecimal())
-
-
-def read_record(path: Path, number: int) -> dict[str, Any]:
-    """Read the record of a block; empty if it is missing or damaged."""
-    try:
-        return dict(json.loads(record_file(path, number).read_text("utf-8")))
-    except (OSError, ValueError, TypeError):
-        return {}
-
-
-def is_recorded(path: Path, digest: str, block: Block) -> bool:
-    """Return whether a block's record is of this store, and of a block as large."""
-    record = read_record(path, block.number)
-    checksums = record.get("crc32c") or {}
-    return (record.get("of"), record.get("samples")) == (digest, block.size) and (
-        checksums.keys() == block.files.keys()
-    )
-
-
-def is_complete(path: Path, digest: str, block: Block) -> bool:
-    """Return whether a block is recorded, and each of its files is what its record says."""
-    recorded = is_recorded(path, digest, block)  # if not, its checksums need no computing
-    return recorded and read_record(path, block.number) == _record_of(path, digest, block)
-
-
-def checksum(file: Path) -> str:
-    """Return the CRC-32C of a file in hexadecimal."""
+    Zarr writes none of values that are all the fill value.
+    """
     import google_crc32c
 
-    return f"{google_crc32c.value(file.read_bytes()):08x}"
-
-
-def _record_of(path: Path, digest: str, block: Block) -> dict[str, Any]:
-    """Return the record of a block that was written.
-
-    Zarr writes no file of values that are all the fill value: its checksum is None.
-    """
-    files = {name: path / file for name, file in sorted(block.files.items())}
-    checksums = {name: checksum(f) if f.exists() else None for name, f in files.items()}
-    return {"of": digest, "samples": block.size, "crc32c": checksums}
+    return f"{google_crc32c.value(file.read_bytes()):08x}" if file.exists() else None

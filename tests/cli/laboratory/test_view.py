@@ -13,7 +13,7 @@ import pytest
 
 from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import Level, Shot
+from periscopy_sim.live.level import Level
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_scene
@@ -55,11 +55,12 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
     assert not (tmp_path / "view").exists()
 
 
-def pictures_of(shot=None, **values):
+def pictures_of(photograph=None, **values):
     path = find_scene("plate")
-    level = Level(path, {"resolution": "24"}, (24, 24), (3, 4), lambda _: None, shot,
-                  is_coarse=False)  # fmt: skip
-    choice = Choice(values, "" if shot else "mushroom", "", 0.5, 60.0, "noise-aware")
+    sizes = (24, 24), (3, 4)
+    given = {"resolution": "24"}
+    level = Level(path, given, sizes, lambda _: None, photograph, is_coarse=False)
+    choice = Choice(values, "" if photograph else "mushroom", "", 0.5, 60.0, "noise-aware")
     return level.pictures(choice, lambda: False)
 
 
@@ -83,7 +84,7 @@ def test_scene_is_written_as_it_is_set(tmp_path, capsys):
 
 def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     taken = pictures_of(occluder_dx=0.01).photograph
-    write_view(tmp_path / "view", pictures_of(Shot(taken)), {"resolution": "24"}, "wall.exr")
+    write_view(tmp_path / "view", pictures_of(taken), {"resolution": "24"}, "wall.exr")
     assert (tmp_path / "view" / "residual.png").is_file()
     assert not (tmp_path / "view" / "photograph.exr").exists()
     record = json.loads((tmp_path / "view" / "view.json").read_text())

@@ -32,13 +32,6 @@ def made(tmp_path_factory):
     patch.undo()
 
 
-def test_the_sbr_is_the_one_asked_and_paint_has_its_unevenness(made):
-    laboratory, folder, _ = made
-    monitor, room = (np.load(folder / "truth" / f"{name}.npy") for name in ("monitor", "room"))
-    assert monitor.mean() / room.mean() == pytest.approx(laboratory.sbr, rel=1e-5)
-    assert monitor.shape == (100, 150, 3)
-
-
 def test_two_photographs_with_the_monitor_off_differ_by_noise_alone(made):
     _, folder, _ = made
     both = [

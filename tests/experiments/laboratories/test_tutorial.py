@@ -16,12 +16,6 @@ def test_what_was_measured_is_the_rulers_reading():
     assert read != {name: ruler.declared(TUTORIAL.scene)[name] for name in read}
 
 
-def test_the_truth_is_kept_apart():
-    assert (tutorial.SHIPPED / "truth" / "scene.xml").read_text("utf-8") == TUTORIAL.scene
-    given = sorted(path.name for path in tutorial.SHIPPED.iterdir() if path.is_file())
-    assert given == sorted([*tutorial.GIVEN, "lamp.stl", "measurements.yaml"])
-
-
 def test_the_wall_is_dimmer_without_the_monitor():
     on, off = (
         tifffile.imread(tutorial.SHIPPED / name).astype(float) - TUTORIAL.camera.black

@@ -6,7 +6,6 @@ import pytest
 pytest.importorskip("skimage")
 
 from experiments.learned import pictures
-from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
@@ -27,21 +26,3 @@ def test_a_panoramas_lamps_are_white_and_the_rest_keeps_its_contrast(tmp_path):
     shown = pictures.photographs_of(tmp_path)["a.exr"]
     assert np.allclose(shown[0], 1)
     assert np.allclose(shown[1:], srgb_encode(0.25), atol=1e-3)
-
-
-def test_a_folder_holds_pictures_of_one_run(tmp_path):
-    pytest.importorskip("sklearn")
-    from PIL import Image
-
-    pictures.main(tmp_path / "out", crops=2, leaves=0)
-    before = (tmp_path / "out" / "00001.png").read_bytes()
-    pictures.main(tmp_path / "out", crops=2, leaves=0)
-    assert (tmp_path / "out" / "00001.png").read_bytes() == before
-    (tmp_path / "also").mkdir()
-    rng = np.random.default_rng(0)
-    Image.fromarray(rng.integers(0, 255, (300, 400, 3), np.uint8)).save(tmp_path / "also" / "a.png")
-    with pytest.raises(OutputError, match=r"holds another set of pictures \(also_sha256"):
-        pictures.main(tmp_path / "out", also=tmp_path / "also", crops=2, leaves=0)
-    (tmp_path / "out" / "settings.json").unlink()
-    with pytest.raises(OutputError, match="nothing tells what it was made with"):
-        pictures.main(tmp_path / "out", crops=2, leaves=0)

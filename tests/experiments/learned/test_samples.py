@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.learned.samples import Samples, as_displaced, ruler_values
+from experiments.learned.samples import as_displaced, ruler_values
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
 
@@ -33,12 +33,3 @@ def test_truth_is_moved_to_where_the_image_stands(shift):
     assert np.mean((moved - image)[inner, inner] ** 2) < 0.1 * max(
         np.mean((truth - image)[inner, inner] ** 2), 1e-3
     )
-
-
-def test_samples_are_read_as_they_were_written(tmp_path):
-    rng = np.random.default_rng(0)
-    values = [rng.random((3, 2)).astype(np.float32) for _ in range(7)]
-    made = Samples(*values, split="validation")
-    made.write(tmp_path / "a.npz")
-    read = Samples.read(tmp_path / "a.npz")
-    assert read.split == "validation" and np.array_equal(read.truth, made.truth)

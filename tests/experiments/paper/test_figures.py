@@ -37,7 +37,7 @@ class TinySetting(Setting):
         return np.full((4, 5, 3), 0.5)
 
 
-LONGER = [pytest.param(name, marks=pytest.mark.thorough) for name in ("fig6",)]
+LONGER = [pytest.param(name, marks=pytest.mark.thorough) for name in ("fig6", "table1")]
 
 
 @pytest.mark.parametrize("name", ["fig3", "fig5", "fig8", "fig9", "fig10", *LONGER])

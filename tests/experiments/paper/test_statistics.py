@@ -5,8 +5,6 @@ import pytest
 
 from experiments.paper.ambient_model import outside
 from experiments.paper.fig10 import radial_spectrum, row_statistics
-from experiments.setting import NO_BEAM, Setting
-from periscopy_sim.storage.formats.exr import write_exr
 
 
 def test_difference_filter_ignores_uniform_light_and_opposes_its_neighbour():
@@ -44,25 +42,3 @@ def test_part_outside_a_subspace_is_found_beneath_independent_noise():
     assert found[0] == 1
     # One rendering alone would say 0.141; the product's error is about 0.1² / sqrt(12000).
     assert found[-1] == pytest.approx(0.1 / np.hypot(1, 0.1), rel=0.02)
-
-
-def test_kept_picture_is_rendered_again_for_another_seed(tmp_path):
-    setting = Setting(tmp_path)
-    ones, zeros = np.ones((2, 2, 3)), np.zeros((2, 2, 3))
-    assert setting.kept("picture", "chair", lambda: ones).all()
-    assert setting.kept("picture", "chair", lambda: zeros).all()
-    setting.seed = 7
-    assert not setting.kept("picture", "chair", lambda: zeros).any()
-    write_exr(setting.rendered / f"{NO_BEAM}.exr", ones, {})
-    assert not setting.kept(NO_BEAM, "chair", lambda: zeros).any()
-
-
-def test_noise_of_a_photograph_follows_from_its_labels(tmp_path):
-    setting = Setting(tmp_path)
-    flat = np.ones((4, 4, 3))
-    setting.__dict__["measured"] = type("Given", (), {"signal": flat})
-    first = setting.photograph(flat, 0.5, "a")
-    assert np.array_equal(first, setting.photograph(flat, 0.5, "a"))
-    assert not np.array_equal(first, setting.photograph(flat, 0.5, "b"))
-    assert not np.array_equal(first, setting.photograph(flat, 0.6, "a"))
-    assert abs(first.mean() - 1) < 1e-3

@@ -20,13 +20,6 @@ def test_the_layout_names_every_capture_once():
     assert len(names) == len(set(names)) == 124
 
 
-def test_every_folder_has_a_placement_and_a_capture_to_try_it_on():
-    for name in layout.captures():
-        assert layout.place_of(name.rpartition("/")[0]) in layout.PLACEMENTS
-    for place in layout.PLACEMENTS:
-        assert place in {**layout.STILLS, **layout.FRAMES}
-
-
 @pytest.mark.parametrize("exposure", [2.0, 50.0])
 def test_a_capture_counts_for_each_unit_of_exposure(tmp_path, exposure, published):
     light = np.random.default_rng(0).uniform(0.2, 1, (6, 8, 3))
@@ -84,9 +77,3 @@ def test_a_file_that_is_no_capture_is_refused_in_one_line(tmp_path, damage, said
     with pytest.raises(ps.PeriscopyError, match=said) as caught:
         read(path)
     assert "\n" not in str(caught.value)
-
-
-def test_blocks_that_cannot_be_halved_are_refused(tmp_path, published):
-    published.save_capture(tmp_path / "c.mat", GREY, TRUTH, side=1)
-    with pytest.raises(ps.PeriscopyError, match="1 x 1 colour pixels cannot be halved"):
-        read(tmp_path / "c.mat")

@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 from experiments.published import (
     ambient,
-    captures,
     layout,
     repeats,
     single_pixels,
@@ -29,22 +28,6 @@ def table(section, start):
 
 def first_number(text):
     return float(re.match(r"-?[\d.]+", text)[0])
-
-
-def test_captures_are_counted_and_what_is_missing_is_named(setting, data):
-    section = captures.run(setting)
-    missing = {
-        f"{folder}/{name}"
-        for told, _ in section.tables[1].rows
-        for folder, _, names in [told.partition(": ")]
-        for name in names.split(", ")
-    }
-    damaged = {f"{layout.PLATE}/image_test_bur"}
-    assert missing == data.left_out | damaged
-    assert f"{124 - len(missing)} of the 124" in section.text
-    assert section.tables[2].rows == [("stranger.mat",)]
-    (row,) = (row for row in table(section, "Captures") if row["folder"] == layout.PLATE)
-    assert row["read"] == "8 of 9" and row["exposure"] == "20 to 30"
 
 
 def test_the_placement_that_was_rendered_is_found(every_placement):

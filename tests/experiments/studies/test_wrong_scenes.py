@@ -1,19 +1,13 @@
 """The suite of wrong scenes: what is drawn, what is counted, and a draw from end to end."""
 
-import csv
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
 import periscopy_sim as ps
-from experiments.studies.wrong_scenes import __main__ as study
-from experiments.studies.wrong_scenes import coverage, report, subjects
-from experiments.studies.wrong_scenes.kept_case import read_case, write_case
-from experiments.studies.wrong_scenes.outcome import Outcome, Trial
+from experiments.studies.wrong_scenes import coverage, subjects
+from experiments.studies.wrong_scenes.outcome import Outcome
 
 HIDDEN = (4, 5)
 MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
@@ -91,71 +85,3 @@ def test_errors_that_are_right_cover_what_they_tell(factor):
     else:
         assert told[coverage.LEVELS == coverage.ONE] == pytest.approx(0.383, abs=0.03)
         assert inside.mean() < 0.2
-
-
-def test_an_outcome_is_read_as_it_was_written(tmp_path):
-    made = outcome(2, doubts=["it moved too far"])
-    write_case(made, tmp_path / "one.npz", "here")
-    assert read_case(Outcome, tmp_path / "one.npz", "elsewhere") is None
-    assert read_case(Outcome, tmp_path / "none.npz", "here") is None
-    read = read_case(Outcome, tmp_path / "one.npz", "here")
-    assert report.numbers_of(read) == report.numbers_of(made)
-    np.testing.assert_array_equal(read.images, made.images)
-    assert read.doubts == made.doubts and not read.trusted
-
-
-@pytest.mark.thorough
-def test_the_report_holds_every_draw(tmp_path):
-    outcomes = [
-        outcome(seed, subject=name, sbr=sbr, doubts=["far"] * (seed == 1))
-        for name in ("chair", "plate", "shelf", "sign")
-        for sbr in (0.5, 10.0)
-        for seed in range(3)
-    ]
-    section = report.write_report(tmp_path, outcomes, "what it is", {"seed": "0"})
-    with (tmp_path / "wrong_scenes.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    held = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))
-    assert len(rows) == len(held["draws"]) == len(held["numbers"]) == 24
-    assert rows[0]["within_1"] == str(int((np.abs(outcomes[0].z) < 1).sum()))
-    assert [cell["draws"] for cell in held["summary"]] == [3] * 8
-    assert [cell["trusted"] for cell in held["summary"]] == [2] * 8
-    assert [len(table.rows) for table in section.tables] == [8, 24]
-    for picture in section.pictures:
-        assert picture.file.stat().st_size > 10_000
-
-
-@pytest.mark.thorough
-def test_a_draw_is_calibrated_once_and_then_kept(plate, tmp_path, monkeypatch, capsys):
-    trial = Trial(plate)
-    assert study.run([trial], [10.0], 1, tmp_path) == 0
-    said = capsys.readouterr().out
-    made = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))["draws"][0]
-    assert made["registered_true"] > made["registered_ruler"]
-    assert made["registered_calibrated"] > made["registered_ruler"]
-    assert 0.4 < made["patches_within_1"] <= 1 and made["errors_count_the_scene"]
-    told = json.loads((tmp_path / "wrong_scenes.json").read_text("utf-8"))["numbers"][0]["told"]
-    assert set(told) == set(MEASURED)
-    assert told["occluder_dx"]["true_values"] == 0
-    assert told["occluder_dx"]["start"] == trial.subject.measured(0)["occluder_dx"]
-
-    def broken(*_, **__):
-        raise ps.PeriscopyError("no")
-
-    monkeypatch.setattr(ps, "calibrate", broken)
-    assert study.run([trial], [10.0], 1, tmp_path) == 0
-    assert capsys.readouterr().out == said  # also its times: it was read
-    assert study.run([trial], [10.0], 2, tmp_path) == 1  # the second draw fails, the first stays
-
-
-@pytest.mark.parametrize(
-    "options",
-    [["--scenes", "chair,sofa"], ["--scenes", "chair,chair"], ["--sbr", "0.5,-1"]],
-)
-def test_what_is_not_to_be_had_is_refused_in_one_line(options, tmp_path):
-    app = typer.Typer()
-    app.command()(study.main)
-    result = CliRunner().invoke(app, ["--out", str(tmp_path / "out"), *options])
-    assert result.exit_code == 2 and options[0] in result.output
-    assert result.output.count("\n") == 1
-    assert not list(tmp_path.iterdir())

@@ -8,15 +8,6 @@ import pytest
 from experiments.validation import coverage
 
 
-@pytest.mark.parametrize("kind", ["shipped", *coverage.DRAWN])
-def test_images_of_a_kind_differ_and_are_the_same_in_every_call(kind):
-    images = np.array(list(coverage.images(kind)))
-    assert images.shape == (coverage.IMAGES, *coverage.HIDDEN, 3)
-    assert images.min() >= 0 and images.max() <= 1 + 1e-12
-    assert len(np.unique(images.reshape(len(images), -1), axis=0)) == len(images)
-    np.testing.assert_array_equal(images, list(coverage.images(kind)))
-
-
 def test_fields_are_the_rougher_the_smaller_the_exponent():
     roughness = [
         np.mean([np.diff(f, axis=1).std() / f.std() for f in coverage.images(kind)])

@@ -25,11 +25,6 @@ def test_every_number_is_a_default_with_its_error_beside_it(built, tmp_path):
     assert max(map(len, text.splitlines())) <= 100
 
 
-def test_numbers_keep_their_precision(built, tmp_path):
-    built(WALL.replace("1.1 m", "1.0123456789012 m"), CAMERA, MONITOR)
-    assert read_document(tmp_path / "lab.xml").defaults["wall_distance"] == "1.0123456789012"
-
-
 def test_number_without_an_error_is_refused(built, tmp_path):
     with pytest.raises(ConfigurationError, match=r"lab.yaml: camera.bottom_left.x has no error; "):
         built(WALL.partition("\n")[2], CAMERA, MONITOR)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from tests.laboratory.built.conftest import (
@@ -144,22 +143,3 @@ def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path)
         np.testing.assert_allclose(
             each.bounds - found[each.name].bounds, [(there, 0, 0)] * 2, atol=1e-6
         )
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("[20 cm, 50 cm, 5 cm]", "[20 m, 50 m, 5 m]", "occluder 'thing': position: it lies behind"),
-        ("center: [5 cm, 1 cm", "center: [5 cm, 1.2 m", "monitor.center: it lies behind the wall"),
-        ("kind: box, name: thing, position", "kind: rod, name: thing, end: [0 m, 2 m, 0 m], start",
-         "occluder 'thing': end: it lies behind"),
-    ],
-)  # fmt: skip
-def test_what_was_measured_to_lie_behind_the_wall_is_refused(built, old, new, message):
-    box = occluders("box", "width: 6 cm, depth: 2 cm, height: 10 cm")
-    if "rod" in new:
-        box = "occluders: [{kind: box, name: thing, position: [0 m, 0 m, 0 m], radius: 1 cm}]\n"
-    measured = WALL + CAMERA + MONITOR + box
-    assert old in measured
-    with pytest.raises(ConfigurationError, match=f"lab.yaml: {message}"):
-        built(measured.replace(old, new, 1))

@@ -7,6 +7,7 @@ from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
+from tests.reconstruction import penumbrae
 
 PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)
@@ -16,30 +17,8 @@ wrapped_or_not = pytest.mark.parametrize("wrap", [True, False])
 either_stop = pytest.mark.parametrize("stop", ["converged", "published"])
 
 
-def grid(rows, columns, center, size):
-    """Positions (x, y, z) over an upright rectangle, row by row from the top."""
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    across, up = (column + 0.5) / columns - 0.5, 0.5 - (row + 0.5) / rows
-    return np.array(center) + np.stack([size[0] * across, 0 * up, size[1] * up], axis=1)
-
-
-WALL = grid(*PHOTOGRAPH, (0.6, 1.0, 0.25), (0.4, 0.4))
-PATCHES = grid(*HIDDEN, (0.2, 0.0, 0.3), (0.4, 0.3))
-
-
-def occluded_transport(opacity=0.5):
-    """Unoccluded light times the shadows of three discs halfway."""
-    towards = WALL[:, None] - PATCHES
-    kernel = towards[..., 1] ** 2 / np.sum(towards**2, axis=2) ** 2
-    crossing = (WALL[:, None] + PATCHES) / 2
-    shadow = np.zeros(kernel.shape, bool)
-    for x, z, radius in [(0.36, 0.29, 0.05), (0.44, 0.23, 0.04), (0.42, 0.33, 0.03)]:
-        shadow |= np.hypot(crossing[..., 0] - x, crossing[..., 2] - z) < radius
-    return kernel * (1 - opacity * shadow)
-
-
-A = occluded_transport()
-FAINT = occluded_transport(0.02)
+A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
+FAINT = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.02)
 
 
 def difference_matrix(wrap):
@@ -52,13 +31,6 @@ def difference_matrix(wrap):
         if k + 1 < M:
             D[k, order[k + 1]] = 1
     return D if wrap else np.delete(D, np.arange(rows - 1, M, rows), axis=0)
-
-
-def two_halves():
-    """A coloured image of two flat halves, whose edge no median moves."""
-    image = np.empty((*HIDDEN, 3))
-    image[:, :3], image[:, 3:] = [0.9, 0.3, 0.2], [0.1, 0.4, 0.6]
-    return image
 
 
 def photograph_of(image, noise=0.0, seed=0, A=A):
@@ -107,7 +79,7 @@ def least_cost(DA, Dy, weight):
 
 @wrapped_or_not
 def test_differencing_minimizes_eq_2_with_the_weight_it_reports(wrap):
-    y = photograph_of(two_halves(), noise=2e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
     result = differencing(wrap=wrap, tolerance=1e-10).solve(y)
     D = difference_matrix(wrap)
     for c in range(3):
@@ -126,7 +98,7 @@ def test_noiseless_photograph_gives_the_hidden_image(wrap, stop):
 
 @wrapped_or_not
 def test_weight_is_tv_weight_standard_deviations_of_the_noise_in_the_gram_form(wrap):
-    y = photograph_of(two_halves(), noise=3e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=3e-3)
     DA, Dy = (difference_matrix(wrap) @ v for v in (A, y.reshape(M, 3)))
     _, squares, _, _ = np.linalg.lstsq(DA, Dy)
     noise = np.sqrt(squares / (len(DA) - N))
@@ -136,14 +108,14 @@ def test_weight_is_tv_weight_standard_deviations_of_the_noise_in_the_gram_form(w
 
 
 def test_background_constant_along_columns_is_rejected_without_wrapping():
-    y = photograph_of(two_halves(), noise=1e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3)
     background = 50 * y.mean() * np.random.default_rng(1).random((1, PHOTOGRAPH[1], 3))
     method = differencing(wrap=False)
     assert relative_error(method.reconstruct(y + background), method.reconstruct(y)) < 1e-6
 
 
 def test_with_wrapping_a_constant_background_enters_by_the_last_pixel_alone():
-    y = photograph_of(two_halves(), noise=1e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3)
     method = differencing(tv_weight=0.0)
     change = method.reconstruct(y + 5.0) - method.reconstruct(y)
     expected = 5 * np.linalg.pinv(difference_matrix(True) @ A)[:, -1]
@@ -152,7 +124,7 @@ def test_with_wrapping_a_constant_background_enters_by_the_last_pixel_alone():
 
 
 def test_published_differencing_ends_at_its_cap_near_the_minimum():
-    y = photograph_of(two_halves(), noise=1e-3, A=FAINT)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3, A=FAINT)
     published, converged = (
         differencing(FAINT, stop=stop, tv_weight=0.1).solve(y)
         for stop in ("published", "converged")
@@ -166,7 +138,7 @@ def test_published_differencing_ends_at_its_cap_near_the_minimum():
 @wrapped_or_not
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
 def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(wrap, scale):
-    y = photograph_of(two_halves(), noise=2e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
     method = differencing(wrap=wrap, tolerance=1e-9)
     expected, scaled = method.solve(y), method.solve(scale * y)
     assert relative_error(scaled.image, scale * expected.image) < 1e-4
@@ -177,7 +149,7 @@ def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(wrap, 
 
 @pytest.mark.parametrize(("fraction", "kept"), [(0.4, 12), (0.1, 3), (1e-3, 1), (1.0, 30)])
 def test_truncated_svd_inverts_the_top_singular_values(fraction, kept):
-    y = photograph_of(two_halves(), noise=2e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
     U, σ, Vt = np.linalg.svd(A, full_matrices=False)
     U, σ, Vt = U[:, :kept], σ[:kept], Vt[:kept]
     result = truncated_svd(fraction=fraction, tv_weight=0.5).solve(y)
@@ -202,7 +174,7 @@ def test_truncated_svd_is_denoised_and_repaired_as_the_paper_s_method():
 
 
 def test_all_singular_values_give_the_pseudoinverse_without_background():
-    y = photograph_of(two_halves(), noise=2e-3)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
     svd = truncated_svd(fraction=1.0, **LINEAR).reconstruct(y)
     pseudoinverse = Periscope(A, None, hidden_shape=HIDDEN, explicit=False, **LINEAR).reconstruct(y)
     expected = (np.linalg.pinv(A) @ y.reshape(M, 3)).reshape(*HIDDEN, 3)

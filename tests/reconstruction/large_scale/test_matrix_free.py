@@ -56,7 +56,7 @@ def test_least_squares_are_settled_where_they_stop(tolerance):
     expected = form_preconditioner(A, B).apply(y)
     solved = conjugate_gradients(operator(A, B), y, tolerance=tolerance)
     error = np.linalg.norm(solved.f - expected, axis=0) / np.linalg.norm(expected, axis=0)
-    assert solved.left <= tolerance and (error < tolerance).all()
+    assert solved.error <= tolerance and (error < tolerance).all()
 
 
 def test_account_of_the_end_is_what_the_dense_matrix_says():
@@ -66,7 +66,7 @@ def test_account_of_the_end_is_what_the_dense_matrix_says():
     dense = transport @ np.eye(N)
     assert solved.iterations == len(solved.path) == 7
     np.testing.assert_allclose(solved.product, dense.T @ dense @ solved.f, atol=1e-12)
-    slope = dense.T @ (transport.reject_background(y) - dense @ solved.f)
+    slope = dense.T @ (transport.project_out(y) - dense @ solved.f)
     np.testing.assert_allclose(solved.divergence, slope, atol=1e-12)
 
 
@@ -104,7 +104,7 @@ def weighing(dense, count):
 def test_weighed_problem_is_that_of_the_dense_matrix(count):
     A, B, y = problem(decay=3e-2)
     transport = operator(A, B)
-    dense, rejected = transport @ np.eye(N), transport.reject_background(y)
+    dense, rejected = transport @ np.eye(N), transport.project_out(y)
     W = weighing(dense, count)
     weighed = Weighed(transport, transport.strongest_eigenvectors(count), SHAPE)
     h, f = transport.rmatmat(y), np.random.default_rng(3).normal(size=(N, 3))
@@ -130,7 +130,7 @@ def test_minimum_is_that_of_the_solver_with_a_gram_matrix(count):
     K = W @ dense
     quadratic = LeastSquares(K.T @ K, np.linalg.cholesky(K.T @ K).T, SHAPE)
     for c, λ in enumerate(weight):
-        h = K.T @ (W @ transport.reject_background(y)[:, c])
+        h = K.T @ (W @ transport.project_out(y)[:, c])
         minimum = quadratic.minimize(h, λ, tolerance=1e-14, max_iterations=20_000)
         error = np.linalg.norm(solved.f[:, c] - minimum.f) / np.linalg.norm(minimum.f)
         assert error < 1e-5

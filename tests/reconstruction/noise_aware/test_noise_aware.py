@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, minimize
 
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -20,6 +21,7 @@ TRUTH = np.zeros((*HIDDEN, 3))
 TRUTH[1:3, 1:4] = (0.9, 0.5, 0.2)
 SIGNAL = (A @ TRUTH.reshape(-1, 3) + 2 * B @ RNG.random((4, 3))).reshape(*PHOTOGRAPH, 3)
 NOISE = np.array([0.05, 0.1, 0.2])
+MIXING = ColourMatrix(np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]]))
 
 
 def photograph(seed=0):
@@ -38,18 +40,18 @@ def gradient(f):
     return down, across
 
 
-def objective(f, y, noise, weight, smoothing=0.0):
+def objective(f, y, noise, weight, M, smoothing=0.0):
     rejected, Q = projected()
-    left = rejected @ f.reshape(-1, 3) - (y - Q @ (Q.T @ y))
+    left = rejected @ f.reshape(-1, 3) @ M.T - (y - Q @ (Q.T @ y))
     squares = sum((part**2).sum(axis=2) for part in gradient(f))
     variation = np.sqrt(squares + smoothing**2) - smoothing
     return np.sum(left**2 / noise**2) + weight * variation.sum()
 
 
-def slope(f, y, noise, weight, smoothing):
+def slope(f, y, noise, weight, M, smoothing):
     """Return the gradient of the objective rounded off."""
     rejected, Q = projected()
-    left = rejected @ f.reshape(-1, 3) - (y - Q @ (Q.T @ y))
+    left = rejected @ f.reshape(-1, 3) @ M.T - (y - Q @ (Q.T @ y))
     down, across = gradient(f)
     length = np.sqrt((down**2 + across**2).sum(axis=2) + smoothing**2)[..., None]
     slopes = np.zeros((*HIDDEN, 3))
@@ -57,23 +59,23 @@ def slope(f, y, noise, weight, smoothing):
     slopes[1:] += (down / length)[:-1]
     slopes[:, :-1] -= (across / length)[:, :-1]
     slopes[:, 1:] += (across / length)[:, :-1]
-    return (2 * rejected.T @ (left / noise**2)).ravel() + weight * slopes.ravel()
+    return (2 * rejected.T @ (left / noise**2) @ M).ravel() + weight * slopes.ravel()
 
 
 def test_the_slope_of_the_objective_is_that_of_its_differences():
     f = np.random.default_rng(4).random(60)
-    problem = SIGNAL.reshape(-1, 3), NOISE, 30.0, 1e-2
+    problem = SIGNAL.reshape(-1, 3), NOISE, 30.0, MIXING.matrix, 1e-2
     expected = approx_fprime(f, objective, 1e-7, *problem)
     np.testing.assert_allclose(slope(f, *problem), expected, rtol=1e-4, atol=1e-2)
 
 
-def brute_force(y, noise, weight, positive):
+def brute_force(y, noise, weight, M, positive):
     """Quasi-Newton steps on a total variation rounded off a little, in ever sharper stages."""
     f = np.full(60, 0.1)
     bounds = [(0, None)] * 60 if positive else None
     for smoothing in (1e-1, 1e-2, 1e-3, 1e-4):
         f = minimize(
-            objective, f, (y, noise, weight, smoothing), "L-BFGS-B", slope, bounds=bounds,
+            objective, f, (y, noise, weight, M, smoothing), "L-BFGS-B", slope, bounds=bounds,
             options={"maxiter": 20_000, "maxfun": 10**6, "ftol": 1e-15, "gtol": 1e-9},
         ).x  # fmt: skip
     return f.reshape(*HIDDEN, 3)
@@ -81,19 +83,32 @@ def brute_force(y, noise, weight, positive):
 
 @pytest.mark.parametrize("positive", [True, False])
 @pytest.mark.parametrize("regularization", [0.01, 0.1])
-def test_image_minimizes_the_penalized_likelihood(positive, regularization):
-    y = photograph()
+@pytest.mark.parametrize("matrix", [None, MIXING])
+def test_image_minimizes_the_penalized_likelihood(positive, regularization, matrix):
+    y, M = photograph(), np.eye(3)
+    if matrix is not None:
+        y, M = matrix.mix(SIGNAL) + photograph() - SIGNAL, matrix.matrix
     method = NoiseAware(
         A, B, hidden_shape=HIDDEN, regularization=regularization, positive=positive, tolerance=1e-6,
-        max_iterations=20_000,
+        max_iterations=20_000, colour_matrix=matrix,
     )  # fmt: skip
     found = method.solve(y)
-    expected = brute_force(y.reshape(-1, 3), found.noise, found.weight, positive)
-    arguments = (y.reshape(-1, 3), found.noise, found.weight)
+    arguments = (y.reshape(-1, 3), found.noise, found.weight, M)
+    expected = brute_force(*arguments, positive)
     least = objective(expected.ravel(), *arguments)
     assert objective(found.image.ravel(), *arguments) < least * (1 + 1e-4)
     assert np.abs(found.image - expected).max() < 0.01 * np.abs(expected).max()
     assert (found.image >= 0).all() == positive
+
+
+def test_identity_is_the_default_and_the_matrixs_unit_is_that_of_the_image():
+    y = photograph()
+    plain, identity, mixed, twice = (
+        NoiseAware(A, B, hidden_shape=HIDDEN, colour_matrix=matrix).reconstruct(y)
+        for matrix in (None, ColourMatrix(np.eye(3)), MIXING, ColourMatrix(2 * MIXING.matrix))
+    )
+    np.testing.assert_allclose(identity, plain, rtol=1e-6)
+    np.testing.assert_allclose(2 * twice, mixed, rtol=1e-4, atol=1e-4)
 
 
 def test_default_tolerance_is_near_the_minimum():

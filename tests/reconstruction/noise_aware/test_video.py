@@ -225,6 +225,3 @@ def test_iterations_that_do_not_suffice_are_told():
         with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
             found = video.solve_next(y)
         assert not found.converged
-
-
-# -- where the wall is used, and negative images --------------------------------------------------

@@ -4,6 +4,7 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from tests.reconstruction import penumbrae
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
@@ -12,33 +13,12 @@ OPACITIES = [1.0, 0.1, 0.02]  # of the occluder: condition numbers of about 30, 
 TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]
 
 
-def grid(rows, columns, center, size):
-    """Positions (x, y, z) over an upright rectangle, row by row from the top."""
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    across, up = (column + 0.5) / columns - 0.5, 0.5 - (row + 0.5) / rows
-    return np.array(center) + np.stack([size[0] * across, 0 * up, size[1] * up], axis=1)
-
-
-WALL = grid(*PHOTOGRAPH, (0.6, 1.0, 0.25), (0.4, 0.4))
-PATCHES = grid(*HIDDEN, (0.2, 0.0, 0.3), (0.4, 0.3))
-
-
 def transport(opacity=1.0):
-    """Unoccluded light times the shadows of three discs halfway."""
-    towards = WALL[:, None] - PATCHES
-    kernel = towards[..., 1] ** 2 / np.sum(towards**2, axis=2) ** 2
-    crossing = (WALL[:, None] + PATCHES) / 2
-    shadow = np.zeros((M, N), bool)
-    for x, z, radius in [(0.36, 0.29, 0.05), (0.44, 0.23, 0.04), (0.42, 0.33, 0.03)]:
-        shadow |= np.hypot(crossing[..., 0] - x, crossing[..., 2] - z) < radius
-    return kernel * (1 - opacity * shadow)
+    return penumbrae.transport(PHOTOGRAPH, HIDDEN, opacity)
 
 
-def backgrounds(count=64):
-    """Distant point lights: smooth fields, numerically of low rank."""
-    lights = np.random.default_rng(1).uniform([-3, -6, -3], [3, 0, 3], (count, 3))
-    away = lights - WALL[:, None]
-    return -away[..., 1] / np.sum(away**2, axis=2) ** 1.5
+def backgrounds():
+    return penumbrae.backgrounds(PHOTOGRAPH, 64)
 
 
 def kept_basis(B, tolerance):
@@ -154,7 +134,7 @@ def test_no_background_gives_the_pseudoinverse_of_a(B):
     assert P.Q.shape == (M, 0)
     assert relative_error(P.matrix(), np.linalg.pinv(A)) < 1e-9
     y = np.random.default_rng(0).random(M)
-    np.testing.assert_array_equal(P.reject_background(y), y)
+    np.testing.assert_array_equal(P.project_out(y), y)
 
 
 def scattered(seed, rows=M, columns=N):

@@ -7,6 +7,7 @@ from scipy import stats
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
+from tests.reconstruction import penumbrae
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
@@ -15,43 +16,8 @@ LINEAR = {"tv_weight": 0.0, "repair_threshold": np.inf}
 explicit_or_factored = pytest.mark.parametrize("explicit", [True, False])
 
 
-def grid(rows, columns, center, size):
-    """Positions (x, y, z) over an upright rectangle, row by row from the top."""
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    across, up = (column + 0.5) / columns - 0.5, 0.5 - (row + 0.5) / rows
-    return np.array(center) + np.stack([size[0] * across, 0 * up, size[1] * up], axis=1)
-
-
-def occluded_transport(photograph=PHOTOGRAPH, hidden=HIDDEN):
-    """Unoccluded light times the shadows of three faintly transparent discs halfway."""
-    wall = grid(*photograph, (0.6, 1.0, 0.25), (0.4, 0.4))
-    patches = grid(*hidden, (0.2, 0.0, 0.3), (0.4, 0.3))
-    towards = wall[:, None] - patches
-    kernel = towards[..., 1] ** 2 / np.sum(towards**2, axis=2) ** 2
-    crossing = (wall[:, None] + patches) / 2
-    shadow = np.zeros(kernel.shape, bool)
-    for x, z, radius in [(0.36, 0.29, 0.05), (0.44, 0.23, 0.04), (0.42, 0.33, 0.03)]:
-        shadow |= np.hypot(crossing[..., 0] - x, crossing[..., 2] - z) < radius
-    return kernel * (1 - 0.5 * shadow)
-
-
-def smooth_backgrounds():
-    """Point lights in front of the wall; the tolerance keeps about as many dimensions as lights."""
-    wall = grid(*PHOTOGRAPH, (0.6, 1.0, 0.25), (0.4, 0.4))
-    lights = np.random.default_rng(1).uniform([-3, -6, -3], [3, 0, 3], (16, 3))
-    away = lights - wall[:, None]
-    return -away[..., 1] / np.sum(away**2, axis=2) ** 1.5
-
-
-A, B = occluded_transport(), smooth_backgrounds()
-
-
-def two_halves(hidden=HIDDEN):
-    """A coloured image of two flat halves, whose edge no median moves."""
-    image = np.empty((*hidden, 3))
-    image[:, : hidden[1] // 2] = [0.9, 0.3, 0.2]
-    image[:, hidden[1] // 2 :] = [0.1, 0.4, 0.6]
-    return image
+A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
+B = penumbrae.backgrounds(PHOTOGRAPH, 16)  # the tolerance keeps about as many dimensions
 
 
 def photograph_of(image, noise=0.0, background=0.0, seed=0):
@@ -79,17 +45,19 @@ def relative_error(value, truth):
 @pytest.mark.parametrize("background", [0.0, 1.0, 100.0])
 def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(explicit, background):
     periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
-    result = periscope.reconstruct(photograph_of(two_halves(), background=background))
+    result = periscope.reconstruct(
+        photograph_of(penumbrae.two_halves(HIDDEN), background=background)
+    )
     assert result.shape == (*HIDDEN, 3)
     assert result.dtype == (np.float32 if explicit else np.float64)
-    assert relative_error(result, two_halves()) < (1e-4 if explicit else 1e-6)
+    assert relative_error(result, penumbrae.two_halves(HIDDEN)) < (1e-4 if explicit else 1e-6)
 
 
 @explicit_or_factored
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
 def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(explicit, scale):
     periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
-    speckled = two_halves()
+    speckled = penumbrae.two_halves(HIDDEN)
     speckled[2, 1] = 0.0
     y = photograph_of(speckled, noise=1e-3, background=2.0)
     expected, scaled = periscope.solve(y), periscope.solve(scale * y)
@@ -117,7 +85,7 @@ def test_noise_is_estimated_within_its_statistical_error(explicit):
     periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
     freedom = M - projected_pseudoinverse()[1]
     σ = np.array([0.01, 0.03, 0.002])
-    clean = photograph_of(two_halves(), background=1.0)
+    clean = photograph_of(penumbrae.two_halves(HIDDEN), background=1.0)
     rng = np.random.default_rng(4)
     variances = np.array(
         [
@@ -137,7 +105,7 @@ def test_weights_follow_the_estimates_noise_and_scale():
     periscope = Periscope(
         A, B, hidden_shape=HIDDEN, tv_weight=0.7, repair_threshold=0.25, explicit=False
     )
-    y = photograph_of(two_halves(), noise=1e-3, background=1.0) * [1.0, 0.5, 3.0]
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3, background=1.0) * [1.0, 0.5, 3.0]
     result = periscope.solve(y)
     gain = np.mean(np.sum(pseudoinverse**2, axis=1)) ** 0.5
     np.testing.assert_allclose(result.weight, 0.7 * gain * result.noise, rtol=1e-6)
@@ -149,7 +117,7 @@ def test_weights_follow_the_estimates_noise_and_scale():
 
 def test_standard_error_is_that_of_repeated_photographs():
     periscope = Periscope(A, B, hidden_shape=HIDDEN, **LINEAR)
-    clean = photograph_of(two_halves(), background=1.0)
+    clean = photograph_of(penumbrae.two_halves(HIDDEN), background=1.0)
     rng = np.random.default_rng(5)
     estimates = np.array(
         [periscope.reconstruct(clean + 0.01 * rng.normal(size=clean.shape)) for _ in range(100)]
@@ -165,7 +133,7 @@ def test_standard_error_is_that_of_repeated_photographs():
 def test_stages_are_estimate_then_total_variation_then_repair(explicit):
     pseudoinverse, _ = projected_pseudoinverse()
     periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
-    y = photograph_of(two_halves(), noise=3e-3, background=1.0) * [1.0, 0.5, 3.0]
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=3e-3, background=1.0) * [1.0, 0.5, 3.0]
     result = periscope.solve(y)
     estimate = (pseudoinverse @ y.reshape(M, 3)).reshape(*HIDDEN, 3)
     assert relative_error(result.preconditioned, estimate) < (1e-4 if explicit else 1e-7)
@@ -180,7 +148,7 @@ def test_stages_are_estimate_then_total_variation_then_repair(explicit):
 @pytest.mark.parametrize(("noise", "tolerance"), [(1e-4, 1e-2), (1e-3, 1e-4), (1e-2, 1e-5)])
 def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, tolerance):
     fast, exact = (Periscope(A, B, hidden_shape=HIDDEN, explicit=e) for e in (True, False))
-    y = photograph_of(two_halves(), noise=noise, background=5.0)
+    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=noise, background=5.0)
     single, double = fast.solve(y), exact.solve(y)
     for field in fields(Reconstruction):
         error = relative_error(getattr(single, field.name), getattr(double, field.name))

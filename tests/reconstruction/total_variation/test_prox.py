@@ -5,8 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from periscopy_sim.reconstruction.total_variation.prox import (
-    divergence,
-    gradient,
     prox_total_variation,
     solve_total_variation,
     total_variation,
@@ -14,25 +12,6 @@ from periscopy_sim.reconstruction.total_variation.prox import (
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (29, 36)]
 EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_gradient_is_that_of_plain_loops(shape, random_image):
-    image = random_image(*shape)
-    expected = np.zeros((2, *shape))
-    for i, j in np.ndindex(shape):
-        if i + 1 < shape[0]:
-            expected[0, i, j] = image[i + 1, j] - image[i, j]
-        if j + 1 < shape[1]:
-            expected[1, i, j] = image[i, j + 1] - image[i, j]
-    np.testing.assert_allclose(gradient(image), expected, atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_divergence_is_minus_the_adjoint_of_the_gradient(shape, random_image):
-    image, field = random_image(*shape), random_image(2, *shape, seed=1)
-    left, right = (gradient(image) * field).sum(), -(image * divergence(field)).sum()
-    assert left == pytest.approx(right, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

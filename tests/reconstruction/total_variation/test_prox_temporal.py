@@ -83,17 +83,3 @@ def test_frames_that_time_ties_firmly_become_the_denoised_mean(random_image):
     f = prox_total_variation(g, 1.0, temporal_weight=15, tolerance=1e-6, max_iterations=50_000)
     mean = prox_total_variation(g.mean(axis=0), 1.0, **EXACT)
     np.testing.assert_allclose(f, np.stack([mean, mean]), atol=5e-3)
-
-
-@pytest.mark.parametrize("weight", [0.1, 1.0, 5.0])
-def test_single_precision_agrees_with_double_precision_up_to_their_gaps(
-    weight, moving_blocks, objective
-):
-    g = moving_blocks
-    single = solve_total_variation(g.astype(np.float32), weight, temporal_weight=1)
-    double = solve_total_variation(g, weight, temporal_weight=1)
-    assert single.image.dtype == np.float32
-    assert single.converged
-    allowed = np.sqrt(objective(double.image, g, weight, 1))
-    allowed *= np.sqrt(single.gap) + np.sqrt(double.gap)
-    assert np.linalg.norm(single.image - double.image) <= allowed + 1e-6 * np.linalg.norm(g)

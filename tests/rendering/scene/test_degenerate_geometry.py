@@ -1,13 +1,11 @@
 """Scenes at the edge of geometry: a matrix that the closed form confirms, or one clear line."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from periscopy_sim.analytic.area_transport import analytic_transport, has_areas
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.shadow_rays import render_penumbrae, render_transport
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -43,19 +41,8 @@ def line(room, *extra, **parts):
 
 def test_monitor_within_a_box_lights_nothing(room):
     closed = room.load(box(0, 0, 0, (1, 0.1, 1)))
-    for render in (render_transport, partial(render_penumbrae, samples=4, pixel_samples=4)):
-        with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
-            render(closed)
-
-
-@pytest.mark.parametrize("scale", [(0, 0.15), (0.2, 0), (0, 0)])
-def test_monitor_without_area_is_refused(room, scale):
-    assert "the monitor has no area" in line(room, monitor=room.monitor(scale=scale))
-
-
-@pytest.mark.parametrize("scale", [("nan", 0.15), (0.2, "inf")])
-def test_monitor_that_is_nowhere_is_refused(room, scale):
-    assert "to_world of 'monitor' is not finite" in line(room, monitor=room.monitor(scale=scale))
+    with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
+        render_transport(closed)
 
 
 @pytest.mark.parametrize("turn", [90, 89.9999, 90.0001])
@@ -64,18 +51,6 @@ def test_monitor_turned_edge_on_lights_the_side_that_it_faces(room, turn):
     assert (A > 0).all()
     away = line(room, monitor=room.monitor(turn=turn + 180))
     assert "faces away from the wall" in away
-
-
-@pytest.mark.parametrize(("vertical", "horizontal"), [(np.nan, 1), (1, np.inf), (-1, 1), (1, -0.5)])
-def test_exponents_that_are_no_fall_off_are_refused(room, vertical, horizontal):
-    said = line(room, monitor=room.monitor(room.lcd(vertical, horizontal)))
-    assert "exponents" in said and "not both 0 or more" in said
-
-
-@pytest.mark.parametrize("value", ["nan", "inf"])
-def test_reflectance_that_is_not_finite_is_refused(room, value):
-    bsdf = f'<bsdf type="diffuse"><rgb name="reflectance" value="{value}"/></bsdf>'
-    assert "scene" in line(room, wall=room.wall(bsdf))
 
 
 @pytest.mark.parametrize(
@@ -94,8 +69,3 @@ def test_patches_sum_up_to_the_one_that_they_cut(room):
     for hidden in ((1, 30), (30, 1), (3, 5)):
         parts = both(room.load(hidden=hidden)).sum(axis=1, keepdims=True)
         np.testing.assert_allclose(parts, whole, rtol=2e-3)
-
-
-@pytest.mark.parametrize("size", [(5000, 5000), (2**31 - 1, 1), (1, 2**22 + 1)])
-def test_film_of_too_many_pixels_is_refused_before_they_are_traced(room, size):
-    assert "pixels; give it from 1 to 4194304" in line(room, camera=room.camera(size))

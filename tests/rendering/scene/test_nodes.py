@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import camera_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
 from periscopy_sim.scenario import EmissionProfile
@@ -28,13 +27,6 @@ POINT = (
 def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile):
     nodes = SceneNodes(room.write(monitor=room.monitor(emitter)))
     assert nodes.emission_profile() == profile
-
-
-def test_monitor_without_emitter_is_refused(room):
-    nodes = SceneNodes(room.write(monitor=room.monitor("")))
-    for method in (nodes.emission_profile, lambda: nodes.show(None)):
-        with pytest.raises(SceneError, match="'monitor' has no emitter; give it one"):
-            method()
 
 
 # -- what the monitor shows ----------------------------------------------------------------------
@@ -78,12 +70,6 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
     nodes.show(image, mirrored=False)
     seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
-
-
-def test_emitter_without_radiance_is_refused(room):
-    nodes = SceneNodes(room.write(monitor=room.monitor('<emitter type="area"/>')))
-    with pytest.raises(SceneError, match="emitter 'area' has no 'radiance'"):
-        nodes.show(None)
 
 
 def test_darkened_room_keeps_the_monitor_alone(room):
@@ -134,9 +120,3 @@ def test_pixels_are_averaged_whatever_film_filter_and_sampler_the_file_asks_for(
     assert pictures[0].shape == (5, 6, 3)
     assert pictures[0].dtype == np.float32
     np.testing.assert_array_equal(pictures[0], pictures[1])
-
-
-def test_film_that_is_not_an_hdrfilm_is_refused(room):
-    nodes = SceneNodes(room.write(camera=room.camera(film="specfilm")))
-    with pytest.raises(SceneError, match="sensor 'camera' has no film of type hdrfilm"):
-        nodes.average_pixels()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import EmissionProfile
 from periscopy_sim.shipped import find_scene
@@ -80,18 +79,6 @@ def test_chair_fills_the_published_millimetres_and_no_others():
     expected[15:60, :5, seat_top - 75 : seat_top - 60] = True
     filled = filled_millimetres(boxes("chair"), [0.506, 0.594, 0], shape)
     np.testing.assert_array_equal(filled, expected)
-
-
-@pytest.mark.parametrize(
-    ("scene", "size", "part"),
-    [
-        ("chair", "seat_width", "chair_seat"),
-        ("plate", "stick_width", "stick"),
-    ],
-)
-def test_negative_sizes_are_refused(scene, size, part):
-    with pytest.raises(SceneError, match=f"'{part}' is a cube turned inside out; .* positive"):
-        load_scenario(find_scene(scene), (1, 1), {"resolution": 1, size: -0.004})
 
 
 def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():

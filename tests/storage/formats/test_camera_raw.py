@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
+from periscopy_sim.storage.photographs import read_sensor_image
 
 pytest.importorskip("rawpy")
 
@@ -16,7 +16,7 @@ CFA = 32803
 RGGB, GBRG = (0, 1, 1, 2), (1, 2, 0, 1)
 
 
-def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, **options):
+def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA):
     """A DNG of version 1.4: the tags that its specification asks for, and no more."""
     identity = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
     tags = [
@@ -30,9 +30,11 @@ def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, **options
         (50721, "2i", 9, identity, True),  # ColorMatrix1
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1
     ]
+    if photometric != CFA:
+        tags = [tag for tag in tags if tag[0] not in (33421, 33422)]
     if len(black) > 1:
         tags.append((50713, "H", 2, (2, 2), True))  # BlackLevelRepeatDim
-    tifffile.imwrite(path, mosaic, photometric=CFA, extratags=tags, metadata=None, **options)
+    tifffile.imwrite(path, mosaic, photometric=photometric, extratags=tags, metadata=None)
     return path
 
 
@@ -56,6 +58,15 @@ def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
         cell - black for cell, black in zip(cells(MOSAIC), (500, 510, 520, 530), strict=True)
     )
     assert np.allclose(exposure.values, np.stack([red, (green + other) / 2, blue], axis=-1))
+
+
+def test_a_monochrome_camera_gives_grey_at_full_size(tmp_path):
+    path = write_dng(tmp_path / "y.dng", photometric="minisblack")
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        file.pages.first.tags["PhotometricInterpretation"].overwrite(34892)  # LinearRaw
+    exposure, _ = read_sensor_image(path)
+    assert exposure.cell == 1
+    assert np.array_equal(exposure.values, np.repeat(MOSAIC[..., None] - 512.0, 3, axis=2))
 
 
 def test_a_full_pixel_saturates_its_cell(tmp_path):
@@ -85,13 +96,6 @@ def test_noise_stays_white(tmp_path):
         assert channel.std() == pytest.approx(deviation, rel=0.03)
 
 
-def test_photographs_of_the_right_size_are_read_directly(tmp_path):
-    path = write_dng(tmp_path / "y.dng")
-    assert read_photograph(path, (32, 48)).values.shape == (32, 48, 3)
-    with pytest.raises(PhotographError, match=r"32 x 48 pixels .*`periscopy prepare`"):
-        read_photograph(path, (16, 24))
-
-
 def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
     whole = write_dng(tmp_path / "y.dng").read_bytes()
     for kept in (len(whole) - 1, len(whole) // 2, 300, 9):
@@ -99,10 +103,3 @@ def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
         with pytest.raises(PhotographError) as caught:
             read_sensor_image(tmp_path / "z.dng")
         assert str(tmp_path / "z.dng") in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_a_raw_file_is_no_mask(tmp_path):
-    from periscopy_sim.storage.photographs import read_mask
-
-    with pytest.raises(PhotographError, match="is camera raw"):
-        read_mask(write_dng(tmp_path / "y.dng"), (32, 48))

@@ -1,0 +1,195 @@
+"""What a calibration is about: photographs of a scene, its free parameters, and their prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.evidence import Images
+from periscopy_sim.calibration.level import Group, Level
+from periscopy_sim.calibration.moving_scene import MovingScene
+from periscopy_sim.calibration.prior import UncertainParameters
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.model.ambient import background_basis, joined_basis
+from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.storage.pictures import area_average
+
+LARGEST = 126
+"""Rows and columns to which photographs are averaged, and wall points along them, at least."""
+
+MOST_PATCHES = 36
+"""Along a side of the hidden image: of more, a coarser image serves."""
+
+COARSE_PIXELS, COARSE_HATS = 1000, 24
+"""Pixels of the coarse level, about, and hat functions along the longer side of its images."""
+
+PIXELS_A_PATCH = 1.7
+"""Of the fine level, at least."""
+
+COVERED = 0.5
+"""Fraction of an averaged pixel that the mask must leave."""
+
+
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """Photographs averaged to few rows and columns.
+
+    Attributes
+    ----------
+    pixels
+        (rows, columns) True where the mask leaves enough of an averaged pixel.
+    light
+        (rows, columns, 3) of each photograph.
+    monitor_off
+        (rows, columns, 3) of each background photograph.
+    """
+
+    pixels: NDArray[np.bool_]
+    light: Sequence[Array]
+    monitor_off: Sequence[Array]
+
+    @classmethod
+    def of(cls, photographs: Sequence[Photograph], longest: int = LARGEST) -> Averaged:
+        """Average photographs of one mask to at most `longest` rows and columns."""
+        first = photographs[0]
+        shape = fitted(first.shape, longest)
+        mask = np.ones(first.shape, bool) if first.mask is None else first.mask
+        covered = area_average(mask[..., None], shape)
+
+        def average(values: Array) -> Array:
+            return area_average(blackened(values, mask), shape) / np.maximum(covered, COVERED)
+
+        return cls(
+            covered[..., 0] > COVERED + 1e-6,  # ties are decided alike in mirror images
+            [average(photograph.values) for photograph in photographs],
+            [average(values) for values in first.monitor_off.values()],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationProblem:
+    """Photographs of a scene, P parameters to find, and U that are held at uncertain values.
+
+    Attributes
+    ----------
+    scenario
+        The scene at the measured values.
+    names, centers, errors
+        (P) parameters to find, their measured values and the standard deviations of these.
+    uncertain
+        The U parameters that are held.
+    photographs
+        Photographs of one laboratory and one mask.
+    pictures
+        (R, C, 3) what the monitor showed in each of the first photographs.
+    """
+
+    scenario: Scenario
+    names: tuple[str, ...]
+    centers: Array
+    errors: Array
+    uncertain: UncertainParameters
+    photographs: Sequence[Photograph]
+    pictures: Sequence[NDArray[np.floating[Any]]]
+
+    @property
+    def has_unknown_images(self) -> bool:
+        """Whether the monitor showed an unknown image in one of the photographs."""
+        return len(self.pictures) < len(self.photographs)
+
+    def coarse(self) -> Level:
+        """Return the level on which a search begins."""
+        return self._level(COARSE_PIXELS, self._hats)
+
+    def fine(self) -> Level:
+        """Return the level on which a search ends."""
+        return self._level(self._fine_pixels, self._hidden)
+
+    def whole(self) -> Level:
+        """Return the level of all pixels, by which ends of a search are judged."""
+        return self._level(LARGEST**2, self._hidden)
+
+    def joint(self) -> Level:
+        """Return the level on which errors are estimated, also of the uncertain parameters.
+
+        Its images can follow a shift by a fraction of a patch, as an unknown image may.
+        """
+        level = self._level(self._fine_pixels, self._hats)
+        names = (*self.names, *self.uncertain.names)
+        centers = np.append(self.centers, self.uncertain.values)
+        errors = np.append(self.errors, self.uncertain.standard_errors)
+        scene = replace(level.scene, names=names, errors=errors)
+        return replace(level, scene=scene, centers=centers, errors=errors)
+
+    @property
+    def _hidden(self) -> tuple[int, int]:
+        return fitted(self.scenario.hidden_shape, MOST_PATCHES)
+
+    @property
+    def _hats(self) -> tuple[int, int]:
+        return fitted(self._hidden, COARSE_HATS)
+
+    @property
+    def _fine_pixels(self) -> float:
+        return max(COARSE_PIXELS, PIXELS_A_PATCH * np.prod(self._hidden))
+
+    @cached_property
+    def _averaged(self) -> Averaged:
+        return Averaged.of(self.photographs)
+
+    def _level(self, count: float, coefficients: tuple[int, int]) -> Level:
+        """Return the level of every so many-th pixel, about `count` of them.
+
+        Unknown images have (r, c) coefficients: of hat functions if these are fewer than patches.
+        """
+        averaged = self._averaged
+        pixels = _thinned(averaged.pixels, count)
+        scene = self._scene(pixels)
+        Q = background_basis(scene.point_lights(self.centers))
+        Q = joined_basis(Q, np.hstack([Q[:, :0], *(off[pixels] for off in averaged.monitor_off)]))
+        if len(Q) <= 2 * Q.shape[1]:
+            raise PhotographError(
+                f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "
+                "give a larger photograph, or mask less of it"
+            )
+        light = [each[pixels] for each in averaged.light]
+        groups = [
+            Group(y, Images.shown(area_average(picture, self._hidden)))
+            for y, picture in zip(light, self.pictures, strict=False)
+        ]
+        if self.has_unknown_images:
+            images = Images.hats(self._hidden, coefficients)
+            groups.append(Group(np.hstack(light[len(self.pictures) :]), images))
+        return Level(scene, self.centers, self.errors, Q, tuple(groups))
+
+    def _scene(self, pixels: NDArray[np.bool_]) -> MovingScene:
+        finer = -(-LARGEST // max(pixels.shape))
+        scenario = load_scenario(
+            self.scenario.path,
+            self._hidden,
+            self.scenario.parameters,
+            photograph=(finer * pixels.shape[0], finer * pixels.shape[1]),
+        )
+        return MovingScene(scenario, self.names, self.errors, pixels, finer)
+
+
+def _thinned(pixels: NDArray[np.bool_], count: float) -> NDArray[np.bool_]:
+    """Return those of some pixels that lie on a lattice, about `count` of them if there are."""
+    stride = max(1, round(np.sqrt(pixels.sum() / count)))
+    lattice = np.zeros_like(pixels)
+    lattice[stride // 2 :: stride, stride // 2 :: stride] = True
+    return pixels & lattice
+
+
+def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
+    factor = min(1.0, longest / max(size))
+    rows, columns = (max(1, round(factor * n)) for n in size)
+    return rows, columns

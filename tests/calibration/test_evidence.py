@@ -1,0 +1,193 @@
+"""The evidence, its slope and its information against dense Gaussian densities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from periscopy_sim.calibration.evidence import (
+    BRIGHTNESS,
+    Explanation,
+    Images,
+    explain,
+    smoothness,
+)
+from periscopy_sim.errors import PhotographError
+
+Array = NDArray[np.float64]
+
+SHAPE, COARSE = (3, 4), (2, 3)
+PATCHES, PIXELS, LIGHTS = 12, 60, 4
+PICTURE = np.random.default_rng(7).random((*SHAPE, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A transport matrix, ambient light, photographs, and two changes of the matrix."""
+
+    A: Array
+    Q: Array
+    y: Array
+    changes: Array
+
+
+@pytest.fixture
+def wall() -> Wall:
+    random = np.random.default_rng(3)
+    A = random.random((PIXELS, PATCHES))
+    Q = np.linalg.qr(random.random((PIXELS, LIGHTS)))[0]
+    y = A @ (1 + random.random((PATCHES, 3))) + Q @ random.random((LIGHTS, 3))
+    changes = random.standard_normal((2, PIXELS, PATCHES))
+    return Wall(A, Q, y + 0.05 * random.standard_normal(y.shape), changes)
+
+
+@pytest.fixture(params=["patches", "hats", "shown"])
+def images(request: pytest.FixtureRequest) -> Images:
+    kinds = {
+        "patches": Images.hats(SHAPE, SHAPE),
+        "hats": Images.hats(SHAPE, COARSE),
+        "shown": Images.shown(PICTURE),
+    }
+    return kinds[request.param]
+
+
+def columns(A: Array, images: Images) -> Array:
+    """Return X = A S."""
+    return np.asarray((images.basis.T @ A.T).T)
+
+
+def covariance(wall: Wall, A: Array, images: Images, ratio: float) -> tuple[Array, Array]:
+    """Return a photograph's covariance over σ² beyond range(B), and a basis of that space."""
+    beyond = np.linalg.svd(wall.Q)[0][:, LIGHTS:]
+    X = beyond.T @ columns(A, images)
+    return np.eye(len(X)) + X @ np.linalg.solve(images.precision, X.T) / ratio, beyond
+
+
+def density(wall: Wall, A: Array, images: Images, c: int, ratio: float) -> float:
+    """Return -2 log of the density of a channel's y beyond range(B), σ at its best."""
+    S, beyond = covariance(wall, A, images, ratio)
+    rest = beyond.T @ wall.y[:, c]
+    variance = rest @ np.linalg.solve(S, rest) / len(rest)
+    return float(-2 * stats.multivariate_normal(np.zeros(len(S)), variance * S).logpdf(rest))
+
+
+def constant() -> float:
+    """Return by how much the density's -2 log exceeds E_c."""
+    freedom = PIXELS - LIGHTS
+    return float(freedom * (1 + np.log(2 * np.pi) - np.log(freedom)))
+
+
+def evidence(wall: Wall, A: Array, images: Images) -> float:
+    """Return the sum over channels of the dense evidence, α by a plain search."""
+    unit = np.sum(columns(A - wall.Q @ (wall.Q.T @ A), images) ** 2) / images.precision.shape[0]
+    total = 0.0
+    for c in range(3):
+
+        def at(log: float, c: int = c) -> float:
+            return density(wall, A, images, c, unit * np.exp(log))
+
+        total += optimize.minimize_scalar(at, bounds=(-18, 4), method="bounded").fun - constant()
+    return total
+
+
+def explained(wall: Wall, images: Images, A: Array | None = None) -> Explanation:
+    return explain(wall.A if A is None else A, wall.Q, wall.y, images)
+
+
+def test_smoothness_sums_squares_of_differences_with_darkness_around() -> None:
+    f = np.random.default_rng(0).standard_normal(SHAPE)
+    dark = np.pad(f, 1)
+    steps = np.sum(np.diff(dark[:, 1:-1], axis=0) ** 2) + np.sum(np.diff(dark[1:-1], axis=1) ** 2)
+    expected = steps + BRIGHTNESS * np.sum(f**2)
+    assert f.ravel() @ smoothness(SHAPE) @ f.ravel() == pytest.approx(expected)
+
+
+def test_hats_make_any_bilinear_image() -> None:
+    """Between the middles of the outermost hats; as many hats as patches are the patches."""
+    down, across = (np.arange(size) for size in (4, 6))
+    heights = 1 + 2 * down[:, None] + 3 * across + 0.5 * down[:, None] * across
+    fine = (Images.hats((8, 12), (4, 6)).basis @ heights.ravel()).reshape(8, 12)
+    u, v = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (8, 12))
+    expected = 1 + 2 * u[:, None] + 3 * v + 0.5 * u[:, None] * v
+    np.testing.assert_allclose(fine[1:-1, 1:-1], expected[1:-1, 1:-1])
+    np.testing.assert_array_equal(Images.hats(SHAPE, SHAPE).basis.toarray(), np.eye(PATCHES))
+
+
+def test_evidence_and_noise_are_those_of_the_dense_gaussian(wall: Wall, images: Images) -> None:
+    other = wall.A + 0.2 * wall.changes[0]
+    explanation = explained(wall, images)
+    for A in (wall.A, other):
+        found = explained(wall, images, A)
+        assert found.evidence == pytest.approx(evidence(wall, A, images), abs=2e-2)
+    for c, ratio in enumerate(explanation.ratios):
+        S, beyond = covariance(wall, wall.A, images, ratio)
+        rest = beyond.T @ wall.y[:, c]
+        noise = np.sqrt(rest @ np.linalg.solve(S, rest) / len(rest))
+        assert explanation.noise[c] == pytest.approx(noise, rel=1e-5)
+
+
+def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: Images) -> None:
+    explanation, h = explained(wall, images), 1e-5
+    for change in wall.changes:
+        light = change @ explanation.lights
+        volume = float(np.vdot(explanation.volume, change))
+        slope = explanation.slope(explanation.motion(light), volume)
+        sides = [
+            sum(density(wall, wall.A + step * change, images, c, ratio) / 2
+                for c, ratio in enumerate(explanation.ratios))
+            for step in (h, -h)
+        ]  # fmt: skip
+        assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=1e-4, abs=1e-3)
+
+
+def test_information_is_of_what_no_image_can_follow(wall: Wall, images: Images) -> None:
+    explanation = explained(wall, images)
+    motion = explanation.motion(np.array([change @ explanation.lights for change in wall.changes]))
+    information = np.einsum("imc,jmc->ij", explanation.beyond_image(motion), motion)
+    expected = np.zeros((2, 2))
+    for c, ratio in enumerate(explanation.ratios):
+        S, beyond = covariance(wall, wall.A, images, ratio)
+        moves = motion[:, :, c] @ beyond
+        expected += moves @ np.linalg.solve(S, moves.T)
+    np.testing.assert_allclose(information, expected, rtol=1e-6)
+
+
+def test_ambient_light_of_any_strength_changes_nothing(wall: Wall, images: Images) -> None:
+    light = 1e3 * wall.Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))
+    dark = explained(wall, images)
+    lit = explain(wall.A, wall.Q, wall.y + light, images)
+    assert lit.evidence == pytest.approx(dark.evidence, abs=1e-4)
+    np.testing.assert_allclose(lit.lights, dark.lights, atol=1e-6)
+
+
+def test_units_shift_the_evidence_alone(wall: Wall, images: Images) -> None:
+    one, other = explained(wall, images), explain(wall.A, wall.Q, 1e4 * wall.y, images)
+    shift = 3 * (PIXELS - LIGHTS) * 2 * np.log(1e4)
+    assert other.evidence - one.evidence == pytest.approx(shift, rel=1e-9)
+    np.testing.assert_allclose(other.lights, 1e4 * one.lights, rtol=1e-5)
+    assert other.unexplained == pytest.approx(one.unexplained)
+
+
+def test_a_black_channel_is_explained_by_darkness(wall: Wall, images: Images) -> None:
+    wall.y[:, 1] = 0
+    found = explained(wall, images)
+    assert np.isfinite(found.evidence)
+    np.testing.assert_array_equal(found.lights[:, 1], 0)
+
+
+def test_a_known_picture_in_mixed_colours_is_explained_to_the_noise(wall: Wall) -> None:
+    mixture = np.array([[0.9, 0.2, 0.1], [0.1, 0.8, 0.2], [0, 0.3, 0.7]])
+    light = wall.A @ PICTURE.reshape(-1, 3) @ mixture.T
+    y = light + 1e-4 * np.random.default_rng(0).standard_normal(light.shape)
+    found = explain(wall.A, wall.Q, y, Images.shown(PICTURE))
+    np.testing.assert_allclose(found.coefficients.T, mixture, atol=1e-3)
+    np.testing.assert_allclose(found.noise, 1e-4, rtol=0.3)
+
+
+def test_a_black_picture_is_rejected() -> None:
+    with pytest.raises(PhotographError):
+        Images.shown(np.zeros((*SHAPE, 3)))

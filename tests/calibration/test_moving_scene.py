@@ -1,0 +1,49 @@
+"""A scene's transport matrix in some pixels, and its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.calibration.moving_scene import MovingScene
+from periscopy_sim.errors import SceneError
+from tests.calibration.conftest import ERRORS, HIDDEN, SIDE
+
+FINER = 2
+VALUES = np.array([0.003, -0.002, 0.4])
+
+
+@pytest.fixture(scope="module")
+def scene() -> MovingScene:
+    size = SIDE // FINER
+    pixels = np.random.default_rng(0).random((size, size)) < 0.3
+    scenario = ps.load_scenario("chair", HIDDEN, {"resolution": str(SIDE)})
+    return MovingScene(scenario, tuple(ERRORS), np.array(list(ERRORS.values())), pixels, FINER)
+
+
+def test_pixels_have_the_rows_of_the_whole_matrix(scene: MovingScene) -> None:
+    moved = scene.scenario.at(**dict(zip(scene.names, VALUES.tolist(), strict=True)))
+    whole = area_transport(moved).astype(float)
+    size = SIDE // FINER
+    pixels = whole.reshape(size, FINER, size, FINER, -1).mean(axis=(1, 3))[scene.pixels]
+    np.testing.assert_allclose(scene.transport(VALUES), pixels, rtol=1e-5, atol=1e-5 * pixels.max())
+
+
+def test_derivatives_are_those_of_differences(scene: MovingScene) -> None:
+    A, changes = scene.linearized(VALUES)
+    np.testing.assert_array_equal(A, scene.transport(VALUES))
+    for k, change in enumerate(changes):
+        step = np.zeros(3)
+        step[k] = 0.02 * scene.errors[k]
+        difference = scene.transport(VALUES + step).astype(float) - scene.transport(VALUES - step)
+        numeric = difference / (2 * step[k])
+        assert np.linalg.norm(change - numeric) < 0.02 * np.linalg.norm(numeric)
+
+
+def test_a_chair_in_the_wall_is_no_scene(scene: MovingScene) -> None:
+    wall = MovingScene(scene.scenario, ("occluder_dy",), np.ones(1), scene.pixels, FINER)
+    for values in (np.array([0.8]), np.array([3.0])):
+        with pytest.raises(SceneError):
+            wall.transport(values)

@@ -1,0 +1,85 @@
+"""Colour matrices: what they are, and what methods make of photographs that they mixed."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.storage.colour_matrix import read_colour_matrix
+
+HIDDEN, PHOTOGRAPH = (4, 5), (14, 15)
+RNG = np.random.default_rng(0)
+A, B = RNG.random((210, 20)) ** 3 + 0.1, RNG.random((210, 3))
+M = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
+GAIN = np.array([1.2, 1.0, 0.8])
+TRUTH = RNG.uniform(0.2, 1, (20, 3))
+LIGHT = (A @ TRUTH + B @ RNG.random((3, 3))).reshape(*PHOTOGRAPH, 3) * GAIN
+NOISE = 1e-3 * RNG.standard_normal(LIGHT.shape)
+STILLS = [name for name, entry in METHODS.items() if not entry.needs]
+
+
+class SCENE:
+    photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
+
+
+@pytest.mark.parametrize("name", STILLS)
+def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
+    colours = ColourMatrix(M)
+    off = {"off": RNG.random(LIGHT.shape)}
+    images, residuals = [], []
+    for matrix, y, dark in (
+        (None, LIGHT + NOISE, off),
+        (colours, colours.mix(LIGHT + NOISE), {"off": colours.mix(off["off"])}),
+    ):
+        method = METHODS[name](SCENE, A, B, backgrounds=dark, colour_matrix=matrix)
+        solution = method.solve(y)
+        images.append(solution.image)
+        residuals.append(method.report(y, solution).residual)
+    scale = np.sqrt(np.mean(images[0] ** 2))
+    np.testing.assert_allclose(images[1], images[0], atol=0.03 * scale)
+    assert residuals[1].unexplained == pytest.approx(residuals[0].unexplained, rel=0.5)
+
+
+def test_mixed_light_unmixes():
+    colours = ColourMatrix(M)
+    np.testing.assert_allclose(colours.mix(TRUTH)[3], M @ TRUTH[3])
+    np.testing.assert_allclose(colours.unmix(colours.mix(LIGHT)), LIGHT, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        (np.eye(2), "3 x 3"),
+        (np.eye(3).astype(complex), "3 x 3"),
+        (np.full((3, 3), np.nan), "finite"),
+        (np.diag([1.0, 0, 1]), "primary 2"),
+        (M * [[1], [1], [-1]], "channel 3"),
+        (np.ones((3, 3)), "alike"),
+    ],
+)
+def test_matrices_that_tell_no_colours_apart_are_rejected(values, name):
+    with pytest.raises(ValueError, match=name):
+        ColourMatrix(values)
+
+
+@pytest.mark.parametrize("suffix", ["npy", "json", "csv"])
+def test_files_hold_the_matrix(tmp_path, suffix):
+    file = tmp_path / f"matrix.{suffix}"
+    if suffix == "npy":
+        np.save(file, M)
+    else:
+        file.write_text(str(M.tolist()) if suffix == "json" else "\n".join(
+            ",".join(map(str, row)) for row in M
+        ))  # fmt: skip
+    np.testing.assert_array_equal(read_colour_matrix(file).matrix, M)
+
+
+@pytest.mark.parametrize("text", ["", "1,2,3", "[[1, 2], [3]]", "{}", "a,b,c\n" * 3, None])
+@pytest.mark.parametrize("suffix", ["npy", "json", "csv"])
+def test_files_that_hold_no_matrix_are_named(tmp_path, text, suffix):
+    file = tmp_path / f"matrix.{suffix}"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(PhotographError, match=file.name):
+        read_colour_matrix(file)
