@@ -148,14 +148,14 @@ def recover_silhouette(
             halves = 1 + (max(cells) > HALVED)
             fewer = -(-cells[0] // halves), -(-cells[1] // halves)
             coarse = _View.of(first, plane, shape, fewer, read, patches, COARSE)
-            low, high = (
+            few, many = (
                 BlindPhotograph.of(
-                    view.shadows, view.cells, view.background, view.light[0], patches
+                    each.shadows, each.cells, each.background, each.light[0], patches
                 )
-                for view in (coarse, fine)
+                for each in (coarse, fine)
             )
-            fit, agreeing = search(low, high, fine.steps, seed, report)
-            result = fine.silhouette(fit, high.explain(np.zeros(cells)))
+            fit, agreeing = search(few, many, fine.steps, seed, report)
+            result = fine.silhouette(fit, many.explain(np.zeros(cells)))
             result = replace(result, agreeing=agreeing, starts=STARTS)
     report(1.0)
     return result

@@ -18,6 +18,10 @@ UNDECIDED, DECIDED = (0.2, 0.8), 0.9
 of cells seen that must be one of both."""
 
 
+UNEXPLAINED = 0.5
+"""Of what stays unexplained without a mask, the fraction above which the mask explains little."""
+
+
 @dataclass(frozen=True, eq=False)
 class Silhouette:
     """A flat mask that explains photographs, found with the hidden image or by known pictures.
@@ -78,6 +82,11 @@ class Silhouette:
     def doubts(self) -> tuple[str, ...]:
         """Why it is not to be believed; empty if nothing speaks against it."""
         doubts = []
+        if self.unexplained > UNEXPLAINED * self.unexplained_open:
+            doubts.append(
+                "the mask explains less than half of what the photograph shows without it: the "
+                "scene is wrong elsewhere, or the photograph is too noisy"
+            )
         if self.decided < DECIDED:
             doubts.append(
                 f"{100 * (1 - self.decided):.0f} % of the cells are neither opaque nor open: there "

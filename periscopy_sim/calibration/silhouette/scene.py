@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -170,6 +171,6 @@ def rectangles(opaque: Cells) -> list[tuple[int, int, int, int]]:
     return covering
 
 
-def _run(opaque: Cells) -> int:
+def _run(opaque: Any) -> int:
     """Return how many cells, (n,), there are before the first that is open."""
     return len(opaque) if opaque.all() else int(np.argmin(opaque))

@@ -33,6 +33,7 @@ def test_a_shape_of_an_included_file_raises(tmp_path):
         with_mesh(path, "card", "mask.ply", {}, tmp_path)
 
 
+@pytest.mark.usefixtures("scenario")  # which chooses a variant
 def test_a_shape_scaled_to_nothing_raises(tmp_path):
     flat = tmp_path / "flat.xml"
     flat.write_text(SCENE.replace('<scale value="$size"/>', '<scale x="0.04" y="0.04" z="0"/>'))
