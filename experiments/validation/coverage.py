@@ -31,7 +31,7 @@ def field(exponent: float) -> Callable[[np.random.Generator], Array]:
     source = Smooth(
         kind="smooth", exponent=Distribution(value=exponent), saturation=Distribution(value=0.3)
     )
-    return lambda rng: source.draw(rng, HIDDEN, 1)[0]
+    return lambda rng: source.draw(rng, HIDDEN, 1)
 
 
 def dots(rng: np.random.Generator) -> Array:
@@ -44,7 +44,7 @@ def dots(rng: np.random.Generator) -> Array:
 
 def shapes(rng: np.random.Generator) -> Array:
     """Return plain shapes before a plain ground."""
-    return np.asarray(Shapes(kind="shapes").draw(rng, HIDDEN, 1)[0])
+    return np.asarray(Shapes(kind="shapes").draw(rng, HIDDEN, 1))
 
 
 DRAWN = {

@@ -55,7 +55,7 @@ class Outcome:
         Whether the calibration left the ruler's values.
     doubts
         Why the calibration is not to be trusted.
-    discrepancy, overdispersion
+    overdispersion
         See `periscopy_sim.Calibration`.
     seconds
         Of processors' time: of the calibration, and of its picture with its errors.
@@ -79,7 +79,6 @@ class Outcome:
     geometry: bool
     moved: bool
     doubts: list[str]
-    discrepancy: float
     overdispersion: float
     seconds: list[float]
 
@@ -177,7 +176,6 @@ class Trial:
             geometry=geometry,
             moved=found.moved,
             doubts=list(found.doubts),
-            discrepancy=found.discrepancy,
             overdispersion=found.overdispersion,
             seconds=[calibrated - begun, recovered - calibrated],
         )

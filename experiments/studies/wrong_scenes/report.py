@@ -100,7 +100,6 @@ def numbers_of(outcome: Outcome) -> dict[str, Any]:
         "moved": outcome.moved,
         "trusted": outcome.trusted,
         "doubts": "; ".join(outcome.doubts),
-        "discrepancy": round(outcome.discrepancy, 2),
         "overdispersion": round(outcome.overdispersion, 2),
         "calibration_seconds": round(outcome.seconds[0], 1),
         "reconstruction_seconds": round(outcome.seconds[1], 1),
