@@ -29,7 +29,7 @@ def outcome(seed, *, subject="plate", sbr=10.0, factor=1.0, doubts=(), correlate
         true_values=np.zeros(numbers), start=rng.standard_normal(numbers),
         ruler_errors=np.ones(numbers), values=factor * errors * off, standard_errors=errors,
         determined=errors < 0.7, correlation=correlation, truth=truth, images=images, light=light,
-        image_errors=patch_errors, geometry=True, moved=True, doubts=list(doubts), discrepancy=1.5,
+        image_errors=patch_errors, geometry=True, moved=True, doubts=list(doubts),
         overdispersion=1.1, seconds=[10.0, 2.0],
     )  # fmt: skip
 
