@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
+    from dask import config
     from distributed import Client
 
 Shared = TypeVar("Shared")
@@ -32,6 +33,7 @@ def connect(scheduler: str | None) -> Iterator[Client]:
     workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers of
     the same versions.
     """
+    from dask import config
     from distributed import Client
     from threadpoolctl import threadpool_limits
 
@@ -45,7 +47,8 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                 yield client
             return
         try:
-            client = Client(scheduler, timeout=10)
+            with config.set(scheduler=None):  # a client that fails to connect leaves its own
+                client = Client(scheduler, timeout=10)
         except Exception as error:  # of whatever listens there
             raise PeriscopyError(
                 f"no Dask scheduler answers at '{scheduler}'; start one by `dask scheduler`, and "
