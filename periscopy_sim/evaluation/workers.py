@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
-    from dask import config
     from distributed import Client
 
 Shared = TypeVar("Shared")
