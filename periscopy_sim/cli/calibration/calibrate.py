@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 DISTRUSTED = (
     "Look at the picture. Measure again what is named above, free fewer parameters (--free), leave "
-    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off). "
-    "Until then the scene as measured is the better guess."
+    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off)."
 )
 """What to do with a calibration that is not to be trusted."""
 
