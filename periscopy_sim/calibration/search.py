@@ -5,8 +5,7 @@ doubt leaves the prior, and goes on as it counts for more and more (a homotopy: 
 Visual Reconstruction, 1987). What the photographs leave open stays where the prior is centred. So
 descents with centres that are drawn from the prior end in different places that explain the
 photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
-2014). The image that the noise-aware method recovers there tells which is right: it is not
-negative, and of little variation.
+2014). The noise-aware method's objective at these ends chooses among them.
 """
 
 from __future__ import annotations
@@ -48,12 +47,10 @@ LONGEST = 3.0
 Visit = Callable[[Look], None]
 
 
-def descend(
-    level: ResolutionLevel, start: Look, steps: int, temperature: float, visit: Visit
-) -> Look:
-    """Return the look at the end of so many steps of Levenberg and Marquardt's method."""
+def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visit) -> Look:
+    """Return the look after at most `STEPS` steps of Levenberg and Marquardt's method."""
     look, damping = replace(start, temperature=temperature), DAMPING
-    for _ in range(steps):
+    for _ in range(STEPS):
         if look.predicted_gain < NEGLIGIBLE:
             break
         for _ in range(TRIALS):
@@ -129,7 +126,7 @@ class Search:
         """Return the look where the fine level leads from a point, at its own temperature."""
         look = self._cooled(1, self.fine, point, FINE_COOLING)
         temperature = self.fine.temperature(look)
-        return descend(self.fine, look, STEPS, temperature, lambda look: self.visit(1, look))
+        return descend(self.fine, look, temperature, lambda look: self.visit(1, look))
 
     def _cooled(
         self, number: int, level: ResolutionLevel, point: Array, cooling: Sequence[float]
@@ -140,7 +137,7 @@ class Search:
         look = level.look(point)
         visit(look)
         for temperature in cooling:
-            look = descend(level, look, STEPS, temperature, visit)
+            look = descend(level, look, temperature, visit)
         return look
 
     def judge(self, point: Array) -> float:
@@ -148,7 +145,8 @@ class Search:
 
             J = Σ_c F log ‖y⊥_c − A⊥ f̂_c‖² + λ Σ ‖∇f̂‖ + penalty,
 
-        for each unknown image. The noise is eliminated; the smaller J, the better.
+        summed over the photographs, whose images all count as unknown. The noise is eliminated; the
+        smaller J, the better.
         """
         level = self.whole
         A, Q = level.bright_transport(point), level.background
@@ -157,8 +155,7 @@ class Search:
         channels = np.hstack([group.light for group in level.groups]).T
         objective = level.penalty(point)
         for light in channels.reshape(-1, 3, len(A)):
-            planes = light.T[None]
-            (evidence,) = method.evidence(planes)
+            (evidence,) = method.evidence(light.T[None])
             solution, _ = method.recover(evidence)
             f = solution.image
             rest = light - (A @ f.reshape(-1, 3)).T

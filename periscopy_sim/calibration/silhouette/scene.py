@@ -51,10 +51,10 @@ def write_masked_scene(
     write_ply(mesh, TriangleMesh(vertices, whole.faces))
 
     doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
-    told = {**values, **({CALIBRATED: doubted.text()} if solution.doubts else {})}
+    defaults = {**values, **({CALIBRATED: doubted.text()} if solution.doubts else {})}
 
     def write(name: str) -> None:
-        text = with_mesh(path, solution.name, name, told, copy.parent, remark)
+        text = with_mesh(path, solution.name, name, defaults, copy.parent, remark)
         copy.write_text(text, encoding="utf-8")
 
     write(mesh.name)
