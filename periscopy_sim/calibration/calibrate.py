@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
 from periscopy_sim.calibration.problem import CalibrationProblem
@@ -28,7 +29,7 @@ from periscopy_sim.shipped import find_scene
 Image = NDArray[np.floating[Any]]
 Report = Callable[[float], None]
 
-FINE_LOOK = 4
+FINE_LOOK = 8
 """Times as long as a coarse look takes."""
 
 
@@ -143,7 +144,7 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
-    search = Search(coarse, fine, problem.whole(), seed, path.add)
+    search = Search(coarse, fine, seed, path.add)
     end = search.best() if problem.has_unknown_images else search.followed(fine.center)
     gain, κ = end.point[len(names) :], end.temperature
     measured = fine.look(np.append(problem.centers, gain), κ)
@@ -186,7 +187,8 @@ class _Path:
 
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
         coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
-        self._expected = STEPS * (coarse + FINE_LOOK * len(FINE_COOLING))
+        followed = 2 if problem.has_unknown_images else 1
+        self._expected = STEPS * (coarse + FINE_LOOK * followed * len(FINE_COOLING))
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [])
 
@@ -211,7 +213,9 @@ class _Path:
 
 def _colour_matrix(look: Look) -> Array:
     """Return the colour matrix, (3, 3), of the first picture that is known."""
-    M = look.explanations[0].coefficients.T
+    known = look.explanations[0]
+    assert isinstance(known, SmoothExplanation)
+    M = known.coefficients.T
     return np.asarray(M / M.sum(axis=1).mean())
 
 

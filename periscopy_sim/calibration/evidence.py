@@ -17,6 +17,7 @@ range(B) out. Each α_c minimizes E_c. The mean is x̂ = W z/(μ + α).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -44,14 +45,104 @@ RIDGE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Images:
+class Explanation(ABC):
+    """Photographs of C channels explained by a transport matrix, images and ambient light.
+
+    Attributes
+    ----------
+    evidence
+        Σ E_c: a difference of 2 is a likelihood ratio of e. Less is better.
+    noise
+        (C,) σ_c.
+    lights
+        (N, C) light of the patches.
+    residual
+        (M, C) y⊥ − A⊥ f̂.
+    unexplained
+        Its root mean square over that of y⊥.
+    background
+        (M, r) orthonormal basis of range(B).
+    """
+
+    evidence: float
+    noise: Array
+    lights: Array
+    residual: Array
+    unexplained: float
+    background: Array
+
+    @property
+    @abstractmethod
+    def volume(self) -> Matrix:
+        """(M, N) derivative by the entries of A of half of what is no misfit."""
+
+    def motion(self, light: Matrix) -> Array:
+        """Return how photographs change with more light on the wall, (..., M, C), over σ."""
+        Q = self.background
+        return np.asarray((light - Q @ (Q.T @ light)) / self.noise)
+
+    def slope(self, motion: Array, volume: float) -> float:
+        """Return the derivative of half the evidence along a change dA of the matrix, (M, N).
+
+        dE/2 = Σ_c −r_cᵀ dA f̂_c / σ_c² + ⟨volume, dA⟩, the rest at its best. `motion` is that of
+        dA f̂, and `volume` is ⟨self.volume, dA⟩.
+        """
+        return float(volume - np.einsum("mc,mc,c->", self.residual, motion, 1 / self.noise))
+
+    @abstractmethod
+    def beyond_image(self, motion: Array) -> Array:
+        """Return what no hidden image can follow of motions, (P, M, C).
+
+        J̃ = J⊥ − A⊥ H⁻¹ A⊥ᵀ J⊥, H the curvature by the image. The information on two parameters is
+        the product of one's J̃ and the other's `motion` (Kaufman, BIT 15, 1975).
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothExplanation(Explanation):
+    """Photographs explained by smooth images.
+
+    Attributes
+    ----------
+    coefficients
+        (J, C) x̂.
+    ratios
+        (C,) α_c.
+    """
+
+    coefficients: Array
+    ratios: Array
+    _basis: Any
+    _columns: Array  # (M, J) X⊥
+    _modes: tuple[Array, Array]  # μ (J,), W (J, J)
+
+    @cached_property
+    def volume(self) -> Matrix:
+        """(M, N) derivative of Σ_c Σ log(1 + μ/α_c) / 2 by the entries of A."""
+        μ, W = self._modes
+        weights = (1 / (μ[:, None] + self.ratios)).sum(axis=1)
+        volume = self._columns.astype(np.float32) @ ((W * weights) @ W.T).astype(np.float32)
+        return np.asarray((self._basis @ volume.T).T, np.float32)
+
+    def beyond_image(self, motion: Array) -> Array:
+        """Return what no hidden image can follow of motions, with H = X⊥ᵀX⊥ + α K."""
+        (μ, W), beyond = self._modes, np.empty_like(motion)
+        for c, α in enumerate(self.ratios):
+            J = motion[:, :, c].T
+            modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
+            beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
+        return beyond
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothImages:
     """What the monitor may have shown: f = S x, x ~ N(0, K⁻¹/α)."""
 
     basis: Any  # (N, J) S, sparse or dense
     precision: Array  # (J, J) K
 
     @classmethod
-    def hats(cls, shape: tuple[int, int], coarse: tuple[int, int]) -> Images:
+    def hats(cls, shape: tuple[int, int], coarse: tuple[int, int]) -> SmoothImages:
         """Return smooth sums of (r, c) bilinear hat functions, at (R, C) patches.
 
         As many hats as patches are the patches. Images of patches cannot follow a shift by half a
@@ -61,7 +152,7 @@ class Images:
         return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
 
     @classmethod
-    def shown(cls, picture: Matrix) -> Images:
+    def shown(cls, picture: Matrix) -> SmoothImages:
         """Return a known picture, (R, C, 3), in any mixture of its colours.
 
         A PhotographError says that it is black.
@@ -71,6 +162,45 @@ class Images:
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
         return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(3))
+
+    def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
+        """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
+
+        The background is an orthonormal basis of range(B), (M, r).
+        """
+        Q = background
+        # In single precision weak patterns would explain more than there is.
+        X = np.ascontiguousarray((self.basis.T @ A.T).T, np.float64)
+        X -= Q @ (Q.T @ X)
+        y_free = y - Q @ (Q.T @ y)
+        gram = X.T @ X
+        unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
+        μ, W = linalg.eigh(gram / unit, self.precision, check_finite=False)
+        μ = np.maximum(μ, 0) * unit
+        z = W.T @ (X.T @ y_free)
+        freedom = len(y) - Q.shape[1]
+        # A photograph without noise still has finite precision.
+        energy = np.einsum("mc,mc->c", y_free, y_free)
+        energy += freedom * ROUNDING**2 * float(np.mean(y**2))
+        best = [
+            _best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)
+        ]
+        ratios = unit * np.array([α for α, _, _ in best])
+        coefficients = W @ (z / (μ[:, None] + ratios))
+        residual = y_free - X @ coefficients
+        return SmoothExplanation(
+            evidence=sum(E for _, _, E in best),
+            noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
+            lights=np.asarray(self.basis @ coefficients),
+            residual=residual,
+            unexplained=float(np.linalg.norm(residual) / (np.linalg.norm(y_free) or 1.0)),
+            background=Q,
+            coefficients=coefficients,
+            ratios=ratios,
+            _basis=self.basis,
+            _columns=X,
+            _modes=(μ, W),
+        )
 
 
 def smoothness(shape: tuple[int, int]) -> Array:
@@ -96,111 +226,6 @@ def _hats_along(size: int, count: int) -> Any:
     """Return the heights, (size, count), of a row of hats at the middles of patches."""
     places = (np.arange(size) + 0.5) * count / size - 0.5
     return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Photographs explained by a transport matrix, images of one kind and ambient light.
-
-    Attributes
-    ----------
-    evidence
-        Σ E_c: a difference of 2 is a likelihood ratio of e. Less is better.
-    noise
-        (C,) σ_c.
-    coefficients, lights
-        (J, C) x̂, and (N, C) the light of the patches, S x̂.
-    residual
-        (M, C) y⊥ − A⊥ S x̂.
-    ratios
-        (C,) α_c.
-    """
-
-    evidence: float
-    noise: Array
-    coefficients: Array
-    lights: Array
-    residual: Array
-    ratios: Array
-    _basis: Any
-    _columns: Array  # (M, J) X⊥
-    _background: Array  # (M, r) orthonormal basis of range(B)
-    _modes: tuple[Array, Array]  # μ (J,), W (J, J)
-
-    @property
-    def unexplained(self) -> float:
-        """Fraction of y⊥, root mean square, that stays unexplained."""
-        whole = self.residual + self._columns @ self.coefficients
-        return float(np.linalg.norm(self.residual) / np.linalg.norm(whole))
-
-    @cached_property
-    def volume(self) -> Matrix:
-        """(M, N) derivative of Σ_c Σ log(1 + μ/α_c) / 2 by the entries of A."""
-        μ, W = self._modes
-        weights = (1 / (μ[:, None] + self.ratios)).sum(axis=1)
-        volume = self._columns.astype(np.float32) @ ((W * weights) @ W.T).astype(np.float32)
-        return np.asarray((self._basis @ volume.T).T, np.float32)
-
-    def motion(self, light: Matrix) -> Array:
-        """Return how photographs change with more light on the wall, (..., M, C), over σ."""
-        Q = self._background
-        return np.asarray((light - Q @ (Q.T @ light)) / self.noise)
-
-    def slope(self, motion: Array, volume: float) -> float:
-        """Return the derivative of half the evidence along a change dA of the matrix, (M, N).
-
-        dE/2 = Σ_c −r_cᵀ dA S x̂_c / σ_c² + ⟨volume, dA⟩, α_c fixed. `motion` is that of dA S x̂, and
-        `volume` is ⟨self.volume, dA⟩.
-        """
-        return float(volume - np.einsum("mc,mc,c->", self.residual, motion, 1 / self.noise))
-
-    def beyond_image(self, motion: Array) -> Array:
-        """Return what no hidden image can follow of motions, (P, M, C).
-
-        J̃ = J⊥ − X⊥ H⁻¹ X⊥ᵀ J⊥, H = X⊥ᵀX⊥ + α K. The information on two parameters is the product
-        of one's J̃ and the other's `motion` (Kaufman, BIT 15, 1975).
-        """
-        (μ, W), beyond = self._modes, np.empty_like(motion)
-        for c, α in enumerate(self.ratios):
-            J = motion[:, :, c].T
-            modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
-            beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
-        return beyond
-
-
-def explain(A: Matrix, background: Array, y: Array, images: Images) -> Explanation:
-    """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
-
-    The background is an orthonormal basis of range(B), (M, r).
-    """
-    Q = background
-    # In single precision weak patterns would explain more than there is.
-    X = np.ascontiguousarray((images.basis.T @ A.T).T, np.float64)
-    X -= Q @ (Q.T @ X)
-    y_free = y - Q @ (Q.T @ y)
-    gram = X.T @ X
-    unit = np.trace(gram) / len(gram) or 1.0  # of darkness, which explains nothing
-    μ, W = linalg.eigh(gram / unit, images.precision, check_finite=False)
-    μ = np.maximum(μ, 0) * unit
-    z = W.T @ (X.T @ y_free)
-    freedom = len(y) - Q.shape[1]
-    # A photograph without noise still has finite precision.
-    energy = np.einsum("mc,mc->c", y_free, y_free) + freedom * ROUNDING**2 * float(np.mean(y**2))
-    best = [_best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)]
-    ratios = unit * np.array([α for α, _, _ in best])
-    coefficients = W @ (z / (μ[:, None] + ratios))
-    return Explanation(
-        evidence=sum(E for _, _, E in best),
-        noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
-        coefficients=coefficients,
-        lights=np.asarray(images.basis @ coefficients),
-        residual=y_free - X @ coefficients,
-        ratios=ratios,
-        _basis=images.basis,
-        _columns=X,
-        _background=Q,
-        _modes=(μ, W),
-    )
 
 
 def _best_ratio(

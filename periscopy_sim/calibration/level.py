@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from periscopy_sim.calibration.evidence import Explanation, Images, explain
+from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
+from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 DEGREE, SPREAD = 2, 0.07
 """Of the gain over the wall: the degree of its polynomial, the deviation of each coefficient."""
-
-BLOCKS = (10, 5)
-"""Along each side of the photograph: residuals are independent between blocks of either size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +23,7 @@ class Group:
     """Photographs of one kind of image: (M, C) light of C channels in the pixels used."""
 
     light: Array
-    images: Images
+    images: SmoothImages | SharpImages
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,11 @@ class Look:
     @property
     def objective(self) -> float:
         """Twice the negative logarithm of the tempered posterior density, less a constant."""
-        return self.evidence / self.temperature + self.penalty
+        return self.objective_at(self.temperature)
+
+    def objective_at(self, temperature: float) -> float:
+        """Return the objective at another temperature."""
+        return self.evidence / temperature + self.penalty
 
     @property
     def downhill(self) -> Array:
@@ -160,7 +162,7 @@ class ResolutionLevel:
         return evidence / temperature + self.penalty(point)
 
     def _explain(self, A: Matrix) -> tuple[Explanation, ...]:
-        return tuple(explain(A, self.background, g.light, g.images) for g in self.groups)
+        return tuple(g.images.explain(A, self.background, g.light) for g in self.groups)
 
     def look(self, point: Array, temperature: float = 1.0) -> Look:
         """Return what the photographs say at a point; a SceneError says that it is no scene."""
@@ -194,26 +196,3 @@ class ResolutionLevel:
             beyond=free,
             temperature=temperature,
         )
-
-    def temperature(self, look: Look) -> float:
-        """Return the temperature κ that the residual of a look asks for.
-
-        It is how many times more the slope varies from place to place than white noise makes it, in
-        the mean over what the photographs tell of the parameters, tr(H⁻¹J)/tr(H⁻¹I), at least 1
-        (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012): J is the spread of the scores, I
-        the information, H both that and the prior's.
-        """
-        look = replace(look, temperature=1.0)
-        H = look.curvature()
-        informed = np.trace(np.linalg.solve(H, look.information))
-        errors = np.concatenate([each.residual / each.noise for each in look.explanations], axis=1)
-        pull = np.linalg.solve(H, np.einsum("pmc,mc->p", look.beyond, errors))
-        errors = errors - np.einsum("p,pmc->mc", pull, look.beyond)
-        by_pixel = np.einsum("pmc,mc->mp", look.beyond, errors)
-        spreads = []
-        for count in BLOCKS:
-            row, column = ((self._places + 1) / 2 * count).astype(int)
-            scores = np.zeros((count**2, len(H)))
-            np.add.at(scores, row * count + column, by_pixel)
-            spreads.append(np.trace(np.linalg.solve(H, scores.T @ scores)))
-        return max(1.0, float(max(spreads) / informed)) if informed > 0 else 1.0

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.evidence import Images
+from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.level import Group, ResolutionLevel
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.prior import UncertainParameters
+from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.photograph import Photograph, blackened
@@ -30,8 +31,8 @@ MOST_PATCHES = 36
 COARSE_PIXELS, COARSE_HATS = 1000, 24
 """Pixels of the coarse level, about, and hat functions along the longer side of its images."""
 
-PIXELS_A_PATCH = 1.7
-"""Of the fine level, at least."""
+PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
+"""Of the fine level, and of the one for errors, at least."""
 
 COVERED = 0.5
 """Fraction of an averaged pixel that the mask must leave."""
@@ -106,22 +107,18 @@ class CalibrationProblem:
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
-        return self._level(COARSE_PIXELS, self._hats)
+        return self._level(COARSE_PIXELS, self._smooth)
 
     def fine(self) -> ResolutionLevel:
         """Return the level on which a search ends."""
-        return self._level(self._fine_pixels, self._hidden)
-
-    def whole(self) -> ResolutionLevel:
-        """Return the level of all pixels, by which ends of a search are judged."""
-        return self._level(LARGEST**2, self._hidden)
+        return self._level(self._fine_pixels, SharpImages(self._hidden))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
         Its images can follow a shift by a fraction of a patch, as an unknown image may.
         """
-        level = self._level(self._fine_pixels, self._hats)
+        level = self._level(self._joint_pixels, self._smooth)
         names = (*self.names, *self.uncertain.names)
         centers = np.append(self.centers, self.uncertain.values)
         errors = np.append(self.errors, self.uncertain.standard_errors)
@@ -133,22 +130,23 @@ class CalibrationProblem:
         return fitted(self.scenario.hidden_shape, MOST_PATCHES)
 
     @property
-    def _hats(self) -> tuple[int, int]:
-        return fitted(self._hidden, COARSE_HATS)
+    def _smooth(self) -> SmoothImages:
+        return SmoothImages.hats(self._hidden, fitted(self._hidden, COARSE_HATS))
 
     @property
     def _fine_pixels(self) -> float:
         return max(COARSE_PIXELS, PIXELS_A_PATCH * np.prod(self._hidden))
 
+    @property
+    def _joint_pixels(self) -> float:
+        return max(COARSE_PIXELS, JOINT_PIXELS_A_PATCH * np.prod(self._hidden))
+
     @cached_property
     def _averaged(self) -> Averaged:
         return Averaged.of(self.photographs)
 
-    def _level(self, count: float, coefficients: tuple[int, int]) -> ResolutionLevel:
-        """Return the level of every so many-th pixel, about `count` of them.
-
-        Unknown images have (r, c) coefficients: of hat functions if these are fewer than patches.
-        """
+    def _level(self, count: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
+        """Return the level of every so many-th pixel, about `count` of them."""
         averaged = self._averaged
         pixels = _thinned(averaged.pixels, count)
         scene = self._scene(pixels)
@@ -161,12 +159,11 @@ class CalibrationProblem:
             )
         light = [each[pixels] for each in averaged.light]
         groups = [
-            Group(y, Images.shown(area_average(picture, self._hidden)))
+            Group(y, SmoothImages.shown(area_average(picture, self._hidden)))
             for y, picture in zip(light, self.pictures, strict=False)
         ]
         if self.has_unknown_images:
-            images = Images.hats(self._hidden, coefficients)
-            groups.append(Group(np.hstack(light[len(self.pictures) :]), images))
+            groups.append(Group(np.hstack(light[len(self.pictures) :]), unknown))
         return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))
 
     def _scene(self, pixels: NDArray[np.bool_]) -> MovingScene:

@@ -5,26 +5,28 @@ doubt leaves the prior, and goes on as it counts for more and more (a homotopy: 
 Visual Reconstruction, 1987). What the photographs leave open stays where the prior is centred. So
 descents with centres that are drawn from the prior end in different places that explain the
 photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
-2014). The noise-aware method's objective at these ends chooses among them.
+2014). From the prior's own end and from the best of the others, descents on all edges of the image
+go on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from periscopy_sim.calibration.level import Look, ResolutionLevel
+from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of a coarse descent: colder starts end in the nearest minimum."""
 
-FINE_COOLING = 10.0, 3.0, 1.0, 1.0, 1.0
-"""Temperatures of a fine descent."""
+FINE_COOLING = 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0
+"""Temperatures of a fine descent, to that of white noise."""
 
 STEPS = 2
 """Of a descent at each temperature."""
@@ -91,77 +93,52 @@ def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Levels of the same photographs: `coarse` and `fine` to descend on, `whole` to judge by."""
+    """Levels of the same photographs: `coarse` to begin on, `fine` to end on."""
 
     coarse: ResolutionLevel
     fine: ResolutionLevel
-    whole: ResolutionLevel
     seed: int
     visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one
 
     def best(self) -> Look:
-        """Return the fine look that the noise-aware image favours.
+        """Return the best fine look that a search over the prior leads to.
 
         A SceneError says that the prior's centre is no scene.
         """
         random = np.random.default_rng(self.seed)
-        ends = [self._coarse_end(self.coarse)]
+        own, others = self._coarse_end(self.coarse), []
         for _ in range(DRAWS):
             deviation = random.standard_normal(len(self.coarse.centers))
             centers = self.coarse.centers + self.coarse.errors * deviation
             try:
-                ends.append(self._coarse_end(replace(self.coarse, centers=centers)))
+                others.append(self._coarse_end(replace(self.coarse, centers=centers)))
             except SceneError:
                 continue
-        judged = [self.judge(end) for end in ends]
-        # The prior's own end is followed whatever the judge says: it is the most likely before.
-        starts = {0, int(np.argmin(judged))}
-        looks = [self.followed(ends[k]) for k in sorted(starts)]
-        return min(looks, key=lambda look: self.judge(look.point)) if looks[1:] else looks[0]
+        look = self.followed(own)
+        if not others:
+            return look
+        other = self.followed(min(others, key=self.fine.objective))
+        # Where photographs cannot tell, the end that is likelier before them is kept.
+        hottest = max(look.temperature, other.temperature)
+        gain = look.objective_at(hottest) - other.objective_at(hottest)
+        return other if is_significant(gain, len(own)) else look
 
     def _coarse_end(self, level: ResolutionLevel) -> Array:
-        return self._cooled(0, level, level.center, COOLING).point
+        look = level.look(level.center)
+        for temperature in COOLING:
+            look = descend(level, look, temperature, partial(self.visit, 0))
+        return look.point
 
     def followed(self, point: Array) -> Look:
-        """Return the look where the fine level leads from a point, at its own temperature."""
-        look = self._cooled(1, self.fine, point, FINE_COOLING)
-        temperature = self.fine.temperature(look)
-        return descend(self.fine, look, temperature, lambda look: self.visit(1, look))
+        """Return the coldest fine look, from a point, that the prior allows.
 
-    def _cooled(
-        self, number: int, level: ResolutionLevel, point: Array, cooling: Sequence[float]
-    ) -> Look:
-        def visit(look: Look) -> None:
-            self.visit(number, look)
-
-        look = level.look(point)
-        visit(look)
-        for temperature in cooling:
-            look = descend(level, look, temperature, visit)
-        return look
-
-    def judge(self, point: Array) -> float:
-        """Return the objective of the noise-aware method at a point, the prior's penalty included.
-
-            J = Σ_c F log ‖y⊥_c − A⊥ f̂_c‖² + λ Σ ‖∇f̂‖ + penalty,
-
-        summed over the photographs, whose images all count as unknown. The noise is eliminated; the
-        smaller J, the better.
+        Parameters are expected to lie where the penalty is as large as their number. Photographs
+        that move them farther show more than the scene has: they count for less.
         """
-        level = self.whole
-        A, Q = level.bright_transport(point), level.background
-        hidden = level.scene.scenario.hidden_shape
-        method = NoiseAware(A, Q, hidden_shape=hidden, profiles=False, corrections=())
-        channels = np.hstack([group.light for group in level.groups]).T
-        objective = level.penalty(point)
-        for light in channels.reshape(-1, 3, len(A)):
-            (evidence,) = method.evidence(light.T[None])
-            solution, _ = method.recover(evidence)
-            f = solution.image
-            rest = light - (A @ f.reshape(-1, 3)).T
-            misfit = np.sum(method.fit.project_out(rest) ** 2, axis=1)
-            steps = [np.diff(f, axis=axis, append=np.take(f, [-1], axis)) for axis in (0, 1)]
-            variation = np.sqrt(np.sum(np.square(steps), axis=(0, 3))).sum()
-            freedom = len(A) - Q.shape[1]
-            objective += float(freedom * np.log(misfit).sum() + solution.weight * variation)
-        return objective
+        look = self.fine.look(point)
+        for temperature in FINE_COOLING:
+            colder = descend(self.fine, look, temperature, partial(self.visit, 1))
+            if temperature < FINE_COOLING[0] and colder.penalty > len(point):
+                break
+            look = colder
+        return look

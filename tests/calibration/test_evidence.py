@@ -11,9 +11,8 @@ from scipy import optimize, stats
 
 from periscopy_sim.calibration.evidence import (
     BRIGHTNESS,
-    Explanation,
-    Images,
-    explain,
+    SmoothExplanation,
+    SmoothImages,
     smoothness,
 )
 from periscopy_sim.errors import PhotographError
@@ -46,28 +45,28 @@ def wall() -> Wall:
 
 
 @pytest.fixture(params=["patches", "hats", "shown"])
-def images(request: pytest.FixtureRequest) -> Images:
+def images(request: pytest.FixtureRequest) -> SmoothImages:
     kinds = {
-        "patches": Images.hats(SHAPE, SHAPE),
-        "hats": Images.hats(SHAPE, COARSE),
-        "shown": Images.shown(PICTURE),
+        "patches": SmoothImages.hats(SHAPE, SHAPE),
+        "hats": SmoothImages.hats(SHAPE, COARSE),
+        "shown": SmoothImages.shown(PICTURE),
     }
     return kinds[request.param]
 
 
-def columns(A: Array, images: Images) -> Array:
+def columns(A: Array, images: SmoothImages) -> Array:
     """Return X = A S."""
     return np.asarray((images.basis.T @ A.T).T)
 
 
-def covariance(wall: Wall, A: Array, images: Images, ratio: float) -> tuple[Array, Array]:
+def covariance(wall: Wall, A: Array, images: SmoothImages, ratio: float) -> tuple[Array, Array]:
     """Return a photograph's covariance over σ² beyond range(B), and a basis of that space."""
     beyond = np.linalg.svd(wall.Q)[0][:, LIGHTS:]
     X = beyond.T @ columns(A, images)
     return np.eye(len(X)) + X @ np.linalg.solve(images.precision, X.T) / ratio, beyond
 
 
-def density(wall: Wall, A: Array, images: Images, c: int, ratio: float) -> float:
+def density(wall: Wall, A: Array, images: SmoothImages, c: int, ratio: float) -> float:
     """Return -2 log of the density of a channel's y beyond range(B), σ at its best."""
     S, beyond = covariance(wall, A, images, ratio)
     rest = beyond.T @ wall.y[:, c]
@@ -81,7 +80,7 @@ def constant() -> float:
     return float(freedom * (1 + np.log(2 * np.pi) - np.log(freedom)))
 
 
-def evidence(wall: Wall, A: Array, images: Images) -> float:
+def evidence(wall: Wall, A: Array, images: SmoothImages) -> float:
     """Return the sum over channels of the dense evidence, α by a plain search."""
     unit = np.sum(columns(A - wall.Q @ (wall.Q.T @ A), images) ** 2) / images.precision.shape[0]
     total = 0.0
@@ -94,8 +93,8 @@ def evidence(wall: Wall, A: Array, images: Images) -> float:
     return total
 
 
-def explained(wall: Wall, images: Images, A: Array | None = None) -> Explanation:
-    return explain(wall.A if A is None else A, wall.Q, wall.y, images)
+def explained(wall: Wall, images: SmoothImages, A: Array | None = None) -> SmoothExplanation:
+    return images.explain(wall.A if A is None else A, wall.Q, wall.y)
 
 
 def test_smoothness_sums_squares_of_differences_with_darkness_around() -> None:
@@ -110,14 +109,16 @@ def test_hats_make_any_bilinear_image() -> None:
     """Between the middles of the outermost hats; as many hats as patches are the patches."""
     down, across = (np.arange(size) for size in (4, 6))
     heights = 1 + 2 * down[:, None] + 3 * across + 0.5 * down[:, None] * across
-    fine = (Images.hats((8, 12), (4, 6)).basis @ heights.ravel()).reshape(8, 12)
+    fine = (SmoothImages.hats((8, 12), (4, 6)).basis @ heights.ravel()).reshape(8, 12)
     u, v = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (8, 12))
     expected = 1 + 2 * u[:, None] + 3 * v + 0.5 * u[:, None] * v
     np.testing.assert_allclose(fine[1:-1, 1:-1], expected[1:-1, 1:-1])
-    np.testing.assert_array_equal(Images.hats(SHAPE, SHAPE).basis.toarray(), np.eye(PATCHES))
+    np.testing.assert_array_equal(SmoothImages.hats(SHAPE, SHAPE).basis.toarray(), np.eye(PATCHES))
 
 
-def test_evidence_and_noise_are_those_of_the_dense_gaussian(wall: Wall, images: Images) -> None:
+def test_evidence_and_noise_are_those_of_the_dense_gaussian(
+    wall: Wall, images: SmoothImages
+) -> None:
     other = wall.A + 0.2 * wall.changes[0]
     explanation = explained(wall, images)
     for A in (wall.A, other):
@@ -130,7 +131,7 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(wall: Wall, images: 
         assert explanation.noise[c] == pytest.approx(noise, rel=1e-5)
 
 
-def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: Images) -> None:
+def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: SmoothImages) -> None:
     explanation, h = explained(wall, images), 1e-5
     for change in wall.changes:
         light = change @ explanation.lights
@@ -144,7 +145,7 @@ def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: Images
         assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=1e-4, abs=1e-3)
 
 
-def test_information_is_of_what_no_image_can_follow(wall: Wall, images: Images) -> None:
+def test_information_is_of_what_no_image_can_follow(wall: Wall, images: SmoothImages) -> None:
     explanation = explained(wall, images)
     motion = explanation.motion(np.array([change @ explanation.lights for change in wall.changes]))
     information = np.einsum("imc,jmc->ij", explanation.beyond_image(motion), motion)
@@ -156,23 +157,23 @@ def test_information_is_of_what_no_image_can_follow(wall: Wall, images: Images) 
     np.testing.assert_allclose(information, expected, rtol=1e-6)
 
 
-def test_ambient_light_of_any_strength_changes_nothing(wall: Wall, images: Images) -> None:
+def test_ambient_light_of_any_strength_changes_nothing(wall: Wall, images: SmoothImages) -> None:
     light = 1e3 * wall.Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))
     dark = explained(wall, images)
-    lit = explain(wall.A, wall.Q, wall.y + light, images)
+    lit = images.explain(wall.A, wall.Q, wall.y + light)
     assert lit.evidence == pytest.approx(dark.evidence, abs=1e-4)
     np.testing.assert_allclose(lit.lights, dark.lights, atol=1e-6)
 
 
-def test_units_shift_the_evidence_alone(wall: Wall, images: Images) -> None:
-    one, other = explained(wall, images), explain(wall.A, wall.Q, 1e4 * wall.y, images)
+def test_units_shift_the_evidence_alone(wall: Wall, images: SmoothImages) -> None:
+    one, other = explained(wall, images), images.explain(wall.A, wall.Q, 1e4 * wall.y)
     shift = 3 * (PIXELS - LIGHTS) * 2 * np.log(1e4)
     assert other.evidence - one.evidence == pytest.approx(shift, rel=1e-9)
     np.testing.assert_allclose(other.lights, 1e4 * one.lights, rtol=1e-5)
     assert other.unexplained == pytest.approx(one.unexplained)
 
 
-def test_a_black_channel_is_explained_by_darkness(wall: Wall, images: Images) -> None:
+def test_a_black_channel_is_explained_by_darkness(wall: Wall, images: SmoothImages) -> None:
     wall.y[:, 1] = 0
     found = explained(wall, images)
     assert np.isfinite(found.evidence)
@@ -183,11 +184,11 @@ def test_a_known_picture_in_mixed_colours_is_explained_to_the_noise(wall: Wall) 
     mixture = np.array([[0.9, 0.2, 0.1], [0.1, 0.8, 0.2], [0, 0.3, 0.7]])
     light = wall.A @ PICTURE.reshape(-1, 3) @ mixture.T
     y = light + 1e-4 * np.random.default_rng(0).standard_normal(light.shape)
-    found = explain(wall.A, wall.Q, y, Images.shown(PICTURE))
+    found = SmoothImages.shown(PICTURE).explain(wall.A, wall.Q, y)
     np.testing.assert_allclose(found.coefficients.T, mixture, atol=1e-3)
     np.testing.assert_allclose(found.noise, 1e-4, rtol=0.3)
 
 
 def test_a_black_picture_is_rejected() -> None:
     with pytest.raises(PhotographError):
-        Images.shown(np.zeros((*SHAPE, 3)))
+        SmoothImages.shown(np.zeros((*SHAPE, 3)))

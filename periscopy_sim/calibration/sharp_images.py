@@ -1,0 +1,133 @@
+"""Unknown images that are nonnegative and have few edges, and photographs explained by them.
+
+    E = F Σ_c log ‖y⊥_c − A⊥ f̂_c‖² + 6 N log(‖A⊥‖_F Σ ‖∇f̂‖),   f̂ ≥ 0
+
+is twice the negative logarithm of a posterior density, less a constant, where it is largest. The
+noise is white, with F dimensions beyond the ambient light and an unknown σ_c. The density of the
+3 N values of an image is proportional to λ^(3 N) exp(−λ Σ ‖∇f‖) with an unknown λ. At the maximum
+
+    σ_c² = ‖y⊥_c − A⊥ f̂_c‖² / F,   λ = 3 N / Σ ‖∇f̂‖,
+
+and f̂ is the noise-aware image of σ and 2 λ. ‖A⊥‖_F counts edges in units of their light on the
+wall: without it, the scene that needs the darkest image would be the best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from periscopy_sim.calibration.evidence import ROUNDING, Explanation, Matrix
+from periscopy_sim.model.uncertainty import curvature_of_total_variation
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.scenario import Array
+
+ROUNDS, TOLERANCE = 4, 1e-4
+"""Images, each of the σ and λ that the one before has, and their tolerance: the slope is that of
+the evidence to a few per cent, where 3 and 1e-3 left a sixth."""
+
+REGULARIZATION = 0.01
+"""Of the first of these images, see `NoiseAware`."""
+
+DARK = 1e-4
+"""Light of a patch over the brightest, below which it stays dark as the scene changes."""
+
+
+@dataclass(frozen=True)
+class SharpImages:
+    """What a monitor of (R, C) patches may have shown; see the module."""
+
+    shape: tuple[int, int]
+
+    def explain(self, A: Matrix, background: Array, y: Array) -> SharpExplanation:
+        """Explain photographs y, (M, 3 K) of any unit, by a transport matrix A, (M, N).
+
+        The background is an orthonormal basis of range(B), (M, r).
+        """
+        method = NoiseAware(
+            A,
+            background,
+            hidden_shape=self.shape,
+            profiles=False,
+            corrections=(),
+            tolerance=TOLERANCE,
+        )
+        freedom, dimensions = len(A) - background.shape[1], 3 * A.shape[1]
+        darkest = ROUNDING * np.sqrt(np.mean(y**2))
+        y_free = method.fit.project_out(y.T)
+        evidence, images, residuals, noises = 0.0, [], [], []
+        for light in y.T.reshape(-1, 3, len(A)):
+            (shown,) = method.evidence(light.T[None])
+            method.regularization, split = REGULARIZATION, None
+            for _ in range(ROUNDS):
+                solution, split = method.recover(shown, start=split)
+                image = solution.image
+                residual = method.fit.project_out(light - (A @ image.reshape(-1, 3)).T)
+                noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
+                variation = _variation(image) + darkest / method.fit.norm
+                λ = 2 * dimensions / variation
+                shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
+                method.regularization = λ * float(noise.mean()) / method.fit.norm
+            evidence += 2 * freedom * float(np.log(noise).sum())
+            evidence += 2 * dimensions * np.log(method.fit.norm * variation)
+            images.append(image)
+            residuals.append(residual)
+            noises.append(noise)
+        return SharpExplanation(
+            evidence=evidence,
+            noise=np.concatenate(noises),
+            lights=np.hstack([image.reshape(-1, 3) for image in images]),
+            residual=np.concatenate(residuals).T.astype(np.float64),
+            unexplained=float(np.linalg.norm(residuals) / (np.linalg.norm(y_free) or 1.0)),
+            background=background,
+            images=tuple(images),
+            columns=A - background @ (background.T @ A),
+        )
+
+
+def _variation(image: Array) -> float:
+    """Return Σ ‖∇f‖ of an image, (R, C, 3), over both directions and all colours."""
+    steps = [np.diff(image, axis=axis, append=np.take(image, [-1], axis)) for axis in (0, 1)]
+    return float(np.sqrt(np.sum(np.square(steps), axis=(0, 3))).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SharpExplanation(Explanation):
+    """Photographs explained by a transport matrix, images of few edges and ambient light.
+
+    Attributes
+    ----------
+    images
+        K of (R, C, 3) f̂.
+    columns
+        (M, N) A⊥.
+    """
+
+    images: tuple[Array, ...]
+    columns: Array
+
+    @cached_property
+    def volume(self) -> Matrix:
+        """(M, N) derivative of 3 N log ‖A⊥‖_F by the entries of A, of all photographs."""
+        weight = 3 * self.columns.shape[1] * len(self.images) / np.sum(self.columns**2)
+        return np.asarray(weight * self.columns, np.float32)
+
+    def beyond_image(self, motion: Array) -> Array:
+        """Return what no hidden image can follow of motions, (P, M, C).
+
+        As for `SmoothExplanation`, with the curvature of total variation at f̂, in the patches that
+        are lit.
+        """
+        beyond, gram = np.empty_like(motion), self.columns.T @ self.columns
+        for k, image in enumerate(self.images):
+            λ = 2 * image.size / _variation(image)
+            stiffness = curvature_of_total_variation(image, λ).toarray()
+            for c, values in enumerate(image.reshape(-1, 3).T, 3 * k):
+                lit = values > DARK * image.max()
+                X, J = self.columns[:, lit], motion[:, :, c].T
+                H = gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
+                beyond[:, :, c] = (J - X @ linalg.solve(H, X.T @ J, assume_a="pos")).T
+        return beyond

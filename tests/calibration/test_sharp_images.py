@@ -1,0 +1,80 @@
+"""Images of few edges: the derivatives of their evidence, units, and a black photograph."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from periscopy_sim.calibration.sharp_images import SharpImages
+
+Array = NDArray[np.float64]
+
+SHAPE = (6, 5)
+PATCHES, PIXELS, LIGHTS = 30, 200, 4
+
+
+@pytest.fixture
+def wall() -> tuple[Array, Array, Array]:
+    """A, a basis of ambient light, and photographs of two pictures with black parts."""
+    random = np.random.default_rng(5)
+    A = random.random((PIXELS, PATCHES)) ** 4
+    Q = np.linalg.qr(random.random((PIXELS, LIGHTS)))[0]
+    f = np.kron(random.random((3, 5)) > 0.5, np.ones((2, 1))).ravel()
+    lights = f[:, None] * random.random(6)
+    y = A @ lights + Q @ random.random((LIGHTS, 6))
+    return A, Q, y + 0.01 * random.standard_normal(y.shape)
+
+
+def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array]) -> None:
+    A, Q, y = wall
+    change = 0.1 * np.random.default_rng(0).standard_normal(A.shape) * A
+    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    volume = float(np.vdot(explanation.volume, change))
+    slope = explanation.slope(explanation.motion(change @ explanation.lights), volume)
+    h = 1e-3
+    sides = [SharpImages(SHAPE).explain(A + s * change, Q, y).evidence / 2 for s in (h, -h)]
+    assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=0.1)
+
+
+def test_the_image_is_the_pictures_and_never_negative(wall: tuple[Array, Array, Array]) -> None:
+    A, Q, y = wall
+    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    assert explanation.lights.min() >= 0
+    np.testing.assert_allclose(explanation.noise, 0.01, rtol=0.3)
+    assert np.linalg.norm(explanation.residual) < 0.1 * np.linalg.norm(y - Q @ (Q.T @ y))
+
+
+def test_units_of_light_and_matrix_shift_the_evidence_alone(
+    wall: tuple[Array, Array, Array],
+) -> None:
+    """A brighter matrix is no better; photographs in another unit keep what differs."""
+    A, Q, y = wall
+    images, moved = SharpImages(SHAPE), A + 0.1 * A[::-1]
+    one, other = images.explain(A, Q, y), images.explain(moved, Q, y)
+    brighter, scaled = images.explain(100 * A, Q, y), images.explain(A, Q, 1e4 * y)
+    scaled_other = images.explain(moved, Q, 1e4 * y)
+    assert brighter.evidence == pytest.approx(one.evidence, abs=0.5)
+    difference = other.evidence - one.evidence
+    assert scaled_other.evidence - scaled.evidence == pytest.approx(difference, abs=0.5)
+
+
+def test_what_the_image_can_follow_is_no_information(wall: tuple[Array, Array, Array]) -> None:
+    """Light of a lit patch is followed; light that no patch throws is not."""
+    A, Q, y = wall
+    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    lit = int(np.argmax(explanation.lights[:, 0]))
+    strange = np.random.default_rng(1).standard_normal(PIXELS)
+    lights = np.array([A[:, lit], strange])[:, :, None] * np.ones(6)
+    motion = explanation.motion(lights)
+    beyond = explanation.beyond_image(motion)
+    kept = [np.vdot(b, m) / np.vdot(m, m) for b, m in zip(beyond, motion, strict=True)]
+    assert kept[0] < 0.5 < kept[1] <= 1
+    assert kept[0] >= 0
+
+
+def test_a_channel_without_light_is_explained(wall: tuple[Array, Array, Array]) -> None:
+    A, Q, y = wall
+    y = y[:, :3].copy()
+    y[:, 1] = 0
+    assert np.isfinite(SharpImages(SHAPE).explain(A, Q, y).evidence)
