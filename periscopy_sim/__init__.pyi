@@ -51,7 +51,6 @@ from .reconstruction.preconditioned.still import Periscope, Reconstruction
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
-from .rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
 from .rendering.transport.bounced import BouncedLight, BouncedTransport, render_bounced_light
@@ -105,7 +104,6 @@ __all__ = [
     "defective_pixels",
     "develop",
     "diagnose",
-    "emitter_backgrounds",
     "find_image",
     "find_method",
     "find_scene",

@@ -51,7 +51,7 @@ def analyze(
         light = light.resolved(scenario)
         used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
-        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario, session.seed)
+        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)

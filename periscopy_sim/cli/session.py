@@ -249,7 +249,7 @@ class Session(OptionGroup):
             check_memory(self.scenario, method)
             A = self.transport(light, matrix)
         with self.timed("prototype backgrounds"):
-            B = light.backgrounds(self.scenario, self.seed)
+            B = light.backgrounds(self.scenario)
         place = str(matrix or f"scene '{self.path}'")
         with (
             self.timed("fit the method"),

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
+from periscopy_sim.rendering.variant import OVERRIDE, use_variant
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
 
@@ -22,17 +22,7 @@ FALSE_ALARMS = 1e-5
 
 @pytest.fixture(scope="session", autouse=True)
 def variant() -> str:
-    """The variant asked for by the environment, else the fastest that works."""
-    best = next(report.name for report in examine_variants() if report.works)
-    return use_variant(os.environ.get(OVERRIDE) or best)
-
-
-@pytest.fixture
-def jit(variant: str) -> None:
-    """Skip where only a scalar variant is at hand."""
-    if variant.startswith("scalar"):
-        reasons = "; ".join(f"{r.name}: {r.reason}" for r in examine_variants() if not r.works)
-        pytest.skip(f"renders with {variant} ({reasons or 'asked for'}); needs LLVM or CUDA")
+    return use_variant()
 
 
 class Room:

@@ -7,8 +7,6 @@ from periscopy_sim.rendering import paths
 from periscopy_sim.rendering.ambient.irradiance import rows_of
 from periscopy_sim.rendering.paths import DIMENSIONS, ROULETTE, SURVIVAL, PathNumbers, survivors
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 SEEDS, RAYS = range(24), 1 << 14
 MANY = 1 << 16
 ORIGINS, PARTS = 16, (32, 96)

@@ -138,21 +138,17 @@ def build_scene(
     image: NDArray[np.floating[Any]] | None = None,
     *,
     only_monitor: bool = False,
-    plain_emitter: bool = False,
 ) -> Any:
     """Instantiate the Mitsuba scene of a scenario whose monitor shows an image, or white.
 
     The image is (R, C, 3) linear radiance along the normal, of any R and C. `only_monitor` removes
-    every other emitter, `plain_emitter` the LCD's angular profile. Pixels are averaged over their
-    own area (box filter).
+    every other emitter. Pixels are averaged over their own area (box filter).
     """
     nodes = SceneNodes(scenario.path, dict(scenario.parameters))
     nodes.show(image, scenario.mirrored)
     nodes.average_pixels()
     if only_monitor:
         nodes.darken()
-    if plain_emitter:
-        nodes.drop_angular_profile()
     return nodes.instantiate()
 
 

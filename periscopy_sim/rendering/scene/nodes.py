@@ -163,14 +163,6 @@ class SceneNodes:
             }
         )
 
-    def drop_angular_profile(self) -> None:
-        """Replace the LCD by a plain area emitter (Python plugins crawl in scalar variants)."""
-        emitter = self._monitor_emitter()
-        if emitter.plugin_name() == LCD:
-            emitter.set_plugin_name("area")
-            for name in EXPONENTS:
-                del emitter[name]
-
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
         monitor = self._by_id("monitor")

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, overload
+from typing import Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.photograph import Monitor
 from periscopy_sim.rendering.transport.bounced import (
     DIRECT,
     BouncedLight,
@@ -23,12 +22,7 @@ from periscopy_sim.rendering.transport.bounced import (
     check_bouncing_wall,
 )
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
-from periscopy_sim.rendering.variant import (
-    FIXED_BLOCKS,
-    is_vectorized,
-    require_vectorized,
-    use_variant,
-)
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 
 Progress = Callable[[float], None]
@@ -85,9 +79,7 @@ def render_transport(
     """Render the light transport matrix by shadow rays, and light that bounces by paths.
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
-    each. Through a thin lens each sample sees a wall point of its own, spread over the aperture. In
-    scalar variants Mitsuba's own direct integrator renders the columns one by one, with as many
-    samples per pixel (always jittered, over the pixel's whole area); direct light only.
+    each. Through a thin lens each sample sees a wall point of its own, spread over the aperture.
 
     A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
     reconstruction filter is not used.
@@ -133,14 +125,14 @@ def render_transport(
         If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
         another shape.
     VariantError
-        If more than one bounce is asked for in a scalar variant.
+        In scalar variants.
 
     Warns
     -----
     RuntimeWarning
         Bounced light is not known well enough, see `render_bounced_light`.
     """
-    use_variant()
+    require_vectorized("the transport matrix by rays")
     alone = check_bounces(bounces) == DIRECT
     if not alone:
         check_bouncing_wall(scenario)
@@ -150,12 +142,9 @@ def render_transport(
         raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
     report = progress or (lambda _: None)
     share = 1.0 if alone else 0.1  # of the time, about
-    if not is_vectorized():
-        _render_columns(scenario, A, samples, seed, report)
-    else:
-        for rows, block in rendered.row_blocks():
-            A[rows] = block
-            report(share * rows.stop / len(A))
+    for rows, block in rendered.row_blocks():
+        A[rows] = block
+        report(share * rows.stop / len(A))
     require_light(A, scenario)
     if alone:
         return A
@@ -219,9 +208,9 @@ class RenderedTransport:
     def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
         """Yield every row once: a slice of rows and their entries, (rows, N) float32.
 
-        Scalar variants render columns only and raise a `VariantError`.
+        Scalar variants raise a `VariantError`.
         """
-        require_vectorized("rendering the transport matrix by rows")
+        require_vectorized("the transport matrix by rays")
         import drjit as dr
         import mitsuba as mi
 
@@ -239,50 +228,3 @@ class RenderedTransport:
             values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
             block = np.array(values).reshape(-1, patches)
             yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
-
-
-def _render_columns(
-    scenario: Scenario,
-    A: NDArray[np.float32],
-    samples: int,
-    seed: int,
-    progress: Callable[[float], None],
-) -> None:
-    """Fill A, (M, N), with photographs of one lit patch each, by Mitsuba's direct integrator.
-
-    The monitor is a plain area emitter. The angular profile, taken between the pixel's and the
-    patch's centre, multiplies the result: exact up to its curvature over a patch and a pixel.
-    """
-    import mitsuba as mi
-
-    if scenario.emission is None:
-        raise SceneError(
-            f"scene '{scenario.path}': in scalar variants the monitor's emitter must be an 'area' "
-            "or 'lcd' emitter; use llvm_ad_rgb or cuda_ad_rgb for any other"
-        )
-    hidden, patches = (*scenario.hidden_shape, 3), A.shape[1]
-    monitor = Monitor(scenario, scenario.hidden_shape, only_monitor=True, plain_emitter=True)
-    integrator = mi.load_dict(
-        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, **FIXED_BLOCKS}
-    )
-    profile = profile_matrix(scenario)
-    for patch in range(patches):
-        monitor.show(np.eye(1, patches, patch).T.repeat(3, 1).reshape(hidden))
-        # Seeds differ for every column, also those of neighbouring seeds.
-        own_seed = (seed * patches + patch) % 2**32
-        column = mi.render(
-            monitor.scene, sensor=monitor.camera, integrator=integrator, spp=samples, seed=own_seed
-        )
-        A[:, patch] = np.array(column).mean(axis=2).ravel() * profile[:, patch]
-        progress((patch + 1) / patches)
-
-
-def profile_matrix(scenario: Scenario) -> NDArray[Any]:
-    """Evaluate the profile, 1 along the normal, from each patch's centre to each point: (M, N)."""
-    assert scenario.emission is not None
-    axes = []
-    for axis in (scenario.patch_across, scenario.patch_up, scenario.patch_normals):
-        unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        offset = np.sum(unit * scenario.patch_centers, axis=1)
-        axes.append(scenario.wall_points @ unit.T - offset)
-    return scenario.emission(*axes)

@@ -46,4 +46,4 @@ def test_lack_of_llvm_is_warned_of_in_one_line_that_says_what_to_install():
     assert ended.stdout.splitlines()[-1] == "rendering    with scalar_rgb"
     # Dr.Jit itself complains of the path that we gave.
     warned = [line for line in ended.stderr.splitlines() if line.startswith("periscopy: ")]
-    assert len(warned) == 1 and "LLVM" in warned[0]
+    assert len(warned) == 1 and "periscopy_sim[llvm]" in warned[0]

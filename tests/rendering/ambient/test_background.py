@@ -9,8 +9,6 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.shipped import find_scene
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 COARSE = {"target": 1.0}
 LIGHT = (
     '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'

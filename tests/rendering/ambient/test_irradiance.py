@@ -9,8 +9,6 @@ from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import pixel_edges
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
 TOWARD_ROOM = np.array([0.0, -1.0, 0.0])
 ACROSS, DOWN = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])

@@ -6,8 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from periscopy_sim.scenario import EmissionProfile
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 SQUARE = (np.eye(3), (1.0, 1.0))
 WIDE = (np.eye(3), (0.4, 0.15))
 TURNED = (Rotation.from_euler("xyz", [70, -20, 35], degrees=True).as_matrix(), (0.4, 0.15))

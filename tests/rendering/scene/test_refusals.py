@@ -208,13 +208,11 @@ def test_an_alias_serves_as_the_wall(room):
         "",
     ],
 )
-@pytest.mark.usefixtures("jit")
 def test_opaque_shape_casts_the_shadow_of_a_black_one(room, bsdf):
     shadow = render_transport(room.load(room.blocker()))
     assert render_transport(room.load(room.blocker(bsdf=bsdf))).tobytes() == shadow.tobytes()
 
 
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("group", [str, grouped], ids=["shape", "instance"])
 def test_shadow_of_a_shape_and_of_an_instance_is_right(room, is_right, group):
     is_right(group(room.blocker()))
@@ -223,7 +221,6 @@ def test_shadow_of_a_shape_and_of_an_instance_is_right(room, is_right, group):
 # -- participating media -------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("jit")
 def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(room):
     plain, camera = room.load(), room.camera().replace("<film", FOG.format("medium") + "<film")
     for render in (room.load, lambda camera: render_background(room.write(camera=camera), plain)):
@@ -262,14 +259,12 @@ def screen(room, faces, name="screen"):
     )
 
 
-@pytest.mark.usefixtures("jit")
 def test_light_of_a_screen_of_two_quads_is_right(room, is_right):
     two = screen(room, [(LEFT, (0, 0.5, 0, 1)), (RIGHT, (0.5, 1, 0, 1))])
     is_right(monitor=two)
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize(
     ("kind", "inside", "to_world"),
     [

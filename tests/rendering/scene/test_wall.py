@@ -49,7 +49,6 @@ def test_pixels_that_lack_a_colour_are_left_out(room):
         room.load(wall=room.wall(checkered("0.6, 0.3, 0", "0.1, 0.3, 0", 40)))
 
 
-@pytest.mark.usefixtures("jit")
 @pytest.mark.filterwarnings("ignore:scene .* such fine detail:RuntimeWarning")
 @pytest.mark.parametrize("squares", [7, 40, 150])
 def test_texture_is_averaged_over_each_pixel(room, squares):
@@ -65,7 +64,6 @@ def test_texture_is_averaged_over_each_pixel(room, squares):
     assert error < 0.005
 
 
-@pytest.mark.usefixtures("jit")
 def test_texture_as_fine_as_noise_is_told(room, tmp_path):
     import mitsuba as mi
 

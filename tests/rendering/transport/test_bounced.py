@@ -17,8 +17,6 @@ from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, ren
 from tests.rendering.conftest import Room
 from tests.rendering.materials import SLOPE, write_files
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 SEEDS = 8
 GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
 SHINY = '<bsdf type="conductor"/>'

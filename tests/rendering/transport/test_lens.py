@@ -11,7 +11,6 @@ SEEDS = 8
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("pixel_samples", [1, 4])
 def test_blur_of_a_lens_is_in_the_matrix(room, same_mean, mitsubas, pixel_samples):
     """Pixels of 4 mm, so that their centres stand for them, blurred by 70 mm at a shadow's edge."""

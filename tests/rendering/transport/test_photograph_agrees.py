@@ -6,8 +6,6 @@ import pytest
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 SEEDS = 12
 GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
 

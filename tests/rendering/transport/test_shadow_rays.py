@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 
 def closed_form(point, corner, across, up, exponents=(18, 1), albedo=0.5):
     """Radiance of a diffuse wall at y = 1 for a parallelogram of unit normal radiance."""
