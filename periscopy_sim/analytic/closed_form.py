@@ -19,8 +19,6 @@ def emission_and_reflectance(scenario: Scenario, finer: int = 1) -> tuple[Emissi
 
     The pixels, that a lens may blur, have so many of the scenario's along each side.
     """
-    if scenario.wall_texture is not None:
-        raise refusal(scenario, "wall", "is textured; give it one reflectance")
     if scenario.wall_reflectance is None:
         raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
     if scenario.blur > SHARP * finer * _pixel_side(scenario):

@@ -127,11 +127,6 @@ def calibrate(
 
 def _check(scenario: Scenario) -> None:
     """Raise a SceneError unless the scene is one that can be calibrated."""
-    if scenario.wall_texture is not None:  # it moves in the photograph as the camera does
-        raise SceneError(
-            f"scene '{scenario.path}': calibrate does not support a textured wall; mask what is "
-            "drawn there, and give the wall one reflectance"
-        )
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "

@@ -56,7 +56,7 @@ def analyze(
         with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
             B = observed.joined(B)
-            used = observed.mask  # dark spots of a textured wall are left out, too
+            used = observed.mask
             result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
             table = [diagnostics.rank_row(seen, modelled, each) for each in TOLERANCES]

@@ -103,8 +103,6 @@ class Light(OptionGroup):
         from periscopy_sim.rendering.transport.shadow_rays import require_light
 
         bounces = self.most_bounces
-        if bounces != bounced.DIRECT:
-            bounced.check_bouncing_wall(scenario)
         if self.model is Model.analytic:
             from periscopy_sim.analytic.area_transport import pixel_transport
 

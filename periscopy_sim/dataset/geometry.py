@@ -58,14 +58,9 @@ def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
     place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
     try:
         with _rendering:
-            scenario = load_scenario(scene, configuration.hidden, draw.parameters)
+            return load_scenario(scene, configuration.hidden, draw.parameters)
     except SceneError as error:
         raise ConfigurationError(f"{place}: {error}") from error
-    if scenario.wall_texture is not None:
-        raise ConfigurationError(
-            f"{place}: the wall of {scene} is textured; data sets need one reflectance"
-        )
-    return scenario
 
 
 def geometry_of(configuration: str, number: int) -> Geometry:

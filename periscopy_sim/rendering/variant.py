@@ -10,7 +10,6 @@ import os
 import re
 import site
 import sys
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -107,11 +106,6 @@ def use_variant(name: str | None = None) -> str:
     ------
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
-
-    Warns
-    -----
-    RuntimeWarning
-        If the scalar variant, which traces no rays, is all that works here.
     """
     reports = {report.name: report for report in examine_variants()}
     import mitsuba as mi
@@ -120,9 +114,6 @@ def use_variant(name: str | None = None) -> str:
     if asked is None:
         installed = mi.variants()
         asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
-        if asked == "scalar_rgb":
-            why = reports["llvm_ad_rgb"].reason
-            warnings.warn(f"rendering with scalar_rgb: {why}", RuntimeWarning, 2)
     if asked not in mi.variants() or "_rgb" not in asked:
         usable = ", ".join(variant for variant in mi.variants() if "_rgb" in variant)
         raise VariantError(

@@ -232,11 +232,6 @@ def test_what_the_model_cannot_treat_is_refused_by_name(field, value, words):
     assert "render_transport" in str(refusal.value)
 
 
-def test_textured_wall_is_refused_by_name():
-    with pytest.raises(SceneError, match=r"shape 'wall' is textured; give it one reflectance"):
-        analytic_transport(replace(make_scenario(), wall_texture=np.ones(99)))
-
-
 def test_importing_the_model_loads_no_compiler_and_no_renderer():
     heavy = "{'numba', 'scipy', 'mitsuba', 'drjit'}"
     code = f"import sys, periscopy_sim.analytic.area_transport; print({heavy} & set(sys.modules))"

@@ -107,7 +107,6 @@ def _load(
         emission=emission,
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
         blur=wall.blur,
-        wall_texture=wall.texture,
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
     _check_facing(scenario)

@@ -79,7 +79,7 @@ class LoadedScene:
         movable = {each.name for each in self.scenario.occluders if each.vertices is not None}
         if plugins["monitor"] in MONITORS:
             movable.add("monitor")
-        if plugins["wall"] == "rectangle" and self.scenario.wall_texture is None:
+        if plugins["wall"] == "rectangle":
             movable |= {"camera", "wall"}
         if motions and not (plugins["camera"] in CAMERAS and motions.keys() <= movable):
             return None

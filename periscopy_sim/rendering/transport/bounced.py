@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
@@ -64,8 +63,8 @@ class BouncedLight:
     relative_error
         Error of a white image's photograph by this light, chance and what polynomials cannot follow
         together: root mean square over pixels and channels, relative to the whole photograph's root
-        mean square. A texture of the wall is taken as having nothing to do with where they err. Of
-        an image of which only a part s is lit, chance errs by about 1 / sqrt(s) times as much.
+        mean square. Of an image of which only a part s is lit, chance errs by about 1 / sqrt(s)
+        times as much.
     """
 
     over_wall: NDArray[np.float32]
@@ -203,8 +202,6 @@ def render_bounced_light(
 
     Raises
     ------
-    SceneError
-        If the wall is textured and not diffuse.
     ValueError
         If `bounces` is not a whole number from 2 on.
     VariantError
@@ -218,12 +215,12 @@ def render_bounced_light(
     """
     if check_bounces(bounces) == DIRECT:
         raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
-    check_bouncing_wall(scenario)
+    require_vectorized("light that bounces")
     report = progress or (lambda _: None)
     shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
-    texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
+    everywhere = np.arange(np.prod(shape))
     trace = make_tracer(scenario, sites, bounces)
-    pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
+    pixels = np.random.default_rng(seed).choice(everywhere, min(DRAWN, len(everywhere)), False)
     direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
@@ -236,9 +233,8 @@ def render_bounced_light(
         with threadpool_limits(1):  # the last bits follow the number of threads
             fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
-        whole = np.mean((direct[:, np.newaxis] + texture[pixels, np.newaxis] * white) ** 2)
-        wrong = np.mean(texture**2) * fit.squared_error[:3].mean()
-        error = float(np.sqrt(wrong / whole)) if whole else 0.0
+        whole = np.mean((direct[:, np.newaxis] + white) ** 2)
+        error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
         fraction = max(fraction, min(1.0, (target / error) ** 2) if error else 1.0)
         report(fraction)
         if error <= target:
@@ -254,9 +250,9 @@ def render_bounced_light(
         seen = total.mean(axis=0).reshape(len(sites), -1) / done
         of_patches = np.linalg.lstsq(fit.functions(sites), seen, rcond=None)[0]
         of_patches = of_patches.reshape(-1, scenario.transport_shape[1], 3)
-        functions = fit.functions(np.arange(len(texture)))
+        functions = fit.functions(everywhere)
     return BouncedLight(
-        (functions * texture[:, np.newaxis]).astype(np.float32),
+        functions.astype(np.float32),
         of_patches.transpose(2, 0, 1).astype(np.float32),
         error,
     )
@@ -286,24 +282,13 @@ def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
     return A.mean if isinstance(A, BouncedTransport) else A
 
 
-def check_bouncing_wall(scenario: Scenario) -> None:
-    """Raise a VariantError in scalar variants, a SceneError for walls textured and not diffuse."""
-    require_vectorized("light that bounces")
-    if scenario.wall_reflectance is None and scenario.wall_texture is not None:
-        raise SceneError(
-            f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
-            "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
-            "another bsdf"
-        )
-
-
 def make_tracer(
     scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
 ) -> Callable[[int], Array]:
     """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
 
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
-    radiance, as if the wall reflected its mean albedo there. `bounces` is the most reflections of a
+    radiance. `bounces` is the most reflections of a
     path, 2 or more; None for any number.
     """
     import drjit as dr
@@ -327,7 +312,7 @@ def make_tracer(
         )
         si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
         active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
-        # A texture is left to A's rows, and colour to the channels' gain.
+        # Colour is left to the channels' gain.
         where = mi.Point2f(numbers(5), numbers(6))
         if scenario.wall_reflectance is None:
             context, gain = mi.BSDFContext(), mi.Color3f(*map(float, scenario.channel_gain))

@@ -19,7 +19,6 @@ from periscopy_sim.rendering.transport.bounced import (
     BouncedTransport,
     add_bounces,
     check_bounces,
-    check_bouncing_wall,
 )
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
@@ -32,9 +31,6 @@ LANES = 1 << 22
 
 RAYS = 1 << 28
 """Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
-
-TEXTURE_SAMPLES = 16
-"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
 
 
 @overload
@@ -97,7 +93,7 @@ def render_transport(
         an odd number the middles.
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
-        averaged. A textured wall has at least `TEXTURE_SAMPLES`.
+        averaged.
     bounces
         Most reflections of the monitor's light on its way to the camera: 1 is the wall's alone,
         direct light; None is any number, as light has it. What bounces is smooth over the wall and
@@ -119,8 +115,7 @@ def render_transport(
     Raises
     ------
     SceneError
-        If no light of the monitor reaches the wall, or what bounces is not known of such a wall
-        (see `render_bounced_light`).
+        If no light of the monitor reaches the wall.
     ValueError
         If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
         another shape.
@@ -134,8 +129,6 @@ def render_transport(
     """
     require_vectorized("the transport matrix by rays")
     alone = check_bounces(bounces) == DIRECT
-    if not alone:
-        check_bouncing_wall(scenario)
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
     A = np.empty(rendered.shape, np.float32) if out is None else out
     if A.shape != rendered.shape:
@@ -214,12 +207,9 @@ class RenderedTransport:
         import drjit as dr
         import mitsuba as mi
 
-        pixel_samples = self.pixel_samples
-        if self.scenario.wall_texture is not None:
-            pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
-        entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
+        entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
         pixels, patches = self.shape
-        height = max(1, min(LANES, RAYS // (self.samples * pixel_samples)) // patches)
+        height = max(1, min(LANES, RAYS // (self.samples * self.pixel_samples)) // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)

@@ -36,7 +36,7 @@ def test_wall_that_is_rough_is_right(room, is_right, kind):
 
 def test_wall_of_uneven_bumps_is_refused(room):
     write_heights(room.folder)
-    with pytest.raises(SceneError, match=r"\(bumpmap\) changes with direction, or differently"):
+    with pytest.raises(SceneError, match=r"\(bumpmap\) changes from place to place"):
         room.load(wall=room.wall(BUMPS))
 
 

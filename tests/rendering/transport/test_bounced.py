@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
@@ -24,14 +23,6 @@ SHINY = '<bsdf type="conductor"/>'
 
 def painted(color):
     return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
-
-
-def checkered(first, second, squares):
-    return (
-        '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">'
-        f'<rgb name="color0" value="{first}"/><rgb name="color1" value="{second}"/><transform '
-        f'name="to_uv"><scale value="{squares}"/></transform></texture></bsdf>'
-    )
 
 
 def board(bsdf, *, x=1.0, y=0.5, size=0.3, angle=-90):
@@ -100,11 +91,10 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
     "wall",
     [
         painted("0.9, 0.5, 0.3"),
-        checkered("0.9, 0.8, 0.2", "0.3, 0.2, 0.4", 40),
         '<bsdf type="roughplastic"><float name="alpha" value="0.4"/></bsdf>',
         SLOPE,
     ],
-    ids=["coloured", "textured", "glossy", "sloping"],
+    ids=["coloured", "glossy", "sloping"],
 )
 def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
     write_files(room.folder)
@@ -212,17 +202,6 @@ def test_shadows_that_a_small_mirror_sends_are_warned_of(room, monkeypatch):
     with pytest.warns(RuntimeWarning, match="not smooth over the wall"):
         light = render_bounced_light(seen)
     assert light.relative_error > 1e-3
-
-
-def test_a_textured_wall_that_is_not_diffuse_is_refused(room):
-    wall = room.wall(
-        '<bsdf type="roughconductor"><float name="alpha" value="0.6"/><texture type="checkerboard" '
-        'name="specular_reflectance"><rgb name="color0" value="0.2"/><rgb name="color1" '
-        'value="0.8"/></texture></bsdf>'
-    )
-    seen = room.load(board(painted(0.8)), wall=wall)
-    with pytest.raises(SceneError, match="has a texture and is not diffuse"):
-        render_transport(seen, bounces=None)
 
 
 @pytest.mark.parametrize("bounces", [0, -1, 1.5, True, "all", np.inf])
