@@ -96,9 +96,6 @@ class Scenario:
         The monitor's angular profile where a closed form is known, else None.
     occluders
         Every shape but the wall and the monitor.
-    blur
-        Radius of the largest spot of the wall that the camera's lens shows as one point, in metres;
-        0 of a pinhole.
     wall_relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
@@ -121,7 +118,6 @@ class Scenario:
     mirrored: bool
     emission: EmissionProfile | None
     occluders: tuple[Occluder, ...] = field(repr=False)
-    blur: float = 0.0
     wall_relief: float = 0.0
     loader: Callable[[Mapping[str, str]], Scenario] | None = field(default=None, repr=False)
 

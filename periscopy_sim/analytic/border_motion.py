@@ -23,7 +23,7 @@ from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gat
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
-PART = 1e-5
+PART = float(np.cbrt(np.finfo(np.float64).eps))
 """Of a parameter's move by which light within a border is differenced, in double precision."""
 
 

@@ -20,8 +20,8 @@ from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 

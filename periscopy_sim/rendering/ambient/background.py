@@ -65,17 +65,9 @@ class Background:
         Relative standard error of that factor; the root of both squares' sum is the whole error.
     """
 
-    photograph: Array
+    photograph: Array = field(repr=False)
     relative_error: float
     brightness_error: float
-
-    def __repr__(self) -> str:
-        """Return its size and errors on one line."""
-        rows, columns = self.photograph.shape[:2]
-        return (
-            f"Background({rows}x{columns}, relative error {100 * self.relative_error:.2g} %, "
-            f"brightness {100 * self.brightness_error:.2g} %)"
-        )
 
 
 def render_background(
@@ -260,14 +252,13 @@ def placed_in(
     path: Path,
     scenario: Scenario,
     parameters: Mapping[str, str] | None,
-    check: Callable[[SceneNodes], None] = check_media,
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
-    A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
+    A SceneError says that it has no light or a medium, or its camera does not see its wall.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check(nodes)
+    check_media(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()
     if not scene.emitters():

@@ -106,7 +106,6 @@ def _load(
         mirrored=mirrored,
         emission=emission,
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
-        blur=wall.blur,
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
     _check_facing(scenario)

@@ -34,10 +34,9 @@ of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes or is changed by on its way, and what is turned inside out."""
+    """Refuse what light passes, or is changed by on its way."""
     check_media(nodes)
-    check_opaque(nodes, "the light transport matrix would count it as opaque")
-    _check_outside(nodes)
+    check_opaque(nodes)
 
 
 def check_media(nodes: SceneNodes) -> None:
@@ -52,14 +51,15 @@ def check_media(nodes: SceneNodes) -> None:
                 )
 
 
-def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
-    """Refuse shapes that let light through, wherever they stand, and say what would be wrong."""
+def check_opaque(nodes: SceneNodes) -> None:
+    """Refuse shapes that let light through, wherever they stand."""
     for props in nodes.of_type("Shape"):
         for name in _see_through(nodes, props):
             raise SceneError(
                 f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and {else_wrong}; remove the shape, or give it an opaque bsdf (a "
-                "mask's opacity is a number, 1; a bsdf of your own goes into a twosided one)"
+                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
+                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
+                "own goes into a twosided one)"
             )
 
 
@@ -95,27 +95,6 @@ def check_monitor(monitor: Any, path: Path) -> None:
             "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
             "be shapes of their own (of a box, its front alone is the monitor)"
         )
-
-
-def _check_outside(nodes: SceneNodes) -> None:
-    """Refuse round monitors and boxes turned inside out.
-
-    Such a monitor's light would stay within, and of a box with a negative size the front of a face
-    is its other side.
-    """
-    import mitsuba as mi
-
-    for props in nodes.of_type("Shape"):
-        kind = props.plugin_name()
-        mirrored = np.linalg.det(np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)) < 0
-        is_round = props.id() == "monitor" and kind in ("sphere", "cylinder")
-        if (kind == "cube" and mirrored) or (
-            is_round and (mirrored or props.get("flip_normals", False))
-        ):
-            raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' is a {kind} turned inside out; give "
-                "its sizes in to_world positive numbers, and no flip_normals"
-            )
 
 
 def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:

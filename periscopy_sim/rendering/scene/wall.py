@@ -33,7 +33,6 @@ class SeenWall:
     normals: Array  # (M, 3)
     reflectance: Array | None  # (3,)
     channel_gain: Array  # (3,)
-    blur: float
 
 
 def seen_wall(
@@ -50,12 +49,16 @@ def seen_wall(
             f"{where}: the wall ({material}) reflects as a mirror does, in part or "
             "entirely; use a rough material, such as diffuse or roughplastic"
         )
+    if camera.needs_aperture_sample():
+        raise SceneError(
+            f"{where}: the camera has a lens that blurs; give one in focus, of type perspective"
+        )
     rows, columns = pixels
     row, column = np.divmod(np.arange(rows * columns), columns)
     film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
     meet = _meet(scene, camera, wall)
     try:
-        origins, directions, points, normals, shading, hit, blur, *colors = map_points(meet, film)
+        origins, directions, points, normals, shading, hit, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -72,7 +75,7 @@ def seen_wall(
         )
     # At the pixels' centres alone a wallpaper could look plain.
     aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 8)(meet(at)), film + aside)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 7)(meet(at)), film + aside)
     _check_reflection(colors, color_aside[hit_aside[:, 0] != 0], where, material)
     albedo = colors[1].mean(axis=0)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
@@ -80,41 +83,29 @@ def seen_wall(
     normals = np.where(own, shading, normals)
     normals *= -np.sign(np.sum(normals * directions, axis=1, keepdims=True))
     reflectance = np.pi * albedo if _is_diffuse(colors) else None
-    gain = albedo / albedo.mean()
-    return SeenWall(origins, directions, points, normals, reflectance, gain, float(blur.max()))
+    return SeenWall(origins, directions, points, normals, reflectance, albedo / albedo.mean())
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
-    The ray's origin and direction, the wall's point and both its normals, whether the whole
-    aperture sees the wall, the blur, the reflection to the camera, and that along the normal and
-    along `SLOPES`.
+    The ray's origin and direction, the wall's point and both its normals, whether it is the wall,
+    the reflection to the camera, and that along the normal and along `SLOPES`.
     """
     import drjit as dr
     import mitsuba as mi
 
     bsdf, context = wall.bsdf(), mi.BSDFContext()
-    rim = ((0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)) if camera.needs_aperture_sample() else ()
-
-    def through(position: Any, aperture: tuple[float, float]) -> tuple[Any, Any, Any]:
-        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
-        si = scene.ray_intersect(ray)
-        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
-        return si, ray, hit
 
     def meet(position: Any) -> tuple[Any, ...]:
-        si, ray, hit = through(position, (0.5, 0.5))
-        blur = mi.Float(0)
-        for aperture in rim:
-            off_axis, _, also_hit = through(position, aperture)
-            hit &= also_hit
-            blur = dr.maximum(blur, dr.norm(off_axis.p - si.p))
+        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
+        si = scene.ray_intersect(ray)
+        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
         toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = mi.Vector3f(0, 0, 1)
         colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in ((0, 0, 1), *SLOPES)]
-        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, blur, facing, *colors
+        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, facing, *colors
 
     return meet
 

@@ -21,20 +21,13 @@ from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.rendering.wall_polynomials import REPLICAS, best_fit, chosen_sites
+from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.scenario import Array, Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
 
 WORDS = {"direct": DIRECT, "all": None}
-
-TARGET = 2e-4
-"""Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
-60 dB photograph's noise."""
-
-DRAWN = 256
-"""Pixels, drawn at random, whose brightness stands for the photograph's."""
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -139,10 +132,6 @@ class BouncedTransport:
         sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
         return np.asarray(self.bounced.over_wall @ sent)
 
-    def channel(self, c: int) -> NDArray[np.float32]:
-        """Return the matrix of channel c, (M, N)."""
-        return np.asarray(self.mean + self.bounced.over_wall @ self.bounced.colour[c])
-
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the channels' mean, (M, N)."""
         return np.array(self.mean, dtype=dtype, copy=copy)
@@ -177,7 +166,7 @@ def render_bounced_light(
     scenario: Scenario,
     *,
     bounces: int | None = None,
-    target: float = TARGET,
+    target: float = 2e-4,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedLight:
@@ -190,7 +179,7 @@ def render_bounced_light(
     bounces
         Most reflections of a path, 2 or more; None of any number.
     target
-        `BouncedLight.relative_error` at which to stop.
+        `BouncedLight.relative_error` at which to stop: a fifth of a 60 dB photograph's noise.
     seed
         Seed of the paths. The same seed and variant give the same bytes.
     progress
@@ -220,7 +209,7 @@ def render_bounced_light(
     shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
     everywhere = np.arange(np.prod(shape))
     trace = make_tracer(scenario, sites, bounces)
-    pixels = np.random.default_rng(seed).choice(everywhere, min(DRAWN, len(everywhere)), False)
+    pixels = np.random.default_rng(seed).choice(everywhere, min(SITES, len(everywhere)), False)
     direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))

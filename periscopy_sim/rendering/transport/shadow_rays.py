@@ -27,10 +27,8 @@ from periscopy_sim.scenario import Scenario
 Progress = Callable[[float], None]
 
 LANES = 1 << 22
-"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
-
-RAYS = 1 << 28
-"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
+"""Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
+and a tenth of a second's wait for an interrupt."""
 
 
 @overload
@@ -75,7 +73,7 @@ def render_transport(
     """Render the light transport matrix by shadow rays, and light that bounces by paths.
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
-    each. Through a thin lens each sample sees a wall point of its own, spread over the aperture.
+    each.
 
     A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
     reconstruction filter is not used.
@@ -209,7 +207,8 @@ class RenderedTransport:
 
         entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
         pixels, patches = self.shape
-        height = max(1, min(LANES, RAYS // (self.samples * self.pixel_samples)) // patches)
+        work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
+        height = max(1, LANES // work // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)

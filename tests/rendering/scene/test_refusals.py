@@ -58,7 +58,6 @@ VARNISHED = (
     '<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.8, 0.2, 0.1"/></bsdf>'
 )
 BLEND = f'<bsdf type="blendbsdf">{number("weight", 0.5)}<bsdf type="diffuse"/>{{}}</bsdf>'
-FLIP = '<boolean name="flip_normals" value="true"/>'
 
 
 def ball(room, bsdf):
@@ -80,6 +79,7 @@ REFUSED = {
     "unknown plugin": ('"blob"', lambda _: {"extra": '<shape type="blob" id="ball"/>'}),
     "unknown property": ("radiuss", lambda _: {"extra": SPHERE.format(number("radiuss", 1))}),
     "missing mesh": ("sofa.ply", lambda _: {"extra": mesh("meshes/sofa.ply")}),
+    "thin lens": ("in focus", lambda r: {"camera": r.lens(0.05, 0.4)}),
     "unknown film": ("hdrfilm", lambda r: {"camera": r.camera(film="specfilm")}),
     "film without pixels": ("width", lambda r: {"camera": r.camera((5, 0))}),
     "film of 25 million": ("5000x5000", lambda r: {"camera": r.camera((5000, 5000))}),
@@ -114,11 +114,6 @@ REFUSED = {
     "turned sphere": (
         "finds no point",
         lambda r: shining(r, "sphere", "", f'<rotate x="1" angle="90"/>{ROUND}'),
-    ),
-    "sphere inside out": ("sphere", lambda r: shining(r, "sphere", FLIP, ROUND)),
-    "cylinder inside out": (
-        "cylinder",
-        lambda r: shining(r, "cylinder", "", '<scale x="-1"/>' + ROUND),
     ),
     "gauze": ("'ball'", lambda r: ball(r, masked(number("opacity", 0.9)))),
     "pattern": ("mask", lambda r: ball(r, masked('<texture type="checkerboard" name="opacity"/>'))),
