@@ -12,7 +12,7 @@ FLATNESS = 1e-6
 
 
 def emission_and_reflectance(scenario: Scenario) -> tuple[EmissionProfile, float]:
-    """Return the monitor's angular profile and the wall's albedo; else raise a `ClosedFormError`."""
+    """Return the monitor's profile and the wall's albedo, or raise a `ClosedFormError`."""
     if scenario.wall_reflectance is None:
         raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
     if scenario.emission is None:

@@ -90,7 +90,7 @@ class Monitor:
             raise ValueError("samples and bounces must be at least 1")
         self.hidden_shape = hidden_shape
         self._samples = samples
-        self._depth = depth_of(bounces)
+        self._depth = -1 if bounces is None else bounces + 1
         self._mirrored = scenario.mirrored
         white = np.ones((*hidden_shape, 3))
         self.scene = build_scene(scenario, white, only_monitor=only_monitor)
@@ -131,11 +131,6 @@ class Monitor:
             raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
         self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
         self._parameters.update()
-
-
-def depth_of(bounces: int | None) -> int:
-    """Return Mitsuba's `max_depth` for so many reflections, or None for any number."""
-    return -1 if bounces is None else bounces + 1
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.rendering import paths
 from periscopy_sim.rendering.ambient.irradiance import rows_of
-from periscopy_sim.rendering.paths import DIMENSIONS, ROULETTE, SURVIVAL, PathNumbers, survivors
+from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers, survivors
 
 SEEDS, RAYS = range(24), 1 << 14
 MANY = 1 << 16
@@ -209,10 +209,10 @@ def after(surface, strength):
 
 
 @pytest.mark.parametrize("strength", [0.01, 0.3, 0.9, 1.0, 3.0])
-@pytest.mark.parametrize("surface", [1, ROULETTE - 1, ROULETTE, 20])
+@pytest.mark.parametrize("surface", [1, 4, 5, 20])
 def test_light_in_the_mean_is_what_it_was(surface, strength):
     strong, weak, alive = after(surface, strength)
     assert strong.mean() == pytest.approx(strength, rel=2e-3)
     np.testing.assert_allclose(weak, strong / 2, rtol=1e-5)
-    chance = min(strength, SURVIVAL) if surface >= ROULETTE else 1
+    chance = min(strength, 0.95) if surface >= 5 else 1
     assert np.mean(alive) == pytest.approx(chance, abs=1e-3)

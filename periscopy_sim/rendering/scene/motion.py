@@ -21,9 +21,6 @@ from periscopy_sim.scenario import Array, Occluder, Scenario
 CAMERAS = "orthographic", "perspective"
 """Sensors whose rays through the picture's corners enclose all others."""
 
-MONITORS = "rectangle", "obj", "ply"
-"""Shapes that keep their UV coordinates however they are stretched."""
-
 
 @dataclass(frozen=True, eq=False)
 class LoadedScene:
@@ -75,8 +72,7 @@ class LoadedScene:
                     return None
                 motions[name] = place @ np.linalg.inv(before.places[name])
         movable = {each.name for each in self.scenario.occluders if each.vertices is not None}
-        if plugins["monitor"] in MONITORS:
-            movable.add("monitor")
+        movable.add("monitor")
         if plugins["wall"] == "rectangle":
             movable |= {"camera", "wall"}
         if motions and not (plugins["camera"] in CAMERAS and motions.keys() <= movable):
