@@ -53,7 +53,12 @@ from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
-from .rendering.transport.bounced import BouncedLight, BouncedTransport, render_bounced_light
+from .rendering.transport.bounced import (
+    BouncedLight,
+    BouncedTransport,
+    add_bounces,
+    render_bounced_light,
+)
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
@@ -94,6 +99,7 @@ __all__ = [
     "Video",
     "WallPoints",
     "WallTags",
+    "add_bounces",
     "add_noise",
     "analytic_transport",
     "bad_border",

@@ -57,9 +57,17 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
+    from periscopy_sim.analytic.patch_light import Lighting, light_rows
+
     view = _view(scenario, finer)
     A = np.empty((len(view.points), np.prod(scenario.hidden_shape)), np.float32)
-    _fill(A, view)
+
+    def part(some: tuple[int, int]) -> None:
+        at = slice(*some)
+        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
+        light_rows(lit, view.borders, view.shape, view.cut, A[at])
+
+    in_parallel(part, ranges(len(A)))
     A *= view.scale
     return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
@@ -198,7 +206,10 @@ def _view(scenario: Scenario, finer: int) -> _View:
             raise refusal(scenario, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
         meshes.append((vertices, occluder.faces))
-        _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
+        height = vertices[:, 2] / points[..., 2].min()
+        if height.min() <= FLATNESS or height.max() >= 1 - FLATNESS:
+            end = "monitor's plane" if height.min() <= FLATNESS else "wall's nearest point"
+            raise refusal(scenario, occluder.name, f"reaches the {end}; move it between the two")
     exponents = np.array([emission.vertical, emission.horizontal])
     scale = reflectance / np.pi * width * height
     return _View(points, normals, cells, exponents, meshes, hidden * cut, cut, scale)
@@ -211,27 +222,12 @@ def _moved(there: _View, here: _View, apart: float) -> _View:
         for (a, f), (b, g) in zip(there.meshes, here.meshes, strict=True)
     ):
         raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
-    return _View(
-        (there.points - here.points) / apart,
-        (there.normals - here.normals) / apart,
-        (there.cells - here.cells) / apart,
-        (there.exponents - here.exponents) / apart,
-        [((there.vertices - here.vertices) / apart, np.empty((0, 3), np.int64))],
-        here.shape,
-        here.cut,
-        (there.scale - here.scale) / apart,
-    )
-
-
-def _fill(A: NDArray[np.float32], view: _View) -> None:
-    from periscopy_sim.analytic.patch_light import Lighting, light_rows
-
-    def part(some: tuple[int, int]) -> None:
-        at = slice(*some)
-        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
-        light_rows(lit, view.borders, view.shape, view.cut, A[at])
-
-    in_parallel(part, ranges(len(A)))
+    slopes = {
+        name: (getattr(there, name) - getattr(here, name)) / apart
+        for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
+    }
+    meshes = [(slopes.pop("vertices"), np.empty((0, 3), np.int64))]
+    return replace(here, meshes=meshes, **slopes)
 
 
 def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_View]) -> None:
@@ -260,19 +256,3 @@ def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
     rows, columns = (size // finer for size in scenario.photograph_shape)
     laid = values.reshape(rows, finer, columns, finer, 3).transpose(0, 2, 1, 3, 4)
     return np.ascontiguousarray(laid.reshape(rows * columns, finer**2, 3))
-
-
-def _check_between(scenario: Scenario, name: str, vertices: Array, nearest: float) -> None:
-    """Check that an occluder lies before the monitor's plane and that of the wall's nearest point.
-
-    Heights are above the monitor's plane; `nearest` is that of the wall point nearest to it.
-    """
-    height = vertices[:, 2] / nearest
-    if height.min() <= FLATNESS:
-        raise refusal(
-            scenario, name, "reaches the monitor's plane or behind; move it towards the wall"
-        )
-    if height.max() >= 1 - FLATNESS:
-        raise refusal(
-            scenario, name, "reaches as far as the wall's nearest point; move it away from the wall"
-        )

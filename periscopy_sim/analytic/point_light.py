@@ -86,10 +86,11 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
         If the grid is not (L, 3), or a light is not in front of the wall.
     """
     offsets = paper_grid() if grid is None else np.asarray(grid, np.float64)
-    if offsets.ndim != 2 or offsets.shape[1] != 3:
-        raise ValueError(f"a grid of lights is (L, 3), not {offsets.shape}")
-    if not (offsets[:, 1] > 0).all():
-        raise ValueError("every light must lie in front of the wall (second coordinate above 0)")
+    if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
+        raise ValueError(
+            f"a grid of lights is (L, 3), not {offsets.shape}, all in front of the wall (the second "
+            "coordinate above 0)"
+        )
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
     return point_light_response(lights, scenario.wall_points, scenario.wall_normals)

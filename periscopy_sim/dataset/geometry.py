@@ -72,6 +72,7 @@ def geometry_of(configuration: str, number: int) -> Geometry:
 @lru_cache(maxsize=REMEMBERED)
 def _rendered(configuration: str, number: int) -> Geometry:
     from periscopy_sim.rendering.photograph import Monitor, without_warnings
+    from periscopy_sim.rendering.transport.bounced import add_bounces
     from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     settings = Configuration.model_validate_json(configuration)
@@ -79,8 +80,9 @@ def _rendered(configuration: str, number: int) -> Geometry:
     scenario = scenario_of(settings, draw)
     if not isinstance(light, PathTraced):
         # The seed is the data set's own: samples of A are no random draw of a sample.
-        bounces = light.bounces if isinstance(light, Bounced) else 1
-        A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
+        A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+        if isinstance(light, Bounced):
+            A = add_bounces(scenario, A, light.bounces, seed=settings.seed)
         return Geometry(draw, scenario, A)
     monitor = Monitor(
         scenario, scenario.hidden_shape, samples=light.samples, bounces=light.bounces,

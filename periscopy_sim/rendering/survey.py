@@ -68,13 +68,10 @@ class Survey:
         # Mitsuba's rays begin at the near clipping plane.
         eye = np.ravel(camera.world_transform().translation())
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
-        half_across, half_up = scenario.patch_across / 2, scenario.patch_up / 2
+        across, up = scenario.patch_across / 2, scenario.patch_up / 2
+        sides = [sign * across for sign in (-1, 1)]
         self.monitor_points: Array = np.concatenate(
-            [
-                scenario.patch_centers + a * half_across + b * half_up
-                for a in (-1, 1)
-                for b in (-1, 1)
-            ]
+            [scenario.patch_centers + side + sign * up for side in sides for sign in (-1, 1)]
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self.solids = tuple(

@@ -138,7 +138,7 @@ def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
 
 def test_bounces_are_direct_all_or_a_number():
     assert [Light(bounces=text).most_bounces for text in ("direct", "all", "3")] == [1, None, 3]
-    for text in ("0", "-1", "2.5", "none", "", "1e3", "10000000", "9" * 5000):
+    for text in ("0", "-1", "2.5", "none", "", "1e3", "9" * 5000):
         with pytest.raises(PeriscopyError, match="--bounces"):
             Light(bounces=text)
 

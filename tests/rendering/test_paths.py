@@ -31,9 +31,7 @@ EMITTERS = {
     "daylight": {"daylight": {"type": "sunsky", "sun_direction": [0.3, -0.2, 0.9]}},
     "slide": {"slide": {"type": "projector", "to_world": "above", "irradiance": "checked"}},
     "panorama": {"panorama": {"type": "envmap", "bitmap": "uneven"}},
-    "screen": {
-        "lamp": {"type": "rectangle", "emitter": {"type": "area", "radiance": "checked"}},
-    },
+    "screen": {"lamp": {"type": "rectangle", "emitter": {"type": "area", "radiance": "checked"}}},
     "all": {
         "lamp": LAMP,
         "bulb": {"type": "point", "position": [0.3, 0.2, 0.8]},
@@ -75,8 +73,7 @@ def scene_of(bsdf, emitters):
             "floor": rectangle(T().scale(1.5), WHITE),
             "wall": rectangle(T().translate([1.2, 0, 0.8]).rotate([0, 1, 0], -90), WHITE),
             "pane": rectangle(
-                T().translate([0.2, 0, 0.6]).rotate([0, 1, 0], 30).scale([0.5, 0.7, 1]),
-                BSDFS[bsdf],
+                T().translate([0.2, 0, 0.6]).rotate([0, 1, 0], 30).scale([0.5, 0.7, 1]), BSDFS[bsdf]
             ),
             "ball": {"type": "sphere", "center": [0.5, -0.4, 0.3], "radius": 0.25, "bsdf": WHITE},
             **emitters,

@@ -33,13 +33,7 @@ NEARLY = 1 - 1e-3
 
 
 def direct_irradiance(
-    scene: Any,
-    emitter: Any,
-    points: Array,
-    normals: Array,
-    edges: Array,
-    samples: int,
-    seed: int,
+    scene: Any, emitter: Any, points: Array, normals: Array, edges: Array, samples: int, seed: int
 ) -> Array:
     """Estimate the irradiance (M, 3) that one emitter causes, averaged over small parallelograms.
 
@@ -50,7 +44,7 @@ def direct_irradiance(
     import drjit as dr
     import mitsuba as mi
 
-    count = _square(samples)
+    count = math.ceil(math.sqrt(samples)) ** 2
     sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
     sampler.set_samples_per_wavefront(count)
     sampler.seed(seed, len(points) * count)
@@ -154,11 +148,6 @@ class BouncedIrradiance:
         blocked = self._scene.ray_test(ray, seen & ~own)
         form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
         return np.array(form, dtype=np.float64).reshape(len(paths), m)
-
-
-def _square(samples: int) -> int:
-    """Round up to a square number, as the multi-jittered sampler wants it."""
-    return math.ceil(math.sqrt(samples)) ** 2
 
 
 def means_of_blocks(values: Any, count: int) -> NDArray[np.float64]:

@@ -185,12 +185,10 @@ def _photograph_size(
             f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
             f"from 1 to {MOST_PIXELS}"
         )
-    if min(hidden) < 1:
-        raise SceneError(f"a hidden image of {hidden[0]}x{hidden[1]} patches has none; give 1x1")
-    if hidden[0] * hidden[1] > rows * columns:
+    if min(hidden) < 1 or hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
-            f"{hidden[0]}x{hidden[1]} hidden patches are more than the {rows}x{columns} "
-            "pixels of the photograph; no photograph could tell them apart"
+            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the "
+            f"{rows}x{columns} pixels of the photograph; no photograph could tell more apart"
         )
     return rows, columns
 

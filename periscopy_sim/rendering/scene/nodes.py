@@ -177,7 +177,10 @@ class SceneNodes:
         """
         import mitsuba as mi
 
-        film = self._film(sensor)
+        films = [props for _, props in self.children(self._by_id(sensor), "Film")]
+        if not films or films[0].plugin_name() != "hdrfilm":
+            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+        film = films[0]
         for key, _ in self.children(film, "ReconstructionFilter"):
             del film[key]
         film["rfilter"] = mi.load_dict({"type": "box"})
@@ -243,13 +246,6 @@ class SceneNodes:
         if np.linalg.det(np.array(to_world.matrix)) < 0:
             to_world = to_world @ type(to_world)().scale([-1, 1, 1])
         monitor["to_world"] = to_world
-
-    def _film(self, sensor: str) -> Any:
-        """Return a sensor's film."""
-        films = [props for _, props in self.children(self._by_id(sensor), "Film")]
-        if not films or films[0].plugin_name() != "hdrfilm":
-            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        return films[0]
 
     def _require(self, name: str, kind: str) -> None:
         """Check that the scene itself has a node."""

@@ -7,6 +7,7 @@ matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -137,17 +138,6 @@ class BouncedTransport:
         return np.array(self.mean, dtype=dtype, copy=copy)
 
 
-def check_bounces(bounces: int | None) -> int | None:
-    """Return the number of reflections, or None for any; a ValueError says that it is none."""
-    whole = isinstance(bounces, (int, np.integer)) and not isinstance(bounces, bool)
-    if bounces is None or (whole and DIRECT <= bounces <= 10**6):
-        return None if bounces is None else int(bounces)
-    raise ValueError(
-        f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, to "
-        "a million, or None for any number"
-    )
-
-
 def bounces_in_words(bounces: int | None) -> str:
     """Return how records and commands name a number of reflections: direct, all, or how many."""
     return next((word for word, count in WORDS.items() if count == bounces), str(bounces))
@@ -157,7 +147,7 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= 10**6):
+    if not (text.isascii() and text.isdigit() and int(text) >= DIRECT):
         raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
     return int(text)
 
@@ -192,7 +182,7 @@ def render_bounced_light(
     Raises
     ------
     ValueError
-        If `bounces` is not a whole number from 2 on.
+        If `bounces` is below 2.
     VariantError
         In scalar variants.
 
@@ -202,8 +192,8 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
-    if check_bounces(bounces) == DIRECT:
-        raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
+    if bounces is not None and operator.index(bounces) <= DIRECT:
+        raise ValueError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
     require_vectorized("light that bounces")
     report = progress or (lambda _: None)
     shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
@@ -213,19 +203,16 @@ def render_bounced_light(
     direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
-    error, fraction = np.inf, 0.0
+    error = np.inf
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(one)
-            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / ROUNDS)
-            report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
             fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
-        fraction = max(fraction, min(1.0, (target / error) ** 2) if error else 1.0)
-        report(fraction)
+        report(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
         if error <= target:
             break
     if error > target:
@@ -241,23 +228,21 @@ def render_bounced_light(
         of_patches = of_patches.reshape(-1, scenario.transport_shape[1], 3)
         functions = fit.functions(everywhere)
     return BouncedLight(
-        functions.astype(np.float32),
-        of_patches.transpose(2, 0, 1).astype(np.float32),
-        error,
+        functions.astype(np.float32), of_patches.transpose(2, 0, 1).astype(np.float32), error
     )
 
 
 def add_bounces(
     scenario: Scenario,
     A: NDArray[np.float32],
-    bounces: int | None,
+    bounces: int | None = None,
     *,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedTransport:
-    """Add light that bounces to a direct A, (M, N), in place; for the rest see `render_transport`.
+    """Add light that bounces to a direct A, (M, N), in place: it becomes the channels' mean.
 
-    `bounces` is 2 or more, or None. The array becomes the mean of what is returned.
+    Parameters, errors and warnings are those of `render_bounced_light`.
     """
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
     for start in range(0, len(A), 1024):  # so many rows bound the memory
@@ -326,7 +311,7 @@ def make_tracer(
 
         trace_paths(
             scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
-            active=active, most=0xFFFFFFFF if bounces is None else bounces, deposit=splat,
+            active=active, most=min(bounces or 0xFFFFFFFF, 0xFFFFFFFF), deposit=splat,
         )  # fmt: skip
         whole = np.array(sums).reshape(len(sites), R * C, 3)
         return np.asarray(whole * (FINEST / PATHS))

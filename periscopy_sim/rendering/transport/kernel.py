@@ -27,10 +27,7 @@ SHADOW_EPSILON = 1e-4
 
 
 def make_kernel(
-    scenario: Scenario,
-    samples: int,
-    strata: Strata,
-    pixel_samples: int,
+    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
 ) -> Callable[[Any, Any, Any], Any]:
     """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
     import drjit as dr

@@ -7,19 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args, overload
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import (
-    DIRECT,
-    BouncedLight,
-    BouncedTransport,
-    add_bounces,
-    check_bounces,
-)
+from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
@@ -31,49 +25,19 @@ LANES = 1 << 22
 and a tenth of a second's wait for an interrupt."""
 
 
-@overload
-def render_transport(
-    scenario: Scenario,
-    *,
-    samples: int = ...,
-    strata: Strata = ...,
-    pixel_samples: int = ...,
-    bounces: Literal[1] = ...,
-    seed: int = ...,
-    out: NDArray[np.float32] | None = ...,
-    progress: Progress | None = ...,
-) -> NDArray[np.float32]: ...
-
-
-@overload
-def render_transport(
-    scenario: Scenario,
-    *,
-    samples: int = ...,
-    strata: Strata = ...,
-    pixel_samples: int = ...,
-    bounces: int | None,
-    seed: int = ...,
-    out: NDArray[np.float32] | None = ...,
-    progress: Progress | None = ...,
-) -> NDArray[np.float32] | BouncedTransport: ...
-
-
 def render_transport(
     scenario: Scenario,
     *,
     samples: int = 16,
     strata: Strata = "jittered",
     pixel_samples: int = 1,
-    bounces: int | None = DIRECT,
     seed: int = 0,
-    out: NDArray[np.float32] | None = None,
     progress: Progress | None = None,
-) -> NDArray[np.float32] | BouncedTransport:
-    """Render the light transport matrix by shadow rays, and light that bounces by paths.
+) -> NDArray[np.float32]:
+    """Render the light transport matrix of direct light by shadow rays.
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
-    each.
+    each. Light that bounces is added by `add_bounces`.
 
     A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
     reconstruction filter is not used.
@@ -92,56 +56,35 @@ def render_transport(
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
         averaged.
-    bounces
-        Most reflections of the monitor's light on its way to the camera: 1 is the wall's alone,
-        direct light; None is any number, as light has it. What bounces is smooth over the wall and
-        estimated apart, see `BouncedLight`.
     seed
-        Seed of the jitter, and of paths. The same seed and variant give the same bytes.
-    out
-        (M, N) array to fill, such as a memory map; None allocates one.
+        Seed of the jitter. The same seed and variant give the same bytes.
     progress
         Called with the fraction done.
 
     Returns
     -------
-    ndarray or BouncedTransport
+    ndarray
         A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
-        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured. With more
-        than one bounce the matrices of all channels, which coloured surroundings make differ.
+        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
 
     Raises
     ------
     SceneError
         If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
-        another shape.
+        If a number of samples is below 1, or `strata` is none of these.
     VariantError
         In scalar variants.
-
-    Warns
-    -----
-    RuntimeWarning
-        Bounced light is not known well enough, see `render_bounced_light`.
     """
     require_vectorized("the transport matrix by rays")
-    alone = check_bounces(bounces) == DIRECT
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
-    A = np.empty(rendered.shape, np.float32) if out is None else out
-    if A.shape != rendered.shape:
-        raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
+    A = np.empty(rendered.shape, np.float32)
     report = progress or (lambda _: None)
-    share = 1.0 if alone else 0.1  # of the time, about
     for rows, block in rendered.row_blocks():
         A[rows] = block
-        report(share * rows.stop / len(A))
+        report(rows.stop / len(A))
     require_light(A, scenario)
-    if alone:
-        return A
-    return add_bounces(
-        scenario, A, bounces, seed=seed, progress=lambda done: report(share + (1 - share) * done)
-    )
+    return A
 
 
 def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:

@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.ambient.irradiance import (
-    BouncedIrradiance,
-    direct_irradiance,
-)
+from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import pixel_edges
