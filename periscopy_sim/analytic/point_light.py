@@ -88,7 +88,7 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
     offsets = paper_grid() if grid is None else np.asarray(grid, np.float64)
     if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
         raise ValueError(
-            f"a grid of lights is (L, 3), not {offsets.shape}, all in front of the wall (the second "
+            f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "
             "coordinate above 0)"
         )
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)

@@ -81,9 +81,10 @@ def _rendered(configuration: str, number: int) -> Geometry:
     if not isinstance(light, PathTraced):
         # The seed is the data set's own: samples of A are no random draw of a sample.
         A = render_transport(scenario, samples=light.samples, seed=settings.seed)
-        if isinstance(light, Bounced):
-            A = add_bounces(scenario, A, light.bounces, seed=settings.seed)
-        return Geometry(draw, scenario, A)
+        if not isinstance(light, Bounced):
+            return Geometry(draw, scenario, A)
+        whole = add_bounces(scenario, A, light.bounces, seed=settings.seed)
+        return Geometry(draw, scenario, whole)
     monitor = Monitor(
         scenario, scenario.hidden_shape, samples=light.samples, bounces=light.bounces,
         only_monitor=True,

@@ -121,20 +121,6 @@ class Room:
         )
 
     @staticmethod
-    def lens(
-        radius: float, focus: float, size: tuple[int, int] = (5, 6), *, angle: float = 17
-    ) -> str:
-        """A thin lens at (1.2, 0, 0.3), 27 degrees off the wall's normal, its angle in degrees."""
-        return (
-            f'<sensor type="thinlens" id="camera"><float name="fov" value="{angle}"/>'
-            f'<float name="aperture_radius" value="{radius}"/>'
-            f'<float name="focus_distance" value="{focus}"/><transform name="to_world">'
-            '<lookat origin="1.2, 0, 0.3" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
-            f'<film type="hdrfilm"><integer name="height" value="{size[0]}"/>'
-            f'<integer name="width" value="{size[1]}"/><rfilter type="box"/></film></sensor>'
-        )
-
-    @staticmethod
     def blocker(center: str = "0.45, 0.5, 0.3", radius: float = 0.06, bsdf: str = black) -> str:
         return (
             f'<shape type="sphere" id="ball"><point name="center" value="{center}"/>'

@@ -96,13 +96,6 @@ def test_direct_light_is_averaged_over_each_pixel(room, same_mean):
     same_mean(found, np.stack([expected] * len(SEEDS)))
 
 
-def test_blocked_or_backward_light_does_not_count(room):
-    points, normals, edges = on_wall(3, 0.1)
-    ball = room.blocker("0.45, 0.25, 0.6", 0.2)
-    assert not direct(room.write(LIGHT, ball, monitor=""), (points, normals, edges)).any()
-    assert not direct(room.write(LIGHT, monitor=""), (points, -normals, edges)).any()
-
-
 def test_area_light_follows_lamberts_formula(room, same_mean):
     placed = on_wall(3, 0.002)
     lamp = shape(

@@ -78,7 +78,6 @@ def camera_at_x(room):
         ("chair", {"camera_dx": 2}),  # off the wall
         ("chair", {"monitor_turn": 180}),
         ("chair", {"monitor_stretch": 0}),
-        ("chair", {"seat_width": -0.01}),
         ("chair", {"occluder_dx": 0.2, "occluder_dy": 0.35}),  # into the camera's view
         ("chair", {"vertical_exponent": -1}),
         ("chair", {"occluder_dx": "nan"}),

@@ -78,7 +78,7 @@ REFUSED = {
     "unknown plugin": ('"blob"', lambda _: {"extra": '<shape type="blob" id="ball"/>'}),
     "unknown property": ("radiuss", lambda _: {"extra": SPHERE.format(number("radiuss", 1))}),
     "missing mesh": ("sofa.ply", lambda _: {"extra": mesh("meshes/sofa.ply")}),
-    "thin lens": ("in focus", lambda r: {"camera": r.lens(0.05, 0.4)}),
+    "thin lens": ("in focus", lambda r: {"camera": r.camera().replace(*LENS)}),
     "unknown film": ("hdrfilm", lambda r: {"camera": r.camera(film="specfilm")}),
     "film without pixels": ("5x0", lambda r: {"camera": r.camera((5, 0))}),
     "film of 25 million": ("5000x5000", lambda r: {"camera": r.camera((5000, 5000))}),
@@ -124,6 +124,10 @@ REFUSED = {
     ),
     "fog": ("'cloud'", lambda _: {"extra": FOGGY}),
 }
+LENS = (
+    'orthographic" id="camera"><transform name="to_world"><scale x="0.2" y="0.2"/>',
+    f'thinlens" id="camera">{number("aperture_radius", 0.05)}<transform name="to_world">',
+)
 SPHERE = '<shape type="sphere" id="ball">{}</shape>'
 FOGGY = f'<shape type="cube" id="cloud">{FOG.format("interior")}<bsdf type="diffuse"/></shape>'
 

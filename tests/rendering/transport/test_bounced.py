@@ -9,8 +9,6 @@ from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport.bounced import (
     BouncedTransport,
     add_bounces,
-    bounces_in_words,
-    bounces_of_words,
     render_bounced_light,
 )
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
@@ -207,11 +205,3 @@ def test_shadows_that_a_small_mirror_sends_are_warned_of(room, monkeypatch):
 def test_absurd_bounces_are_refused(room, bounces):
     with pytest.raises((TypeError, ValueError)):
         render_bounced_light(room.load(), bounces=bounces)
-
-
-def test_words_name_a_number_of_bounces():
-    for count, word in ((1, "direct"), (None, "all"), (2, "2")):
-        assert (bounces_in_words(count), bounces_of_words(word)) == (word, count)
-    for text in ("", "0", "-1", "2.5", "most"):
-        with pytest.raises(ValueError):
-            bounces_of_words(text)
