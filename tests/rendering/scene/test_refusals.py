@@ -110,7 +110,7 @@ REFUSED = {
     "UV up to 2": ("50.0%", lambda r: two_quads(r, (WHOLE, (0, 2, 0, 1)))),
     "UV overlap": ("9", lambda r: two_quads(r, (LEFT, (0, 0.6, 0, 1)), (RIGHT, (0.5, 1, 0, 1)))),
     "box as monitor": ("box", lambda r: shining(r, "cube", "", '<scale z="0.1"/>' + FRONT)),
-    "sphere as monitor": ("a mesh", lambda r: shining(r, "sphere", "", ROUND)),
+    "sphere as monitor": ("no mesh", lambda r: shining(r, "sphere", "", ROUND)),
     "gauze": ("'ball'", lambda r: ball(r, masked(number("opacity", 0.9)))),
     "pattern": ("mask", lambda r: ball(r, masked('<texture type="checkerboard" name="opacity"/>'))),
     "null": ("null", lambda r: ball(r, '<bsdf type="null"/>')),
