@@ -51,10 +51,14 @@ from .reconstruction.preconditioned.still import Periscope, Reconstruction
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
-from .rendering.ambient.emitter_backgrounds import emitter_backgrounds
 from .rendering.photograph import render_photograph
 from .rendering.scene.load import load_scenario
-from .rendering.transport.bounced import BouncedLight, BouncedTransport, render_bounced_light
+from .rendering.transport.bounced import (
+    BouncedLight,
+    BouncedTransport,
+    add_bounces,
+    render_bounced_light,
+)
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
@@ -95,6 +99,7 @@ __all__ = [
     "Video",
     "WallPoints",
     "WallTags",
+    "add_bounces",
     "add_noise",
     "analytic_transport",
     "bad_border",
@@ -105,7 +110,6 @@ __all__ = [
     "defective_pixels",
     "develop",
     "diagnose",
-    "emitter_backgrounds",
     "find_image",
     "find_method",
     "find_scene",

@@ -79,11 +79,9 @@ class Scenario:
     wall_normals
         (M, 3) unit normals, towards the camera.
     wall_reflectance
-        (3,) albedo of a diffuse wall, (M, 3) of a textured one; None for another material.
+        (3,) albedo of a diffuse wall; None for another material.
     channel_gain
         (3,) the wall's colour, mean 1: a photograph's channel c is channel_gain[c] * A @ f[:, c].
-        (M, 3) where a texture has colours; 0 where a pixel is black or one of its channels is too
-        dark beside the others: methods leave those pixels out.
     patch_centers
         (N, 3) centres in metres.
     patch_normals
@@ -98,12 +96,6 @@ class Scenario:
         The monitor's angular profile where a closed form is known, else None.
     occluders
         Every shape but the wall and the monitor.
-    blur
-        Radius of the largest spot of the wall that the camera's lens shows as one point, in metres;
-        0 of a pinhole.
-    wall_texture
-        (M,) how much each pixel of a textured wall reflects, channels averaged, over their mean; A
-        and B have it in their rows. None of a wall that is the same everywhere.
     wall_relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
@@ -126,8 +118,6 @@ class Scenario:
     mirrored: bool
     emission: EmissionProfile | None
     occluders: tuple[Occluder, ...] = field(repr=False)
-    blur: float = 0.0
-    wall_texture: Array | None = field(default=None, repr=False)
     wall_relief: float = 0.0
     loader: Callable[[Mapping[str, str]], Scenario] | None = field(default=None, repr=False)
 

@@ -86,7 +86,7 @@ def tried(distribution: Path, python: str, folder: Path) -> tuple[float, float]:
     place = Path(tempfile.mkdtemp(dir=folder))
     alone = environment(place / "venv", python)
     before = megabytes(place / "venv")
-    run(alone, "-m", "pip", "install", "--quiet", str(distribution))
+    run(alone, "-m", "pip", "install", "--quiet", f"{distribution}[llvm]")
     run(alone, "-m", "pip", "check")
     elsewhere = place / "elsewhere"
     elsewhere.mkdir()

@@ -5,8 +5,12 @@ import signal
 
 import pytest
 
+from periscopy_sim.rendering.variant import choose_llvm
+
 # Small matrices on busy cores: OpenBLAS's threads would mostly wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+choose_llvm()  # some tests import Mitsuba first
 
 # A shell's background jobs ignore Ctrl-C, and so would the programs that tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -9,10 +9,9 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from periscopy_sim.analytic.closed_form import (
     wall_plane,
 )
 from periscopy_sim.errors import ClosedFormError
-from periscopy_sim.numerics.threads import ahead, ranges
+from periscopy_sim.numerics.threads import in_parallel, ranges
 from periscopy_sim.scenario import Array, Scenario
 
 RELIEF = 1e-4
@@ -34,9 +33,6 @@ RELIEF = 1e-4
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
-
-POINTS = 126
-"""Wall points, at least, along the photograph's longer side; 63 pixels lost 0.4 dB by theirs."""
 
 
 def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
@@ -61,9 +57,17 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
+    from periscopy_sim.analytic.patch_light import Lighting, light_rows
+
     view = _view(scenario, finer)
     A = np.empty((len(view.points), np.prod(scenario.hidden_shape)), np.float32)
-    _fill(A, view)
+
+    def part(some: tuple[int, int]) -> None:
+        at = slice(*some)
+        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
+        light_rows(lit, view.borders, view.shape, view.cut, A[at])
+
+    in_parallel(part, ranges(len(A)))
     A *= view.scale
     return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
@@ -72,23 +76,27 @@ analytic_transport = area_transport
 """The public name."""
 
 
-def pixel_transport(scenario: Scenario) -> NDArray[np.float32]:
-    """Compute A, (M, N), averaged over the pixels' areas; for the rest see `area_transport`."""
+def pixel_transport(scenario: Scenario, points: int = 126) -> NDArray[np.float32]:
+    """Compute A, (M, N), averaged over the pixels' areas; for the rest see `area_transport`.
+
+    So many wall points, about, lie along the photograph's longer side; by the 63 points of its 63
+    pixels a picture lost 0.4 dB.
+    """
     shape = scenario.photograph_shape
-    finer = max(1, round(POINTS / max(shape)))
+    finer = max(1, round(points / max(shape)))
     places = (np.arange(finer) + 0.5) / finer - 0.5
-    points, normals = (
+    grid, normals = (
         values.reshape(*shape, 3) for values in (scenario.wall_points, scenario.wall_normals)
     )
     for axis, size in enumerate(shape):
-        steps = np.asarray(np.gradient(points, axis=axis)) if size > 1 else np.zeros_like(points)
+        steps = np.asarray(np.gradient(grid, axis=axis)) if size > 1 else np.zeros_like(grid)
         offsets = np.expand_dims(np.tile(places, size), (1 - axis, 2))
-        points = points.repeat(finer, axis) + offsets * steps.repeat(finer, axis)
+        grid = grid.repeat(finer, axis) + offsets * steps.repeat(finer, axis)
         normals = normals.repeat(finer, axis)
     divided = replace(
         scenario,
         photograph_shape=(finer * shape[0], finer * shape[1]),
-        wall_points=points.reshape(-1, 3),
+        wall_points=grid.reshape(-1, 3),
         wall_normals=normals.reshape(-1, 3),
     )
     return area_transport(divided, finer)
@@ -172,7 +180,7 @@ class _View:
 
 def _view(scenario: Scenario, finer: int) -> _View:
     """Bring a scene into the monitor's coordinates; a ClosedFormError says that it cannot."""
-    emission, reflectance = emission_and_reflectance(scenario, finer)
+    emission, reflectance = emission_and_reflectance(scenario)
     wall = wall_plane(scenario)
     if scenario.wall_relief > RELIEF * np.ptp(scenario.wall_points @ wall.across):
         raise refusal(scenario, "wall", "has parts that stand out of the plane that is seen")
@@ -198,7 +206,10 @@ def _view(scenario: Scenario, finer: int) -> _View:
             raise refusal(scenario, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
         meshes.append((vertices, occluder.faces))
-        _check_between(scenario, occluder.name, vertices, float(points[..., 2].min()))
+        height = vertices[:, 2] / points[..., 2].min()
+        if height.min() <= FLATNESS or height.max() >= 1 - FLATNESS:
+            end = "monitor's plane" if height.min() <= FLATNESS else "wall's nearest point"
+            raise refusal(scenario, occluder.name, f"reaches the {end}; move it between the two")
     exponents = np.array([emission.vertical, emission.horizontal])
     scale = reflectance / np.pi * width * height
     return _View(points, normals, cells, exponents, meshes, hidden * cut, cut, scale)
@@ -211,26 +222,12 @@ def _moved(there: _View, here: _View, apart: float) -> _View:
         for (a, f), (b, g) in zip(there.meshes, here.meshes, strict=True)
     ):
         raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
-    return _View(
-        (there.points - here.points) / apart,
-        (there.normals - here.normals) / apart,
-        (there.cells - here.cells) / apart,
-        (there.exponents - here.exponents) / apart,
-        [((there.vertices - here.vertices) / apart, np.empty((0, 3), np.int64))],
-        here.shape,
-        here.cut,
-        (there.scale - here.scale) / apart,
-    )
-
-
-def _fill(A: NDArray[np.float32], view: _View) -> None:
-    from periscopy_sim.analytic.patch_light import Lighting, light_rows
-
-    def part(at: slice) -> None:
-        lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
-        light_rows(lit, view.borders, view.shape, view.cut, A[at])
-
-    _in_parts(part, len(A))
+    slopes = {
+        name: (getattr(there, name) - getattr(here, name)) / apart
+        for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
+    }
+    meshes = [(slopes.pop("vertices"), np.empty((0, 3), np.int64))]
+    return replace(here, meshes=meshes, **slopes)
 
 
 def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_View]) -> None:
@@ -244,28 +241,14 @@ def _fill_changes(changes: NDArray[np.float32], view: _View, moved: Sequence[_Vi
     vertices = np.array([by.vertices[view.borders.sources] for by in moved])
     shines = np.any([each.reshape(len(moved), -1).any(axis=1) for each in stacked], axis=0)
 
-    def part(at: slice) -> None:
+    def part(some: tuple[int, int]) -> None:
+        at = slice(*some)
         lit = Lighting(view.points[at], view.normals[at], view.cells, view.exponents)
         by = Lighting(points[:, at], normals[:, at], cells, exponents)
         out = changes[:, at]
         light_derivatives(lit, by, vertices, shines, view.borders, view.shape, view.cut, out)
 
-    _in_parts(part, changes.shape[1])
-
-
-def _in_parts(part: Callable[[slice], None], rows: int) -> None:
-    """Do something for all rows, some at a time; after an interrupt, no thread goes on."""
-    stopped = Event()
-
-    def unless_stopped(some: tuple[int, int]) -> None:
-        if not stopped.is_set():
-            part(slice(*some))
-
-    try:
-        for _ in ahead(unless_stopped, ranges(rows)):
-            pass
-    finally:
-        stopped.set()
+    in_parallel(part, ranges(changes.shape[1]))
 
 
 def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
@@ -273,19 +256,3 @@ def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
     rows, columns = (size // finer for size in scenario.photograph_shape)
     laid = values.reshape(rows, finer, columns, finer, 3).transpose(0, 2, 1, 3, 4)
     return np.ascontiguousarray(laid.reshape(rows * columns, finer**2, 3))
-
-
-def _check_between(scenario: Scenario, name: str, vertices: Array, nearest: float) -> None:
-    """Check that an occluder lies before the monitor's plane and that of the wall's nearest point.
-
-    Heights are above the monitor's plane; `nearest` is that of the wall point nearest to it.
-    """
-    height = vertices[:, 2] / nearest
-    if height.min() <= FLATNESS:
-        raise refusal(
-            scenario, name, "reaches the monitor's plane or behind; move it towards the wall"
-        )
-    if height.max() >= 1 - FLATNESS:
-        raise refusal(
-            scenario, name, "reaches as far as the wall's nearest point; move it away from the wall"
-        )

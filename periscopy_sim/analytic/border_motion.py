@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.analytic.outline import (
-    Segment,
-    border_of,
-    cut_by_cells,
-    outline_of,
-)
+from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
-PART = 1e-5
+PART = float(np.cbrt(np.finfo(np.float64).eps))
 """Of a parameter's move by which light within a border is differenced, in double precision."""
 
 

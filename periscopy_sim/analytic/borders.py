@@ -17,7 +17,7 @@ from periscopy_sim.scenario import Array
 
 Indices = NDArray[np.int64]
 
-SAME = 1e-7
+SAME = float(np.finfo(np.float32).eps)
 """Of the largest coordinate: vertices so near are one, as meshes in single precision have them."""
 
 

@@ -10,35 +10,16 @@ from periscopy_sim.scenario import Array, EmissionProfile, Scenario, WallFrame, 
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a surface counts as planar."""
 
-SHARP = 0.5
-"""Largest blur by the camera's lens, in pixels, that the pixels' centres stand for."""
 
-
-def emission_and_reflectance(scenario: Scenario, finer: int = 1) -> tuple[EmissionProfile, float]:
-    """Return the monitor's angular profile and the wall's albedo; else raise a `ClosedFormError`.
-
-    The pixels, that a lens may blur, have so many of the scenario's along each side.
-    """
-    if scenario.wall_texture is not None:
-        raise refusal(scenario, "wall", "is textured; give it one reflectance")
+def emission_and_reflectance(scenario: Scenario) -> tuple[EmissionProfile, float]:
+    """Return the monitor's profile and the wall's albedo, or raise a `ClosedFormError`."""
     if scenario.wall_reflectance is None:
         raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
-    if scenario.blur > SHARP * finer * _pixel_side(scenario):
-        raise refusal(
-            scenario, "wall", f"is blurred by {scenario.blur:.2g} m; focus the camera on it"
-        )
     if scenario.emission is None:
         raise refusal(
             scenario, "monitor", "has no closed angular profile; give it an area or lcd emitter"
         )
     return scenario.emission, float(scenario.wall_reflectance.mean())
-
-
-def _pixel_side(scenario: Scenario) -> float:
-    """Metres between the wall points of neighbouring pixels, at most; 0 of a single pixel."""
-    grid = scenario.wall_points.reshape(*scenario.photograph_shape, 3)
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in (0, 1)]
-    return float(max((step.max() for step in steps if step.size), default=0.0))
 
 
 def wall_plane(scenario: Scenario) -> WallFrame:

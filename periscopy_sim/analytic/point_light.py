@@ -78,7 +78,7 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
     Returns
     -------
     ndarray
-        B, (M, L) float64 in 1/m², its rows times `Scenario.wall_texture` where there is one.
+        B, (M, L) float64 in 1/m².
 
     Raises
     ------
@@ -86,12 +86,11 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
         If the grid is not (L, 3), or a light is not in front of the wall.
     """
     offsets = paper_grid() if grid is None else np.asarray(grid, np.float64)
-    if offsets.ndim != 2 or offsets.shape[1] != 3:
-        raise ValueError(f"a grid of lights is (L, 3), not {offsets.shape}")
-    if not (offsets[:, 1] > 0).all():
-        raise ValueError("every light must lie in front of the wall (second coordinate above 0)")
+    if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
+        raise ValueError(
+            f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "
+            "coordinate above 0)"
+        )
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
-    response = point_light_response(lights, scenario.wall_points, scenario.wall_normals)
-    texture = scenario.wall_texture
-    return response if texture is None else response * texture[:, None]
+    return point_light_response(lights, scenario.wall_points, scenario.wall_normals)

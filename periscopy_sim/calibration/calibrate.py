@@ -21,8 +21,8 @@ from periscopy_sim.calibration.trust import doubts, is_significant, learned
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.checks import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 
@@ -128,11 +128,6 @@ def calibrate(
 
 def _check(scenario: Scenario) -> None:
     """Raise a SceneError unless the scene is one that can be calibrated."""
-    if scenario.wall_texture is not None:  # it moves in the photograph as the camera does
-        raise SceneError(
-            f"scene '{scenario.path}': calibrate does not support a textured wall; mask what is "
-            "drawn there, and give the wall one reflectance"
-        )
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.area_transport import area_transport, has_areas
 from periscopy_sim.calibration.prior import check_error, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError, VariantError
+from periscopy_sim.errors import ClosedFormError, PeriscopyError, SceneError
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.numerics.memory import available_memory, has_memory
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.rendering.variant import install_llvm, is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
 Matrix = NDArray[np.float32]
@@ -63,7 +63,7 @@ def uncertain_transport(
     PeriscopyError
         If memory is too small: a matrix of the size of A for each error.
     VariantError
-        In scalar variants, which would take hours.
+        In scalar variants, of a scene without a closed form.
     """
     names = tuple(errors)
     values = start_values(scenario.path, names, scenario.parameters)
@@ -112,12 +112,8 @@ class _Sides:
 
     def changes(self, directions: Array, progress: Callable[[float], None] | None) -> Matrix:
         """Return the changes of A along directions, (P, K), as (K, M, N): half the differences."""
-        use_variant()
-        if not is_vectorized():
-            raise VariantError(
-                "an uncertain scene is rendered many times over, hours without LLVM or CUDA; "
-                + install_llvm()
-            )
+        if not has_areas(self.scenario):
+            require_vectorized("an uncertain scene by rays")
         shape = directions.shape[1], *self.scenario.transport_shape
         size = 4.0 * np.prod(shape)
         if not has_memory(size):

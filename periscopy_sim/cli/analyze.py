@@ -51,12 +51,12 @@ def analyze(
         light = light.resolved(scenario)
         used, off = session.companions(mask, monitor_off)
         check_memory(scenario)
-        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario, session.seed)
+        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
             B = observed.joined(B)
-            used = observed.mask  # dark spots of a textured wall are left out, too
+            used = observed.mask
             result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
             seen, modelled = observed.used(A), observed.used(B)
             table = [diagnostics.rank_row(seen, modelled, each) for each in TOLERANCES]

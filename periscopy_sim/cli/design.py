@@ -126,7 +126,7 @@ def design(
         points=points_of(ranges, grid, draws or 64, seed),
         comparison=comparison,
         transport=lambda scenario: channels_mean(light.transport(scenario, seed, "gauss")),
-        prototypes=lambda scenario: light.backgrounds(scenario, seed),
+        prototypes=light.backgrounds,
         images={name: session.hidden_image(name) for name in shown},
     )
     check_memory(session.scenario)

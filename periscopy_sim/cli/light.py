@@ -20,7 +20,6 @@ from periscopy_sim.cli.options import (
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.shipped import find_scene
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
@@ -49,8 +48,8 @@ class Light(OptionGroup):
     def __post_init__(self) -> None:
         _ = self.most_bounces
         for source in self.sources:
-            if source != GRID and not _is_file(source):
-                find_scene(source)
+            if source != GRID and not source.lower().endswith(".npy"):
+                raise PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
 
     @property
     def most_bounces(self) -> int | None:
@@ -104,8 +103,6 @@ class Light(OptionGroup):
         from periscopy_sim.rendering.transport.shadow_rays import require_light
 
         bounces = self.most_bounces
-        if bounces != bounced.DIRECT:
-            bounced.check_bouncing_wall(scenario)
         if self.model is Model.analytic:
             from periscopy_sim.analytic.area_transport import pixel_transport
 
@@ -122,21 +119,15 @@ class Light(OptionGroup):
         with progress("tracing light that bounces") as report:
             return bounced.add_bounces(scenario, A, bounces, seed=seed, progress=report)
 
-    def backgrounds(self, scenario: ps.Scenario, seed: int) -> Any:
-        """Return B, (M, L): read, or computed with a progress bar."""
-        return np.hstack([self._columns(source, scenario, seed) for source in self.sources])
+    def backgrounds(self, scenario: ps.Scenario) -> Any:
+        """Return B, (M, L): Eq. 4's, or read."""
+        from periscopy_sim.storage.transport_matrix import read_prototypes
 
-    def _columns(self, source: str, scenario: ps.Scenario, seed: int) -> Any:
-        if source == GRID:
-            return ps.point_light_backgrounds(scenario)
-        if _is_file(source):
-            from periscopy_sim.storage.transport_matrix import read_prototypes
-
-            return read_prototypes(Path(source), scenario.transport_shape[0])
-        label = f"rendering the emitters of {Path(source).stem}"
-        with fixable(f"--light-model {source}"), progress(label) as report:
-            return ps.emitter_backgrounds(source, scenario, seed=seed, progress=report)
-
-
-def _is_file(source: str) -> bool:
-    return source.lower().endswith(".npy")
+        return np.hstack(
+            [
+                ps.point_light_backgrounds(scenario)
+                if source == GRID
+                else read_prototypes(Path(source), scenario.transport_shape[0])
+                for source in self.sources
+            ]
+        )

@@ -132,7 +132,7 @@ _IF_RAYS = f"{_SAMPLES} [default: see --model; then 16]"
 _IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for preconditioned, unrolled]"
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _MATRIX = "NPY file of A, instead of a rendering."
-_LIGHT_MODEL = "Sources of ambient light: Eq. 4, columns of a file, a scene's lamps; repeatable."
+_LIGHT_MODEL = "Sources of ambient light: Eq. 4's grid, columns of a file; repeatable."
 
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
@@ -146,7 +146,7 @@ ClosedOption = Annotated[
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[Path | None, option("FILE", _MATRIX, "--transport", group=LIGHT)]
 LightModelOption = Annotated[
-    list[str] | None, option("grid|FILE.npy|SCENE", _LIGHT_MODEL, "--light-model", group=LIGHT)
+    list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, "--light-model", group=LIGHT)
 ]
 
 # -- output, noise -------------------------------------------------------------------------------

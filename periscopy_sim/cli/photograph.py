@@ -95,7 +95,7 @@ def photograph(
         shown = session.hidden_image(image)
         background = None if ambient is None else _ambient_light(ambient, session)
         y = session.synthetic_photograph(shown, samples)
-        grain, added = _grain(session, y), math.inf
+        grain, added = _grain(y), math.inf
         with fixable("photograph"):
             if background is not None and sbr is not None:
                 signal, y = y, measurement.composite(y, background, sbr)
@@ -130,9 +130,7 @@ def _ambient_light(name: str, session: Session) -> Array:
     return session.ambient_light(name)
 
 
-def _grain(session: Session, photograph: Array) -> float:
-    """Return the root mean square of the path tracing's standard error; 0 of a textured wall."""
+def _grain(photograph: Array) -> float:
+    """Return the root mean square of the path tracing's standard error."""
     noise = camera_noise(np.moveaxis(photograph, 2, 0))
-    if noise is None or session.scenario.wall_texture is not None:
-        return 0.0
-    return float(np.sqrt(np.mean(noise**2)))
+    return 0.0 if noise is None else float(np.sqrt(np.mean(noise**2)))

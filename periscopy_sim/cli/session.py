@@ -54,7 +54,7 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
 
 def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
     """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
-    from periscopy_sim.rendering.checks import shadow_doubt
+    from periscopy_sim.rendering.survey import shadow_doubt
 
     if not (doubt := shadow_doubt(scenario)):
         return []
@@ -249,7 +249,7 @@ class Session(OptionGroup):
             check_memory(self.scenario, method)
             A = self.transport(light, matrix)
         with self.timed("prototype backgrounds"):
-            B = light.backgrounds(self.scenario, self.seed)
+            B = light.backgrounds(self.scenario)
         place = str(matrix or f"scene '{self.path}'")
         with (
             self.timed("fit the method"),

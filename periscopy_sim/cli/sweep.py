@@ -118,7 +118,7 @@ def sweep(
         if not matrix.is_file():
             write_transport(session, light, matrix)
         A = session.transport(light, matrix)
-        B = light.backgrounds(scenario, seed)
+        B = light.backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'", off):
             fitted = fit_methods(names, scenario, A, B, used, off)
         if signal is None:

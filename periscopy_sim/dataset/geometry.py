@@ -58,14 +58,9 @@ def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
     place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
     try:
         with _rendering:
-            scenario = load_scenario(scene, configuration.hidden, draw.parameters)
+            return load_scenario(scene, configuration.hidden, draw.parameters)
     except SceneError as error:
         raise ConfigurationError(f"{place}: {error}") from error
-    if scenario.wall_texture is not None:
-        raise ConfigurationError(
-            f"{place}: the wall of {scene} is textured; data sets need one reflectance"
-        )
-    return scenario
 
 
 def geometry_of(configuration: str, number: int) -> Geometry:
@@ -77,6 +72,7 @@ def geometry_of(configuration: str, number: int) -> Geometry:
 @lru_cache(maxsize=REMEMBERED)
 def _rendered(configuration: str, number: int) -> Geometry:
     from periscopy_sim.rendering.photograph import Monitor, without_warnings
+    from periscopy_sim.rendering.transport.bounced import add_bounces
     from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
     settings = Configuration.model_validate_json(configuration)
@@ -84,9 +80,11 @@ def _rendered(configuration: str, number: int) -> Geometry:
     scenario = scenario_of(settings, draw)
     if not isinstance(light, PathTraced):
         # The seed is the data set's own: samples of A are no random draw of a sample.
-        bounces = light.bounces if isinstance(light, Bounced) else 1
-        A = render_transport(scenario, samples=light.samples, bounces=bounces, seed=settings.seed)
-        return Geometry(draw, scenario, A)
+        A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+        if not isinstance(light, Bounced):
+            return Geometry(draw, scenario, A)
+        whole = add_bounces(scenario, A, light.bounces, seed=settings.seed)
+        return Geometry(draw, scenario, whole)
     monitor = Monitor(
         scenario, scenario.hidden_shape, samples=light.samples, bounces=light.bounces,
         only_monitor=True,

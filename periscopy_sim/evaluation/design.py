@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from periscopy_sim.errors import OutputError, SceneError, VariantError
+from periscopy_sim.errors import OutputError, VariantError
 from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Reference, merit_of
-from periscopy_sim.rendering.checks import pierced, shadow_doubt
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -149,10 +149,7 @@ class Design:
 
     def scenario(self, values: Mapping[str, str]) -> Scenario:
         """Return the scene of a point; a SceneError says that it is none."""
-        scenario = load_scenario(self.path, self.hidden, {**self.parameters, **values})
-        if fault := pierced(scenario):
-            raise SceneError(f"scene '{self.path}': {fault}")
-        return scenario
+        return load_scenario(self.path, self.hidden, {**self.parameters, **values})
 
     def as_it_stands(self) -> dict[str, str]:
         """Return the values of what varies in the scene as it stands."""

@@ -26,12 +26,6 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-ROULETTE = 5
-"""Surfaces after which Russian roulette may end a path, as Mitsuba's path tracer has it."""
-
-SURVIVAL = 0.95
-"""Largest chance to go on from there, as there."""
-
 DIMENSIONS = 32
 """Dimensions of the sequence, which takes four bytes per dimension and path: those of the first
 five surfaces. With numbers by chance two places took 2.3 and 2.5 times the paths."""
@@ -106,15 +100,24 @@ def scatters_alike(flags: Any) -> Any:
     return (flags & other) == 0
 
 
-def survivors(surface: Any, throughput: Any, number: Any, active: Any) -> tuple[Any, Any]:
+def survivors(
+    surface: Any,
+    throughput: Any,
+    number: Any,
+    active: Any,
+    *,
+    roulette: int = 5,
+    survival: float = 0.95,
+) -> tuple[Any, Any]:
     """Return the throughput of paths that survive Russian roulette, and which they are.
 
-    `surface` is how many surfaces a path has met, the number is uniform in (0, 1).
+    `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From so many
+    surfaces on the largest chance to go on is `survival`, as in Mitsuba's path tracer.
     """
     import drjit as dr
 
     strongest = dr.max(throughput)
-    chance = dr.select(surface >= ROULETTE, dr.minimum(strongest, SURVIVAL), 1)
+    chance = dr.select(surface >= roulette, dr.minimum(strongest, survival), 1)
     active &= (strongest > 0) & (number < chance)
     return throughput * dr.rcp(dr.select(active, chance, 1)), active
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
-from periscopy_sim.rendering.variant import FIXED_BLOCKS, is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
 WAVEFRONT = 1 << 24
@@ -71,9 +70,8 @@ def render_photograph(
 class Monitor:
     """A scene, loaded once, whose monitor shows one image after another.
 
-    Images are of `hidden_shape`, (R, C); `scene` and `camera` are Mitsuba's. `plain_emitter` drops
-    the angular profile; the other parameters are those of `render_photograph`. A monitor that
-    cannot show images is a `SceneError`.
+    Images are of `hidden_shape`, (R, C); the other parameters are those of `render_photograph`. A
+    monitor that cannot show images is a `SceneError`, a scalar variant a `VariantError`.
     """
 
     def __init__(
@@ -84,21 +82,18 @@ class Monitor:
         samples: int = 4096,
         bounces: int | None = None,
         only_monitor: bool = False,
-        plain_emitter: bool = False,
     ) -> None:
         import mitsuba as mi
 
-        use_variant()
+        require_vectorized("a photograph")
         if samples < 1 or (bounces is not None and bounces < 1):
             raise ValueError("samples and bounces must be at least 1")
         self.hidden_shape = hidden_shape
         self._samples = samples
-        self._depth = depth_of(bounces)
+        self._depth = -1 if bounces is None else bounces + 1
         self._mirrored = scenario.mirrored
         white = np.ones((*hidden_shape, 3))
-        self.scene = build_scene(
-            scenario, white, only_monitor=only_monitor, plain_emitter=plain_emitter
-        )
+        self.scene = build_scene(scenario, white, only_monitor=only_monitor)
         self.camera = camera_of(self.scene)
         self._parameters = mi.traverse(self.scene)
         emitter = shape_of(self.scene, "monitor").emitter()
@@ -138,11 +133,6 @@ class Monitor:
         self._parameters.update()
 
 
-def depth_of(bounces: int | None) -> int:
-    """Return Mitsuba's `max_depth` for so many reflections, or None for any number."""
-    return -1 if bounces is None else bounces + 1
-
-
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing, for one, that it was interrupted."""
@@ -177,41 +167,30 @@ def path_trace(
     """Render what a sensor of a Mitsuba scene sees, (rows, columns, 3) radiance, in bounded memory.
 
     `depth` is Mitsuba's: 2 for one reflection, -1 for any number. The sensor, if not that of id
-    ``camera``, needs a sampler that takes square numbers.
-    """
-    import mitsuba as mi
-
-    camera = camera_of(scene) if sensor is None else sensor
-    integrator = mi.load_dict({"type": "path", "max_depth": depth, **FIXED_BLOCKS})
-    side = math.ceil(math.sqrt(samples))  # the multi-jittered sampler wants a square number
-    seed, report = seed % 2**32, progress or (lambda _: None)
-    if is_vectorized():
-        return _wavefronts(scene, camera, integrator, side, seed, report)
-    picture = mi.render(scene, sensor=camera, integrator=integrator, spp=side**2, seed=seed)
-    report(1.0)
-    return np.array(picture, np.float64)
-
-
-def _wavefronts(
-    scene: Any, camera: Any, integrator: Any, side: int, seed: int, report: Callable[[float], None]
-) -> Array:
-    """Render as `mi.render` does, but the side² strata of a pixel in several wavefronts.
-
-    Independent renderings of fewer samples would have larger strata, and larger errors.
+    ``camera``, needs a sampler that takes square numbers. Its side² strata of a pixel are traced as
+    by `mi.render`, but in several wavefronts: independent renderings of fewer samples would have
+    larger strata, and larger errors.
     """
     import drjit as dr
     import mitsuba as mi
 
+    camera = camera_of(scene) if sensor is None else sensor
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
     columns, rows = (int(n) for n in camera.film().crop_size())
-    samples, at_once = _cut(side, max(1, WAVEFRONT // (rows * columns)))
+    pixels = rows * columns
+    # The multi-jittered sampler takes square numbers: wavefronts, in number a divisor of the side.
+    side = math.ceil(math.sqrt(samples))
+    wavefronts = min(side, math.ceil(side**2 * pixels / WAVEFRONT))
+    side = math.ceil(side / wavefronts) * wavefronts
+    at_once = side**2 // wavefronts
     sampler = camera.sampler().clone()
-    sampler.set_sample_count(samples)
+    sampler.set_sample_count(side**2)
     sampler.set_samples_per_wavefront(at_once)
-    sampler.seed(dr.opaque(mi.UInt32, seed), rows * columns * at_once)
-    pixel = dr.arange(mi.UInt32, rows * columns * at_once) // dr.opaque(mi.UInt32, at_once)
+    sampler.seed(dr.opaque(mi.UInt32, seed % 2**32), pixels * at_once)
+    pixel = dr.arange(mi.UInt32, pixels * at_once) // dr.opaque(mi.UInt32, at_once)
     corner = mi.Point2f(pixel % columns, pixel // columns)
-    total = np.zeros((3, rows * columns))
-    for done in range(at_once, samples + 1, at_once):
+    total = np.zeros((3, pixels))
+    for done in range(1, wavefronts + 1):
         sampler.schedule_state()
         dr.eval()  # one kernel serves all wavefronts
         position = (corner + sampler.next_2d()) / mi.ScalarPoint2f(columns, rows)
@@ -225,16 +204,6 @@ def _wavefronts(
         dr.eval(light)  # the sums over its channels would each trace it anew
         total += np.array(dr.block_sum(light, at_once))
         sampler.advance()
-        report(done / samples)
-    return (total.T / samples).reshape(rows, columns, 3)
-
-
-def _cut(side: int, most: int) -> tuple[int, int]:
-    """Return side² and its largest divisor up to `most`, or those of the next side that serves.
-
-    Squares of primes, for one, would be cut into many times the wavefronts that are needed: those
-    of more than four times as many are passed over.
-    """
-    squares = (n**2 for n in itertools.count(side))
-    cuts = ((n, max(k for k in range(1, min(most, n) + 1) if n % k == 0)) for n in squares)
-    return next((n, k) for n, k in cuts if 4 * k >= min(most, n))
+        if progress is not None:
+            progress(done / wavefronts)
+    return (total.T / side**2).reshape(rows, columns, 3)

@@ -1,21 +1,21 @@
-"""Choose a Mitsuba variant: CUDA where a device answers, else LLVM, else scalar.
+"""Choose a Mitsuba variant: CUDA or Metal where a device answers, else LLVM, else scalar.
 
-This is the only module that calls `mi.set_variant`.
+This is the only module that calls `mi.set_variant`, and the only one that chooses a libLLVM. In the
+scalar variant scenes load, which is all that closed forms need; rays need another.
 """
 
 from __future__ import annotations
 
 import os
-import warnings
+import re
+import site
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from periscopy_sim.errors import VariantError
 
-FIXED_BLOCKS = {"block_size": 32}
-"""Of Mitsuba's integrators, by its default: in scalar variants each block of pixels has a seed of
-its own, and blocks of no fixed size follow the number of threads."""
-
-PREFERENCE = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
+PREFERENCE = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"
 
 OLDEST_LLVM = 17
@@ -24,6 +24,12 @@ cannot select the instruction fminimum."""
 
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
+
+INSTALL_LLVM = (
+    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: pip install 'periscopy_sim[llvm]' (Linux, "
+    "x86-64), apt-get install libllvm19, brew install llvm, or conda install libllvm19; Windows: "
+    f"the installer from github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}"
+)
 
 
 @dataclass(frozen=True)
@@ -35,34 +41,49 @@ class VariantReport:
     reason: str  # what makes it work, or what is missing and how to get it
 
 
+def own_llvm() -> Path | None:
+    """Return the newest libLLVM of this Python environment: of the extra ``llvm``, or conda's."""
+    folders = [Path(base, "lib") for base in (sys.prefix, site.getuserbase())]
+    files = [file.resolve() for folder in folders for file in folder.glob("libLLVM[-.]*")]
+    matches = [(re.match(r"libLLVM\D*(\d+)", file.name), file) for file in files]
+    versions = [(int(match[1]), file) for match, file in matches if match]
+    version, file = max(versions, default=(0, None))
+    return file if version >= OLDEST_LLVM else None
+
+
+def choose_llvm() -> str:
+    """Have Dr.Jit load this environment's libLLVM, and return which one it loads, in words.
+
+    What the user's `LLVM_FILE` names goes before it. Dr.Jit loads its libLLVM as it is imported:
+    where ``import mitsuba`` came first, the system's serves, if there is one.
+    """
+    own = own_llvm()
+    if own is not None and "drjit" not in sys.modules:
+        os.environ.setdefault(LLVM_FILE, str(own))
+    named = os.environ.get(LLVM_FILE)
+    if named is None:
+        late = f"; call periscopy_sim.use_variant() before importing mitsuba to use {own}"
+        return f"the system's{late if own is not None else ''}"
+    return f"of this environment, {named}" if named == str(own) else f"by {LLVM_FILE}, {named}"
+
+
 def examine_variants() -> list[VariantReport]:
     """Return what there is to say of the variants in `PREFERENCE`, best first."""
+    origin = choose_llvm()
     import drjit as dr
 
-    cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
-    version = dr.detail.llvm_version()[0] if dr.has_backend(dr.JitBackend.LLVM) else 0
-    if version >= OLDEST_LLVM:
-        llvm = f"libLLVM {version} was found"
-    elif version:
-        llvm = f"libLLVM {version} is too old for Mitsuba's path tracer; {install_llvm()}"
-    else:
-        llvm = f"no libLLVM loads that Dr.Jit can use; {install_llvm()}"
-    device = "an NVIDIA device answers" if cuda else "no NVIDIA device or driver answers"
-    return [
-        VariantReport("cuda_ad_rgb", cuda, device),
-        VariantReport("llvm_ad_rgb", version >= OLDEST_LLVM, llvm),
-        VariantReport("scalar_rgb", True, "needs nothing; about 100 times slower than LLVM"),
-    ]
-
-
-def install_llvm() -> str:
-    """Return how to install a libLLVM that serves."""
-    return (
-        f"install LLVM {OLDEST_LLVM} or newer to render about 100 times faster (Debian, Ubuntu: "
-        "apt-get install libllvm19; macOS: brew install llvm; conda: libllvm19 of conda-forge; "
-        "Windows: the installer from github.com/llvm/llvm-project/releases); where Dr.Jit does not "
-        f"find it, set {LLVM_FILE} to its libLLVM.so, libLLVM.dylib or LLVM-C.dll"
+    cuda, metal, llvm = (
+        bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")
     )
+    version = dr.detail.llvm_version()[0] if llvm else 0
+    loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
+    works = version >= OLDEST_LLVM
+    return [
+        VariantReport("cuda_ad_rgb", cuda, f"{'an' if cuda else 'no'} NVIDIA device answers"),
+        VariantReport("metal_ad_rgb", metal, f"{'an' if metal else 'no'} Apple device answers"),
+        VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {INSTALL_LLVM}"),
+        VariantReport("scalar_rgb", True, "needs nothing; for closed forms, it traces no rays"),
+    ]
 
 
 def use_variant(name: str | None = None) -> str:
@@ -85,29 +106,20 @@ def use_variant(name: str | None = None) -> str:
     ------
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
-
-    Warns
-    -----
-    RuntimeWarning
-        If the slow scalar variant is all that works here.
     """
+    reports = {report.name: report for report in examine_variants()}
     import mitsuba as mi
 
     asked = name or os.environ.get(OVERRIDE) or mi.variant()
-    reports = {report.name.split("_")[0]: report for report in examine_variants()}
     if asked is None:
-        asked = next(report.name for report in reports.values() if report.works)
-        if asked == "scalar_rgb":
-            why = reports["llvm"].reason
-            warnings.warn(f"rendering with scalar_rgb: {why}", RuntimeWarning, 2)
-    if asked not in mi.variants():
+        installed = mi.variants()
+        asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
+    if asked not in mi.variants() or "_rgb" not in asked:
+        usable = ", ".join(variant for variant in mi.variants() if "_rgb" in variant)
         raise VariantError(
-            f"unknown Mitsuba variant '{asked}'; installed here: {', '.join(mi.variants())}; "
-            f"name one of these, or unset {OVERRIDE}"
+            f"'{asked}' is no RGB variant of Mitsuba here; use one of {usable}, or unset {OVERRIDE}"
         )
-    if "_rgb" not in asked:
-        raise VariantError(f"variant '{asked}' is not an RGB variant; use one of {PREFERENCE}")
-    report = reports.get(asked.split("_")[0])
+    report = reports.get(asked)
     if report is not None and not report.works:
         raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
     if mi.variant() != asked:
@@ -119,7 +131,7 @@ def use_variant(name: str | None = None) -> str:
 
 
 def is_vectorized() -> bool:
-    """Return whether the variant now set evaluates whole arrays at once (LLVM or CUDA)."""
+    """Return whether the variant now set evaluates whole arrays at once, as rays need it."""
     import mitsuba as mi
 
     return not mi.variant().startswith("scalar")
@@ -127,6 +139,5 @@ def is_vectorized() -> bool:
 
 def require_vectorized(purpose: str) -> None:
     """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
-    use_variant()
-    if not is_vectorized():
-        raise VariantError(f"{purpose} needs llvm_ad_rgb or cuda_ad_rgb: {install_llvm()}")
+    if use_variant().startswith("scalar"):
+        raise VariantError(f"{purpose}: {INSTALL_LLVM}")

@@ -22,7 +22,7 @@ REPLICAS = 8
 """Independent estimates of a field; their scatter gives its error to a quarter, 1 / sqrt(14)."""
 
 SITES = 256
-"""Pixels at which a field is estimated."""
+"""Pixels at which a field is estimated, and whose brightness stands for the photograph's."""
 
 LARGEST = (0, 1, 2, 3, 5, 8, 13, 21, 34)
 """Largest powers tried of row and of column: Fibonacci's numbers, each some 1.6 times the last."""

@@ -81,10 +81,3 @@ def test_an_edge_all_but_along_the_rows_takes_from_each_column_its_own(roll):
     np.testing.assert_allclose(found(plate), expected(plate), atol=1e-7)
     change = (expected(plate) - expected(unrolled))[0, 3]  # the row of its lower edge
     assert abs(found(plate)[0, 3] - found(unrolled)[0, 3] - change).max() <= 1e-7 + 1e-3 * abs(roll)
-
-
-def test_polygons_that_share_sides_hide_once():
-    left, right = SQUARE * [2, 3] + [0.5, 0.5], SQUARE * [2, 3] + [2.5, 0.5]
-    whole, within = SQUARE * [4, 3] + 0.5, SQUARE * [1, 3] + [1.5, 0.5]
-    for polygons in ((left, right), (whole, whole), (whole, within), (left, right, within, whole)):
-        np.testing.assert_allclose(found(*polygons), expected(whole), atol=1e-6)

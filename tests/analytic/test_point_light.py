@@ -88,15 +88,7 @@ def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
     )
 
 
-@pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 2, 3)])
-def test_grid_that_is_no_list_of_positions_is_refused(shape):
+@pytest.mark.parametrize("grid", [np.ones(3), np.ones((4, 2)), GRID * [1, 0, 1], GRID * np.nan])
+def test_grid_that_is_no_list_of_positions_before_the_wall_is_refused(grid):
     with pytest.raises(ValueError, match=r"a grid of lights is \(L, 3\)"):
-        point_light_backgrounds(make_scenario(film=FILM), np.ones(shape))
-
-
-@pytest.mark.parametrize("away", [0.0, -1.0, np.nan])
-def test_grid_with_a_light_not_in_front_of_the_wall_is_refused(away):
-    grid = GRID.copy()
-    grid[1, 1] = away
-    with pytest.raises(ValueError, match="in front of the wall"):
         point_light_backgrounds(make_scenario(film=FILM), grid)

@@ -1,11 +1,8 @@
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import integrate
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.analytic.area_transport import analytic_transport
@@ -96,11 +93,6 @@ class Box:
         return enter < leave
 
 
-def soup(occluder):
-    corners = occluder.vertices[occluder.faces].reshape(-1, 3)
-    return replace(occluder, vertices=corners, faces=np.arange(len(corners)).reshape(-1, 3))
-
-
 def merged(*occluders, name="furniture"):
     first = np.cumsum([0] + [len(o.vertices) for o in occluders])
     faces = [o.faces + n for o, n in zip(occluders, first, strict=False)]
@@ -174,20 +166,6 @@ def test_an_unoccluded_lambertian_monitor_matches_lamberts_contour_formula(degre
             assert A[i, j] == pytest.approx(0.8 / np.pi * irradiance, rel=1e-4)
 
 
-def test_an_unoccluded_lcd_patch_matches_adaptive_quadrature():
-    scenario = make_scenario(film=(1, 1), hidden=(1, 1))
-    (x, y, z), (px, _, pz) = scenario.wall_points[0], scenario.patch_centers[0]
-
-    def integrand(dz, dx):
-        across, up = x - px - dx, z - pz - dz
-        r = (across**2 + up**2 + y**2) ** 0.5
-        angles = np.cos(np.arctan(up / y)) ** 18 * np.cos(np.arctan(across / y))
-        return 0.8 / np.pi * angles * (y / r) ** 2 / r**2
-
-    expected, _ = integrate.dblquad(integrand, -0.2, 0.2, -0.15, 0.15, epsrel=1e-10)
-    assert analytic_transport(scenario)[0, 0] == pytest.approx(expected, rel=2e-4)
-
-
 @pytest.mark.parametrize("determinant", [1, -1])
 def test_moving_or_mirroring_the_whole_scene_changes_nothing(determinant):
     rng = np.random.default_rng(5)
@@ -219,7 +197,7 @@ REFUSALS = [
     ("patch_normals", bent(SCENE.patch_normals), NOT_A_GRID),
     ("patch_up", SCENE.patch_up * np.linspace(0.9, 1, 6)[:, None], NOT_A_GRID),
     ("occluders", (Occluder("ball", None, None),), "'ball' has no triangles"),
-    ("occluders", at(1.0), "'stool' reaches as far as the wall"),
+    ("occluders", at(1.0), "'stool' reaches the wall's nearest"),
     ("occluders", at(0.05), "'stool' reaches the monitor's plane"),
 ]
 
@@ -230,15 +208,3 @@ def test_what_the_model_cannot_treat_is_refused_by_name(field, value, words):
         analytic_transport(replace(SCENE, **{field: value}))
     assert "room.xml" in str(refusal.value)
     assert "render_transport" in str(refusal.value)
-
-
-def test_textured_wall_is_refused_by_name():
-    with pytest.raises(SceneError, match=r"shape 'wall' is textured; give it one reflectance"):
-        analytic_transport(replace(make_scenario(), wall_texture=np.ones(99)))
-
-
-def test_importing_the_model_loads_no_compiler_and_no_renderer():
-    heavy = "{'numba', 'scipy', 'mitsuba', 'drjit'}"
-    code = f"import sys, periscopy_sim.analytic.area_transport; print({heavy} & set(sys.modules))"
-    command = [sys.executable, "-c", code]
-    assert subprocess.check_output(command, cwd=ROOT, text=True).strip() == "set()"

@@ -5,7 +5,6 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli.analyze import MEANINGS
-from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -75,39 +74,6 @@ def test_numbers_are_those_of_dense_linear_algebra(succeeds, model, tmp_path):
         assert row["noise_gain"] == pytest.approx(np.trace(P @ P.T), rel=1e-6)
         assert row["residual_background"] == pytest.approx(left.max(), rel=1e-3)
     assert table[0]["rank"] < table[1]["rank"] and table[0]["noise_gain"] < table[1]["noise_gain"]
-
-
-def test_dark_spots_of_a_textured_wall_are_left_out_of_every_number(
-    succeeds, edited_scene, tmp_path
-):
-    """Pixels without red tell nothing, so that a mask that leaves them out changes nothing."""
-    colours = np.where(np.arange(400)[:, None] < 190, [0.02, 0.6, 0.5], [0.8, 0.6, 0.5])
-    write_exr(tmp_path / "paper.exr", np.repeat(colours[None], 2, axis=0), {})
-    paper = (
-        '<texture type="bitmap" name="reflectance"><string name="filename" value="paper.exr"/>'
-        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
-    )
-    scene = edited_scene(
-        (
-            '<rgb name="reflectance" value="0.8"/>\n        </bsdf>\n    </shape>\n\n'
-            "    <!-- The part",
-            f"{paper}</bsdf></shape><!-- The part",
-        )
-    )
-    gain = ps.load_scenario(scene, (4, 5), {"resolution": 24}).channel_gain
-    lit = (gain > 0).all(axis=1).reshape(24, 24)
-    assert 50 < lit.sum() < 500
-    np.save(tmp_path / "mask.npy", lit)
-    np.save(tmp_path / "off.npy", np.random.default_rng(3).uniform(1, 2, (24, 24, 3)))
-    records = []
-    for mask in ((), ("--mask", "mask.npy")):
-        background = ("--monitor-off", "off.npy")
-        succeeds("analyze", scene, *TINY, *background, *mask, "--out", "analysis")
-        records.append(json.loads((tmp_path / "analysis" / "summary.json").read_text()))
-    alone, masked = (
-        {n: r[n] for n in (*MEANINGS, "rank_table", "pixels_left_out")} for r in records
-    )
-    assert alone == masked
 
 
 def test_patches_that_cannot_be_told_apart_are_refused(refused):

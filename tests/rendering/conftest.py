@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
+from periscopy_sim.rendering.variant import OVERRIDE, use_variant
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
 
@@ -22,17 +22,7 @@ FALSE_ALARMS = 1e-5
 
 @pytest.fixture(scope="session", autouse=True)
 def variant() -> str:
-    """The variant asked for by the environment, else the fastest that works."""
-    best = next(report.name for report in examine_variants() if report.works)
-    return use_variant(os.environ.get(OVERRIDE) or best)
-
-
-@pytest.fixture
-def jit(variant: str) -> None:
-    """Skip where only a scalar variant is at hand."""
-    if variant.startswith("scalar"):
-        reasons = "; ".join(f"{r.name}: {r.reason}" for r in examine_variants() if not r.works)
-        pytest.skip(f"renders with {variant} ({reasons or 'asked for'}); needs LLVM or CUDA")
+    return use_variant()
 
 
 class Room:
@@ -128,20 +118,6 @@ class Room:
             f'up="0, 0, 1"/></transform><film type="{film}">'
             f'<integer name="height" value="{size[0]}"/><integer name="width" value="{size[1]}"/>'
             f"{inside_film}</film></sensor>"
-        )
-
-    @staticmethod
-    def lens(
-        radius: float, focus: float, size: tuple[int, int] = (5, 6), *, angle: float = 17
-    ) -> str:
-        """A thin lens at (1.2, 0, 0.3), 27 degrees off the wall's normal, its angle in degrees."""
-        return (
-            f'<sensor type="thinlens" id="camera"><float name="fov" value="{angle}"/>'
-            f'<float name="aperture_radius" value="{radius}"/>'
-            f'<float name="focus_distance" value="{focus}"/><transform name="to_world">'
-            '<lookat origin="1.2, 0, 0.3" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
-            f'<film type="hdrfilm"><integer name="height" value="{size[0]}"/>'
-            f'<integer name="width" value="{size[1]}"/><rfilter type="box"/></film></sensor>'
         )
 
     @staticmethod

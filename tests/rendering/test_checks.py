@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.rendering.checks import RAYS, hidden_fraction, pierced, shadow_doubt
+from periscopy_sim.rendering.survey import RAYS, hidden_fraction, shadow_doubt
 
 SMALL = {"resolution": 12}
 
@@ -45,21 +45,3 @@ def test_fraction_of_blocked_paths_is_that_of_a_plate_in_closed_form(room):
     hidden = hidden_fraction(room.load(plate, camera=room.camera((64, 64))))
     error = np.sqrt(expected * (1 - expected) / RAYS)
     assert abs(hidden - expected) < 5 * error + 2e-3  # rays end at the pixels' centres
-
-
-@pytest.mark.parametrize("scene", ["chair", "plate", "bright_room", "plant"])
-def test_nothing_stands_in_the_surfaces_of_shipped_scenes(scene):
-    assert pierced(ps.load_scenario(scene, (3, 4))) == ""
-
-
-def test_occluders_that_stand_in_a_surface_are_named(room):
-    told = pierced(chair(occluder_dx=-0.25, occluder_dy=-0.63))
-    assert "'chair_seat'" in told and told.endswith("stands in the monitor")
-    for aside in ({"occluder_dy": -0.63}, {"occluder_dx": -0.25, "occluder_dy": -0.58}):
-        assert pierced(chair(**aside)) == ""
-    # A plate of 1 mm, turned into the screen.
-    values = {"occluder_dx": -0.28, "occluder_dy": -0.57, "occluder_turn": 90}
-    assert pierced(ps.load_scenario("plate", (3, 4), SMALL | values)).startswith("'plate'")
-    # Between the rows of pixels, so that the camera misses it.
-    thin = block(0.7, 1, 0.3 + 0.2 / 6, (0.1, 0.1, 0.004))
-    assert pierced(room.load(thin)) == "'block' stands in the wall"

@@ -5,9 +5,7 @@ import pytest
 
 from periscopy_sim.rendering import paths
 from periscopy_sim.rendering.ambient.irradiance import rows_of
-from periscopy_sim.rendering.paths import DIMENSIONS, ROULETTE, SURVIVAL, PathNumbers, survivors
-
-pytestmark = pytest.mark.usefixtures("jit")
+from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers
 
 SEEDS, RAYS = range(24), 1 << 14
 MANY = 1 << 16
@@ -33,9 +31,7 @@ EMITTERS = {
     "daylight": {"daylight": {"type": "sunsky", "sun_direction": [0.3, -0.2, 0.9]}},
     "slide": {"slide": {"type": "projector", "to_world": "above", "irradiance": "checked"}},
     "panorama": {"panorama": {"type": "envmap", "bitmap": "uneven"}},
-    "screen": {
-        "lamp": {"type": "rectangle", "emitter": {"type": "area", "radiance": "checked"}},
-    },
+    "screen": {"lamp": {"type": "rectangle", "emitter": {"type": "area", "radiance": "checked"}}},
     "all": {
         "lamp": LAMP,
         "bulb": {"type": "point", "position": [0.3, 0.2, 0.8]},
@@ -77,8 +73,7 @@ def scene_of(bsdf, emitters):
             "floor": rectangle(T().scale(1.5), WHITE),
             "wall": rectangle(T().translate([1.2, 0, 0.8]).rotate([0, 1, 0], -90), WHITE),
             "pane": rectangle(
-                T().translate([0.2, 0, 0.6]).rotate([0, 1, 0], 30).scale([0.5, 0.7, 1]),
-                BSDFS[bsdf],
+                T().translate([0.2, 0, 0.6]).rotate([0, 1, 0], 30).scale([0.5, 0.7, 1]), BSDFS[bsdf]
             ),
             "ball": {"type": "sphere", "center": [0.5, -0.4, 0.3], "radius": 0.25, "bsdf": WHITE},
             **emitters,
@@ -149,20 +144,6 @@ def test_numbers_beyond_the_sequence_are_as_good(monkeypatch, same_mean):
     compared(scene_of("gloss", EMITTERS["all"]), same_mean)
 
 
-def test_what_the_rays_first_meet_is_told():
-    import mitsuba as mi
-
-    scene = scene_of("mirror", EMITTERS["lamp"])
-    origins, downward = np.array([[-0.9, 0, 1.0], [0.2, 0, 1.0], [-0.9, 0, 1.0]]), [-1, -1, 1]
-    ray = mi.Ray3f(mi.Point3f(*origins.T), mi.Vector3f(0, 0, mi.Float(downward)))
-    numbers = PathNumbers(3, (1,)).shifted(0)
-    _, (position, normal, is_valid, scatters_alike) = paths.trace_paths(scene, numbers, 0, ray)
-    assert np.array(is_valid).tolist() == [True, True, False]
-    assert np.array(scatters_alike).tolist()[:2] == [True, False]
-    np.testing.assert_allclose(rows_of(position)[:2], [[-0.9, 0, 0], [0.2, 0, 0.6]], atol=1e-5)
-    assert (rows_of(normal)[:2, 2] > 0).all()
-
-
 def numbers_at(seed, dimensions, numbers=None):
     """(dimensions, paths)."""
     shifted = (numbers or PathNumbers(ORIGINS, PARTS)).shifted(seed)
@@ -196,25 +177,3 @@ def test_any_number_of_paths_is_served(origins, parts):
     assert (found >= 0).all() and (found < 1).all()
     # Later ones are in another order, and none is left out or comes twice.
     assert len(np.unique(found[0])) == len(np.unique(found[1])) == count
-
-
-def after(surface, strength):
-    """Throughput, 0 of paths that ended, of many whose strongest channel has that strength."""
-    import drjit as dr
-    import mitsuba as mi
-
-    numbers = (dr.arange(mi.Float, MANY) + 0.5) / MANY
-    throughput = mi.Color3f(strength / 2, strength, 0) + dr.zeros(mi.Float, MANY)
-    kept, active = survivors(mi.UInt32(surface), throughput, numbers, mi.Bool(True))
-    alive = np.array(active & dr.full(mi.Bool, True, MANY))
-    return np.array(kept.y) * alive, np.array(kept.x) * alive, alive
-
-
-@pytest.mark.parametrize("strength", [0.01, 0.3, 0.9, 1.0, 3.0])
-@pytest.mark.parametrize("surface", [1, ROULETTE - 1, ROULETTE, 20])
-def test_light_in_the_mean_is_what_it_was(surface, strength):
-    strong, weak, alive = after(surface, strength)
-    assert strong.mean() == pytest.approx(strength, rel=2e-3)
-    np.testing.assert_allclose(weak, strong / 2, rtol=1e-5)
-    chance = min(strength, SURVIVAL) if surface >= ROULETTE else 1
-    assert np.mean(alive) == pytest.approx(chance, abs=1e-3)

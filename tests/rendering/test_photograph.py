@@ -6,8 +6,6 @@ from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
 
 

@@ -6,12 +6,6 @@ CUBE = (
     '<shape type="cube" id="box"><transform name="to_world"><scale x="0.05" y="0.01" z="0.04"/>'
     '<translate x="0.45" y="0.5" z="0.3"/></transform></shape>'
 )
-PERSPECTIVE = (
-    '<sensor type="perspective" id="camera"><float name="fov" value="20"/><transform '
-    'name="to_world"><lookat origin="1.2, 0.1, 0.5" target="0.7, 1, 0.3" up="0, 0, 1"/></transform>'
-    '<film type="hdrfilm"><integer name="height" value="6"/><integer name="width" value="6"/>'
-    "</film></sensor>"
-)
 
 
 def test_parallel_rays_begin_beside_each_other(room):
@@ -25,14 +19,6 @@ def test_parallel_rays_begin_beside_each_other(room):
     np.testing.assert_allclose(
         survey.view_origins[:, [0, 2]], survey.view_points[:, [0, 2]], atol=1e-6
     )
-
-
-def test_rays_of_a_pinhole_come_from_its_place(room):
-    """Mitsuba lets them begin a centimetre before it."""
-    survey = Survey(room.load(camera=PERSPECTIVE))
-    assert not survey.parallel
-    np.testing.assert_allclose(survey.view_origins, np.tile([1.2, 0.1, 0.5], (5, 1)), atol=1e-4)
-    np.testing.assert_allclose(survey.view_points[4], [0.7, 1, 0.3], atol=1e-4)
 
 
 def test_solids_reach_as_far_as_their_shapes(room):

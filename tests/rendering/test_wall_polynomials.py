@@ -1,13 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.wall_polynomials import (
-    LARGEST,
-    SITES,
-    chosen_sites,
-    polynomial_fits,
-    polynomials,
-)
+from periscopy_sim.rendering.wall_polynomials import SITES, chosen_sites, polynomials
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 4), (12, 200), (17, 16), (126, 126)])
@@ -37,19 +31,3 @@ def test_polynomials_are_orthonormal_and_reach_their_powers_together(shape, larg
     # The same space.
     inside = found @ (found.T @ np.stack(terms, axis=1)) / len(found)
     np.testing.assert_allclose(inside, np.stack(terms, axis=1), atol=1e-9)
-
-
-def test_fits_are_by_least_squares_and_tell_their_own_error():
-    shape, rng = (40, 50), np.random.default_rng(0)
-    sites = chosen_sites(shape)
-    replicas = 1 + 0.1 * rng.normal(size=(5, SITES, 2))
-    fits = list(polynomial_fits(replicas, sites, shape))
-    assert {fit.largest for fit in fits} >= {(0, 0), (34, 0), (3, 21), (13, 13)}
-    assert all(set(fit.largest) <= set(LARGEST) for fit in fits)
-    assert max(len(fit.coefficients) for fit in fits) <= SITES / 1.5
-    fit = next(fit for fit in fits if fit.largest == (3, 2))
-    basis = polynomials(shape, (3, 2), sites)
-    expected = np.linalg.lstsq(basis, replicas[2, :, 1], rcond=None)[0]
-    np.testing.assert_allclose(fit.coefficients[:, 2, 1], expected, atol=1e-12)
-    variance = fit.replicas.var(axis=0, ddof=1).mean(axis=0) / 5
-    np.testing.assert_allclose(fit.squared_error - fit.squared_bias, variance, rtol=1e-9)

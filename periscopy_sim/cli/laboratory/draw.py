@@ -6,10 +6,13 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.output import progress, say_written
 from periscopy_sim.cli.session import provenance_of, warn_without_shadows
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
+
+PATCHES = (18, 24)
+"""Points of the monitor, for its shadows."""
 
 PIXELS = (32, 32)
 """Pixels of the trial photograph."""
@@ -20,7 +23,7 @@ def draw(
     out: options.OutFile,
     define: options.Define = None,
 ) -> None:
-    """Draw a scene to scale: plan, side view, shadows, overview.
+    """Draw a scene to scale: plan, side view, shadows.
 
     The drawing shows wrong signs and units.
     """
@@ -28,10 +31,9 @@ def draw(
 
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
-        use_variant()
-        points = (18, 24) if is_vectorized() else (5, 6)  # of the monitor, for its shadows
+        require_vectorized("a drawing")
         given = options.parse_definitions(define)
-        scenario = ps.load_scenario(find_scene(scene), points, given, photograph=PIXELS)
+        scenario = ps.load_scenario(find_scene(scene), PATCHES, given, photograph=PIXELS)
         with progress("drawing"):
             draw_laboratory(staged, scenario, metadata=as_text(provenance_of(scenario)))
     say_written(out)

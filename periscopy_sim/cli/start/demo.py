@@ -14,13 +14,11 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
+from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.storage.formats.exr import write_exr
 
 SBR = 0.5
 SNR = 60.0
-LAMPS = np.array([(-1.3, 1.7, 1.1), (1.9, 3.2, 1.4)])
-"""(across, away, up), metres, of lamps by Eq. 4, where scalar variants trace no ambient light."""
 CAPTION = (
     f"chair scene, ambient light {1 / SBR:g} times the signal (SBR {SBR:g}), SNR {SNR:g} dB; PSNR "
     "after one gain per channel"
@@ -40,11 +38,10 @@ def demo(
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
     with output_folder(out) as folder:
+        require_vectorized("the demo")
         say(f"rendering with {use_variant()}")
-        fast = is_vectorized()  # scalar variants are about 100 times slower
-        patches, pixels = ("29x36", 126) if fast else ("14x18", 63)
-        fraction = effort or (1.0 if fast else 0.03)
-        session = Session("chair", hidden or patches, [f"resolution={resolution or pixels}"], seed)
+        fraction = effort or 1.0
+        session = Session("chair", hidden or "29x36", [f"resolution={resolution or 126}"], seed)
         scenario, timed = session.scenario, session.timed
         truth = session.hidden_image(image)
         with timed("transport matrix"):
@@ -52,11 +49,7 @@ def demo(
         with timed("photograph"):
             signal = session.synthetic_photograph(truth, max(1, round(fraction * 4096)))
         with timed("ambient light"):
-            if fast:
-                ambient = session.ambient_light("ceiling_panels", 3e-4 / fraction**0.5)
-            else:
-                lamps = ps.point_light_backgrounds(scenario, LAMPS).sum(axis=1)
-                ambient = np.tile(lamps.reshape(*signal.shape[:2], 1), 3)
+            ambient = session.ambient_light("ceiling_panels", 3e-4 / fraction**0.5)
         photograph = add_noise(composite(signal, ambient, SBR), SNR, seed)
         B = ps.point_light_backgrounds(scenario)
         with timed("form the preconditioner"):

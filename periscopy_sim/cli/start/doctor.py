@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 from periscopy_sim.cli.output import say
 from periscopy_sim.extras import EXTRA_OF
-from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, examine_variants, use_variant
+from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
 
 
 def doctor() -> None:
@@ -26,7 +26,6 @@ def doctor() -> None:
     say(f"cores        {os.cpu_count()}")
     for report in examine_variants():
         say(f"{report.name:12} {'works' if report.works else 'does not work'}: {report.reason}")
-    for name in (LLVM_FILE, OVERRIDE):
-        if os.environ.get(name):
-            say(f"{name} is set to {os.environ[name]}")
+    if os.environ.get(OVERRIDE):
+        say(f"{OVERRIDE} is set to {os.environ[OVERRIDE]}")
     say(f"rendering    with {use_variant()}")

@@ -1,4 +1,4 @@
-"""A laboratory drawn to scale: plan, side view, the wall with its shadows, and an overview."""
+"""A laboratory drawn to scale: plan, side view, and the wall with its shadows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.laboratory.geometry import CHARACTERS, RoomPlan, facts
-from periscopy_sim.figures.laboratory.overview import draw_overview
 from periscopy_sim.figures.laboratory.projections import LINES, draw_projection, draw_wall
 from periscopy_sim.figures.style import STYLE
 from periscopy_sim.scenario import Scenario
@@ -37,7 +36,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
 
     Three views at one scale, after the third-angle projection: the wall as the camera faces it,
     the side view beside it, the plan below. Grey is how much of the monitor a point of the wall
-    sees. Below the side view stands a path-traced overview.
+    sees.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -57,7 +56,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
         figure.set_layout_engine("constrained", h_pad=0.1)
         FigureCanvasAgg(figure)  # labels are placed by their size in pixels
         ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
-        (wall, side), (plan, picture) = figure.subplots(2, 2, **ratios)
+        (wall, side), (plan, rest) = figure.subplots(2, 2, **ratios)
         for ax, (h, v), title in (
             (wall, (0, 2), "the wall as the camera faces it; grey: part of the monitor is hidden"),
             (side, (1, 2), "from the side"),
@@ -65,13 +64,11 @@ def laboratory_figure(scenario: Scenario) -> Figure:
         ):
             ax.set(title=title, xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
-        picture.set_axis_off()
-        picture.set_title("overview")
+        rest.remove()
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places
         draw_wall(wall, layout)
         draw_projection(side, layout, (1, 2))
         draw_projection(plan, layout, (0, 1))
-        draw_overview(picture, layout)
     return figure

@@ -16,14 +16,13 @@ from periscopy_sim.figures.laboratory.geometry import (
 )
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.style import OKABE_ITO
-from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array
 
 VIEWED, MONITOR, *_ = OKABE_ITO
 OCCLUDER, GROUND = "0.25", "0.93"
 
-GRID = {True: 150, False: 40}
-"""Points of the wall along its panel's width; fewer where one ray is traced after the other."""
+GRID = 150
+"""Points of the wall along its panel's width."""
 
 LINES = (
     "Dotted: where shadows begin on the wall; solid: where all of the monitor is hidden; dashed: "
@@ -42,9 +41,8 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
     limits = ax.get_xlim(), ax.get_ylim()
     (left, right), (bottom, top) = map(sorted, limits)
-    columns = GRID[is_vectorized()]
-    x = np.linspace(left, right, columns)
-    z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
+    x = np.linspace(left, right, GRID)
+    z = np.linspace(bottom, top, max(2, round(GRID * (top - bottom) / (right - left))))
     share = _share(layout, x, z)
     ax.imshow(
         share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,

@@ -27,15 +27,7 @@ from periscopy_sim.rendering.scene.pointwise import map_points
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
-from periscopy_sim.scenario import (
-    LIFT,
-    Array,
-    Scenario,
-    WallFrame,
-    pixel_edges,
-    rises,
-    wall_frame,
-)
+from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, rises, wall_frame
 from periscopy_sim.shipped import find_scene
 
 RAYS = 256
@@ -65,17 +57,9 @@ class Background:
         Relative standard error of that factor; the root of both squares' sum is the whole error.
     """
 
-    photograph: Array
+    photograph: Array = field(repr=False)
     relative_error: float
     brightness_error: float
-
-    def __repr__(self) -> str:
-        """Return its size and errors on one line."""
-        rows, columns = self.photograph.shape[:2]
-        return (
-            f"Background({rows}x{columns}, relative error {100 * self.relative_error:.2g} %, "
-            f"brightness {100 * self.brightness_error:.2g} %)"
-        )
 
 
 def render_background(
@@ -85,7 +69,6 @@ def render_background(
     *,
     target: float = 3e-4,
     max_rounds: int = 64,
-    rays: int | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Background:
@@ -108,9 +91,6 @@ def render_background(
         Relative error of a pixel, both parts together, at which to stop.
     max_rounds
         Most rounds of samples for each part of the light.
-    rays
-        Of light that has bounced, from each of some pixels in a round; `RAYS` unless given. Fewer
-        serve a quick look: the first round then takes a part of the time, and is as much coarser.
     seed
         Seed of every sampler. The same seed and variant give the same bytes.
     progress
@@ -141,7 +121,7 @@ def render_background(
         )
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters)
-    parts = _parts(scene, points, normals, scenario.photograph_shape, rays or RAYS)
+    parts = _parts(scene, points, normals, scenario.photograph_shape)
     seeds = (
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
@@ -185,18 +165,16 @@ class Part:
             self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
 
 
-def _parts(
-    scene: Any, points: Array, normals: Array, shape: tuple[int, int], rays: int
-) -> list[Part]:
+def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
     edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape)
     direct = [
         partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
         for emitter in scene.emitters()
     ]
-    bounced = BouncedIrradiance(scene, points[sites], normals[sites], rays).estimate
+    bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
     everywhere = np.arange(len(points))
-    work = len(points) * DIRECT_SAMPLES, len(sites) * rays * RAY
+    work = len(points) * DIRECT_SAMPLES, len(sites) * RAYS * RAY
     return [
         *(Part(each, everywhere, shape, work[0]) for each in direct),
         Part(bounced, sites, shape, work[1]),
@@ -257,22 +235,27 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
 
 
 def placed_in(
-    path: Path,
-    scenario: Scenario,
-    parameters: Mapping[str, str] | None,
-    check: Callable[[SceneNodes], None] = check_media,
+    path: Path, scenario: Scenario, parameters: Mapping[str, str] | None
 ) -> tuple[Any, Array, Array]:
     """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
 
-    A SceneError says that it has no light, its camera does not see its wall, or what `check` finds.
+    A SceneError says that it has no light or a medium, or its camera does not see its wall.
     """
     nodes = SceneNodes(path, parameters, required={"wall": "Shape", "camera": "Sensor"})
-    check(nodes)
+    check_media(nodes)
     nodes.average_pixels()
     scene = nodes.instantiate()
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
-    return scene, *_placed(scenario, *_view_of(scene, path))
+    view, size = _view_of(scene, path)
+    points, normals, shape = scenario.wall_points, scenario.wall_normals, scenario.photograph_shape
+    own = wall_frame(points, normals, shape)
+    turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
+        [view.across, view.normal, view.up]
+    )
+    height = np.maximum(LIFT * size, rises(points, normals, shape))
+    lifted = points - own.center + height[:, np.newaxis] * normals
+    return scene, lifted @ turn + view.center, normals @ turn
 
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
@@ -295,15 +278,3 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
         )
     size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
     return wall_frame(points, normals, (3, 3)), size
-
-
-def _placed(scenario: Scenario, view: WallFrame, size: float) -> tuple[Array, Array]:
-    """Move the scenario's wall points, lifted, and their normals into the ambient scene."""
-    points, normals = scenario.wall_points, scenario.wall_normals
-    own = wall_frame(points, normals, scenario.photograph_shape)
-    turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
-        [view.across, view.normal, view.up]
-    )
-    height = np.maximum(LIFT * size, rises(points, normals, scenario.photograph_shape))
-    off = points - own.center + height[:, np.newaxis] * normals
-    return off @ turn + view.center, normals @ turn

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
-from periscopy_sim.rendering.scene.pointwise import surface_at
 from periscopy_sim.scenario import Array
 
 SPLIT = 4
@@ -33,31 +32,19 @@ NEARLY = 1 - 1e-3
 """How far shadow rays go to a surface, short of touching it."""
 
 
-Pane = tuple[tuple[int, int], tuple[float, float]]
-"""A part of an emitter's UV square: panes along v and u, and (v, u) where this one begins."""
-
-
 def direct_irradiance(
-    scene: Any,
-    emitter: Any,
-    points: Array,
-    normals: Array,
-    edges: Array,
-    samples: int,
-    seed: int,
-    *,
-    pane: Pane | None = None,
+    scene: Any, emitter: Any, points: Array, normals: Array, edges: Array, samples: int, seed: int
 ) -> Array:
     """Estimate the irradiance (M, 3) that one emitter causes, averaged over small parallelograms.
 
     They have (M, 3) centres and unit normals and (M, 2, 3) edge vectors. Rays aimed at the emitter
     and cosine-weighted ones, `samples` of each rounded up to a square number, are combined by the
-    balance heuristic [1]; of a pane, all rays are aimed. The seed is of 32 bits.
+    balance heuristic [1]. The seed is of 32 bits.
     """
     import drjit as dr
     import mitsuba as mi
 
-    count = _square(samples)
+    count = math.ceil(math.sqrt(samples)) ** 2
     sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
     sampler.set_samples_per_wavefront(count)
     sampler.seed(seed, len(points) * count)
@@ -69,16 +56,13 @@ def direct_irradiance(
     normal = gathered(mi.Normal3f, normals, index)
     si = dr.zeros(mi.SurfaceInteraction3f, len(points) * count)
     si.p, si.n, si.sh_frame, si.wi = position, normal, mi.Frame3f(normal), mi.Vector3f(0, 0, 1)
-    if pane is None:
-        toward, weight = emitter.sample_direction(si, sampler.next_2d())
-    else:
-        toward, weight = _aimed_at_pane(scene, emitter, si, pane, sampler.next_2d())
+    toward, weight = emitter.sample_direction(si, sampler.next_2d())
     cosine = dr.maximum(dr.dot(normal, toward.d), 0)
     lit = (cosine > 0) & (toward.pdf > 0)
     blocked = scene.ray_test(mi.Ray3f(position, toward.d, toward.dist * NEARLY, 0.0, []), lit)
     aimed = dr.select(toward.delta, 1, toward.pdf / (toward.pdf + cosine * dr.inv_pi))
     arriving = dr.select(lit & ~blocked, weight * cosine * aimed, 0)
-    if pane is None and not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
+    if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
         # Rays are aimed at texels as if no to_uv turned them: what they miss is met by chance.
         direction = si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
         hit = scene.ray_intersect(mi.Ray3f(position, direction))
@@ -87,22 +71,6 @@ def direct_irradiance(
         met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
     return means_of_blocks(arriving, count)
-
-
-def _aimed_at_pane(scene: Any, emitter: Any, si: Any, pane: Pane, sample: Any) -> tuple[Any, Any]:
-    """Sample a direction to a pane by its area; return it and the radiance over the density."""
-    import drjit as dr
-    import mitsuba as mi
-
-    (down, across), (v, u) = pane
-    light = surface_at(emitter.get_shape(), mi.Point2f(u + sample.x / across, v + sample.y / down))
-    toward = mi.DirectionSample3f(scene, light, si)
-    light.initialize_sh_frame()
-    light.wi = light.to_local(-toward.d)
-    area = dr.norm(dr.cross(light.dp_du, light.dp_dv)) / (down * across)
-    toward.delta = mi.Bool(True)  # nothing else finds it
-    toward.pdf = dr.select(light.wi.z > 0, dr.square(toward.dist) / (light.wi.z * area), 0)
-    return toward, emitter.eval(light) / dr.select(toward.pdf > 0, toward.pdf, 1)
 
 
 class BouncedIrradiance:
@@ -180,11 +148,6 @@ class BouncedIrradiance:
         blocked = self._scene.ray_test(ray, seen & ~own)
         form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
         return np.array(form, dtype=np.float64).reshape(len(paths), m)
-
-
-def _square(samples: int) -> int:
-    """Round up to a square number, as the multi-jittered sampler wants it."""
-    return math.ceil(math.sqrt(samples)) ** 2
 
 
 def means_of_blocks(values: Any, count: int) -> NDArray[np.float64]:

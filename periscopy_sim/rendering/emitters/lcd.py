@@ -54,16 +54,10 @@ def register_lcd() -> None:
     Its parameters are ``radiance`` (spectrum or texture: the radiance along the normal),
     ``vertical_exponent`` and ``horizontal_exponent``.
     """
-    import mitsuba as mi
-
-    # Base classes belong to a variant, so the class is made anew for each.
-    mi.register_emitter(PLUGIN, _make_lcd_class())
-
-
-def _make_lcd_class() -> type:
     import drjit as dr
     import mitsuba as mi
 
+    # Base classes belong to a variant, so the class is made anew for each.
     class Lcd(mi.Emitter):  # type: ignore[misc]
         """Area emitter whose radiance falls off about the shape's own dp_du and dp_dv axes."""
 
@@ -147,4 +141,4 @@ def _make_lcd_class() -> type:
         def _pointer(self) -> Any:
             return mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
 
-    return Lcd
+    mi.register_emitter(PLUGIN, Lcd)

@@ -89,7 +89,6 @@ class _Reader:
     def __init__(self, scene: Path, parameters: Mapping[str, str]) -> None:
         self._scene = scene
         self._values: dict[str, str] = {}
-        self._pattern: re.Pattern[str] | None = None
         for name, value in parameters.items():
             self._set(name, value)
         self.defaults: dict[str, str] = {}
@@ -138,18 +137,15 @@ class _Reader:
                 f"scene '{self._scene}': '{name}' has the value '{value[:80]}', whose '$' no "
                 "parameter before it fills in"
             )
-        if name not in self._values:
-            self._values[name] = value
-            self._pattern = None
+        self._values.setdefault(name, value)
 
     def _filled(self, text: str) -> str:
         """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
         if "$" not in text:
             return text
-        if self._pattern is None:
-            names = sorted(self._values, key=len, reverse=True)
-            self._pattern = re.compile(rf"(?<!\\)\$({'|'.join(map(re.escape, names)) or '(?!)'})")
-        return self._pattern.sub(lambda match: self._values[match[1]], text).replace("\\$", "$")
+        names = "|".join(map(re.escape, sorted(self._values, key=len, reverse=True))) or "(?!)"
+        filled = re.sub(rf"(?<!\\)\$({names})", lambda match: self._values[match[1]], text)
+        return filled.replace("\\$", "$")
 
 
 def _first(

@@ -106,8 +106,6 @@ def _load(
         mirrored=mirrored,
         emission=emission,
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
-        blur=wall.blur,
-        wall_texture=wall.texture,
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
     _check_facing(scenario)
@@ -138,21 +136,17 @@ def build_scene(
     image: NDArray[np.floating[Any]] | None = None,
     *,
     only_monitor: bool = False,
-    plain_emitter: bool = False,
 ) -> Any:
     """Instantiate the Mitsuba scene of a scenario whose monitor shows an image, or white.
 
     The image is (R, C, 3) linear radiance along the normal, of any R and C. `only_monitor` removes
-    every other emitter, `plain_emitter` the LCD's angular profile. Pixels are averaged over their
-    own area (box filter).
+    every other emitter. Pixels are averaged over their own area (box filter).
     """
     nodes = SceneNodes(scenario.path, dict(scenario.parameters))
     nodes.show(image, scenario.mirrored)
     nodes.average_pixels()
     if only_monitor:
         nodes.darken()
-    if plain_emitter:
-        nodes.drop_angular_profile()
     return nodes.instantiate()
 
 
@@ -191,12 +185,10 @@ def _photograph_size(
             f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
             f"from 1 to {MOST_PIXELS}"
         )
-    if min(hidden) < 1:
-        raise SceneError(f"a hidden image of {hidden[0]}x{hidden[1]} patches has none; give 1x1")
-    if hidden[0] * hidden[1] > rows * columns:
+    if min(hidden) < 1 or hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
-            f"{hidden[0]}x{hidden[1]} hidden patches are more than the {rows}x{columns} "
-            "pixels of the photograph; no photograph could tell them apart"
+            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the "
+            f"{rows}x{columns} pixels of the photograph; no photograph could tell more apart"
         )
     return rows, columns
 

@@ -1,4 +1,4 @@
-"""Mesh files of any format, as arrays, and as PLY for Mitsuba, which reads no STL, GLB or OFF.
+"""Mesh files of any format, as arrays, and as PLY for Mitsuba, which reads no STL and GLB.
 
 trimesh reads these, Mitsuba PLY and OBJ. What both let pass in silence is checked here: a file cut
 short, vertices that are not finite, indices of no vertex, polygons with a notch, which they would
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import logging
 import os
 import re
@@ -24,16 +23,17 @@ from numpy.typing import NDArray
 
 from periscopy_sim.rendering.variant import use_variant
 
-FOREIGN = ("stl", "glb", "off")
+FOREIGN = ("stl", "glb")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
 
-UNREAD = {
-    "EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_draco_mesh_compression",
-    "KHR_mesh_quantization",
-}  # fmt: skip
-"""Extensions of GLB that change geometry."""
+UNREAD = re.compile(
+    rb'"(?:EXT_mesh\w+|KHR_draco_\w+|KHR_mesh_\w+|extensionsRequired|targets|sparse)"'
+    rb'|"normalized"\s*:\s*true|"mode"\s*:\s*[0-35-9]'
+)
+"""Geometry in the document of a GLB file that trimesh skips or takes for another: extensions, morph
+targets, sparse and normalized numbers, and modes other than triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,6 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     parts = _parts(content, kind)
     if kind == "glb":
         _check_glb(content)
-    _check_polygons(content, kind)
     mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:
         raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
@@ -103,7 +102,7 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     if indices.max() >= vertices:
         raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
     if plugin == "obj":
-        _check_polygons(path.read_bytes(), plugin)
+        _check_polygons(path.read_bytes())
 
 
 def write_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -139,55 +138,34 @@ def _copies() -> TemporaryDirectory[str]:
 
 def _announced(content: bytes, kind: str) -> int | None:
     """Return how many faces a file announces, if its format does; refuse one that is cut short."""
-    if kind == "stl":
-        count = int.from_bytes(content[80:84], "little")
-        if len(content) == 84 + 50 * count:
-            return count
-        if not content.lstrip().startswith(b"solid") or b"endsolid" not in content[-200:]:
-            raise ValueError("is cut short, or no STL file")
-        return len(re.findall(rb"^\s*facet\b", content, re.M))
-    if kind == "off":
-        header = re.match(rb"\s*\w*OFF\s+(?:#.*\s+)*\d+\s+(\d+)", content)
-        return int(header[1]) if header else None
     if kind == "glb" and int.from_bytes(content[8:12], "little") != len(content):
         raise ValueError("is cut short, or no GLB file")
-    return None
+    if kind != "stl":
+        return None
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == 84 + 50 * count:
+        return count
+    if not content.lstrip().startswith(b"solid") or b"endsolid" not in content[-200:]:
+        raise ValueError("is cut short, or no STL file")
+    return len(re.findall(rb"^\s*facet\b", content, re.M))
 
 
 def _check_glb(content: bytes) -> None:
     """Refuse a GLB file with geometry that trimesh skips or takes for another."""
-    text = content[20 : 20 + int.from_bytes(content[12:16], "little")]
-    document = json.loads(text)
-    used = set(document.get("extensionsUsed", ())) & UNREAD
-    found = [f"the extension {name}" for name in (*document.get("extensionsRequired", ()), *used)]
-    for mesh in document.get("meshes", ()):
-        for part in mesh["primitives"]:
-            if part.get("mode", 4) != 4:
-                found.append(f"primitives of mode {part['mode']}, not triangles")
-            if "targets" in part:
-                found.append("morph targets")
-    for accessor in document.get("accessors", ()):
-        found += [kind for kind in ("sparse", "normalized") if accessor.get(kind)]
+    found = UNREAD.search(content, 20, 20 + int.from_bytes(content[12:16], "little"))
     if found:
-        raise ValueError(f"has what is not supported ({found[0]}); write plain triangles of floats")
+        what = found[0].decode().replace('"', "")
+        raise ValueError(f"has what is not supported ({what}); write plain triangles of floats")
 
 
-def _check_polygons(content: bytes, kind: str) -> None:
-    """Refuse the polygons of an OBJ or OFF file that have a notch."""
+def _check_polygons(content: bytes) -> None:
+    """Refuse the polygons of an OBJ file that have a notch."""
     lines = [line.split() for line in re.sub(rb"#.*", b"", content).splitlines() if line.strip()]
-    if kind == "obj":
-        vertices = [line[1:4] for line in lines if line[0] == b"v"]
-        faces = [[c.split(b"/")[0] for c in line[1:]] for line in lines if line[0] == b"f"]
-    elif kind == "off" and lines[0] == [b"OFF"]:
-        end = 2 + int(lines[1][0])
-        vertices = [line[:3] for line in lines[2:end]]
-        faces = [line[1 : 1 + int(line[0])] for line in lines[end:]]
-    else:
-        return
-    places = np.array(vertices, np.float64)
+    vertices = np.array([line[1:4] for line in lines if line[0] == b"v"], np.float64)
+    faces = [[c.split(b"/")[0] for c in line[1:]] for line in lines if line[0] == b"f"]
     for size in {len(face) for face in faces if len(face) > 3}:
         alike = np.array([face for face in faces if len(face) == size], np.int64)
-        corner = places[alike - (kind == "obj")]  # (faces, size, 3)
+        corner = vertices[alike - 1]  # (faces, size, 3)
         side = np.roll(corner, -1, axis=1) - corner
         area = np.cross(corner - corner[:, :1], side).sum(axis=1, keepdims=True)  # twice, directed
         turns = np.sum(np.cross(side, np.roll(side, -1, axis=1)) * area, axis=2)

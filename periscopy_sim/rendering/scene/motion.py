@@ -21,11 +21,6 @@ from periscopy_sim.scenario import Array, Occluder, Scenario
 CAMERAS = "orthographic", "perspective"
 """Sensors whose rays through the picture's corners enclose all others."""
 
-MONITORS = "rectangle", "obj", "ply"
-"""Shapes that keep their UV coordinates however they are stretched."""
-
-IDENTITY: Array = np.eye(4)
-
 
 @dataclass(frozen=True, eq=False)
 class LoadedScene:
@@ -59,7 +54,7 @@ class LoadedScene:
         if "monitor" in motions:
             moved = _with_moved_monitor(moved, motions["monitor"])
         if motions.keys() & {"camera", "wall"}:
-            met = self._met_wall(layout.places["wall"], motions.get("camera", IDENTITY))
+            met = self._met_wall(layout.places["wall"], motions.get("camera", np.eye(4)))
             if met is None:
                 return None
             moved = replace(moved, wall_points=met[0], wall_normals=met[1])
@@ -77,9 +72,8 @@ class LoadedScene:
                     return None
                 motions[name] = place @ np.linalg.inv(before.places[name])
         movable = {each.name for each in self.scenario.occluders if each.vertices is not None}
-        if plugins["monitor"] in MONITORS:
-            movable.add("monitor")
-        if plugins["wall"] == "rectangle" and self.scenario.wall_texture is None:
+        movable.add("monitor")
+        if plugins["wall"] == "rectangle":
             movable |= {"camera", "wall"}
         if motions and not (plugins["camera"] in CAMERAS and motions.keys() <= movable):
             return None
@@ -109,11 +103,11 @@ class LoadedScene:
         rows, columns = self.scenario.photograph_shape
         corners = [0, columns - 1, rows * columns - 1, (rows - 1) * columns]
         seen = points[corners]
-        eyes = _moved(self.origins[corners], motions.get("camera", IDENTITY))
+        eyes = _moved(self.origins[corners], motions.get("camera", np.eye(4)))
         sides = np.cross(np.roll(seen, -1, axis=0) - seen, eyes - seen)
         planes = np.concatenate([np.eye(3), sides, [(seen - eyes).sum(axis=0)]]).T
         view = np.concatenate([seen, eyes]) @ planes
-        moved = [_moved(box, motions.get(name, IDENTITY)) for name, box in self.boxes.items()]
+        moved = [_moved(box, motions.get(name, np.eye(4))) for name, box in self.boxes.items()]
         boxes = np.stack(moved) @ planes
         beside = (boxes.min(axis=1) > view.max(axis=0)) | (boxes.max(axis=1) < view.min(axis=0))
         return bool(beside.any(axis=1).all())

@@ -61,12 +61,8 @@ class SceneNodes:
         self._config, self._state = parse(self.path, self.parameters)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
-        found = {self._require(name, kind) for name, kind in required.items()}
-        if len(found) < len(required):
-            raise SceneError(
-                f"scene '{self.path}': two of the ids {', '.join(required)} name one node by an "
-                "alias; give each its own"
-            )
+        for name, kind in required.items():
+            self._require(name, kind)
         self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
@@ -163,14 +159,6 @@ class SceneNodes:
             }
         )
 
-    def drop_angular_profile(self) -> None:
-        """Replace the LCD by a plain area emitter (Python plugins crawl in scalar variants)."""
-        emitter = self._monitor_emitter()
-        if emitter.plugin_name() == LCD:
-            emitter.set_plugin_name("area")
-            for name in EXPONENTS:
-                del emitter[name]
-
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
         monitor = self._by_id("monitor")
@@ -189,7 +177,10 @@ class SceneNodes:
         """
         import mitsuba as mi
 
-        film = self._film(sensor)
+        films = [props for _, props in self.children(self._by_id(sensor), "Film")]
+        if not films or films[0].plugin_name() != "hdrfilm":
+            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+        film = films[0]
         for key, _ in self.children(film, "ReconstructionFilter"):
             del film[key]
         film["rfilter"] = mi.load_dict({"type": "box"})
@@ -256,36 +247,19 @@ class SceneNodes:
             to_world = to_world @ type(to_world)().scale([-1, 1, 1])
         monitor["to_world"] = to_world
 
-    def _film(self, sensor: str) -> Any:
-        """Return a sensor's film, its sizes checked."""
-        films = [props for _, props in self.children(self._by_id(sensor), "Film")]
-        if not films or films[0].plugin_name() != "hdrfilm":
-            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
-        for name in ("width", "height"):
-            size = films[0].get(name, 1)
-            if not isinstance(size, int) or size < 1:
-                raise SceneError(
-                    f"scene '{self.path}': the film's {name} is {size}; give a whole number from 1"
-                )
-        return films[0]
-
-    def _require(self, name: str, kind: str) -> int:
-        """Return the index of a node that the scene must have; its id becomes an alias's name."""
-        index: int = self._state.id_to_index.get(name, -1)
-        props = self._state.nodes[index].props if index >= 0 else None
+    def _require(self, name: str, kind: str) -> None:
+        """Check that the scene itself has a node."""
         plain = [
-            each
+            str(each.id())
             for _, each in self.children(self._state.root.props, kind)
             if each.plugin_name() not in ("instance", "shapegroup", "merge")
         ]
-        if props is None or not any(each is props for each in plain):
-            others = ", ".join(f"'{each.id()}'" for each in plain) or "none"
+        if name not in plain:
+            others = ", ".join(f"'{each}'" for each in plain) or "none"
             raise SceneError(
                 f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
                 f"outside of groups (it has {others})"
             )
-        props.set_id(name)
-        return index
 
 
 def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:

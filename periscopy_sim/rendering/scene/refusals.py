@@ -34,10 +34,9 @@ of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes or is changed by on its way, and what is turned inside out."""
+    """Refuse what light passes, or is changed by on its way."""
     check_media(nodes)
-    check_opaque(nodes, "the light transport matrix would count it as opaque")
-    _check_outside(nodes)
+    check_opaque(nodes)
 
 
 def check_media(nodes: SceneNodes) -> None:
@@ -52,14 +51,15 @@ def check_media(nodes: SceneNodes) -> None:
                 )
 
 
-def check_opaque(nodes: SceneNodes, else_wrong: str) -> None:
-    """Refuse shapes that let light through, wherever they stand, and say what would be wrong."""
+def check_opaque(nodes: SceneNodes) -> None:
+    """Refuse shapes that let light through, wherever they stand."""
     for props in nodes.of_type("Shape"):
         for name in _see_through(nodes, props):
             raise SceneError(
                 f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and {else_wrong}; remove the shape, or give it an opaque bsdf (a "
-                "mask's opacity is a number, 1; a bsdf of your own goes into a twosided one)"
+                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
+                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
+                "own goes into a twosided one)"
             )
 
 
@@ -67,27 +67,22 @@ def check_monitor(monitor: Any, path: Path) -> None:
     """Refuse a monitor whose surface is not that of its UV square, once.
 
     What lies outside of the square, or under the same coordinates as another part, would shine in
-    the scene but not in A. Mitsuba's own textured emitters miss it as well, and find no or another
-    point at some coordinates, as on a turned sphere.
+    the scene but not in A; Mitsuba's own textured emitters miss it as well.
     """
     import drjit as dr
 
-    def locate(uv: Any) -> tuple[Any, Any]:
+    def area_at(uv: Any) -> tuple[Any]:
         si = surface_at(monitor, uv)
         found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
-        return found, dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0)
+        return (dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
 
     if monitor.class_name() == "Rectangle":  # always right
         return
+    if not monitor.is_mesh():
+        raise SceneError(f"scene '{path}': the monitor is no rectangle, and no mesh; give one")
     row, column = np.divmod(np.arange(GRID**2), GRID)
     # Off the middle, where meshes have their edges.
-    found, area = map_points(locate, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
-    if not monitor.is_mesh() and not found.all():
-        raise SceneError(
-            f"scene '{path}': Mitsuba finds no point of the monitor, or a wrong one, at "
-            f"{1 - found.mean():.1%} of its UV coordinates; turn it otherwise, or use a mesh with "
-            "UV coordinates"
-        )
+    (area,) = map_points(area_at, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
     share = area.mean() / float(np.ravel(monitor.surface_area())[0])
     if not abs(share - 1) <= 5 * UV_ERROR:
         raise SceneError(
@@ -95,27 +90,6 @@ def check_monitor(monitor: Any, path: Path) -> None:
             "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
             "be shapes of their own (of a box, its front alone is the monitor)"
         )
-
-
-def _check_outside(nodes: SceneNodes) -> None:
-    """Refuse round monitors and boxes turned inside out.
-
-    Such a monitor's light would stay within, and of a box with a negative size the front of a face
-    is its other side.
-    """
-    import mitsuba as mi
-
-    for props in nodes.of_type("Shape"):
-        kind = props.plugin_name()
-        mirrored = np.linalg.det(np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)) < 0
-        is_round = props.id() == "monitor" and kind in ("sphere", "cylinder")
-        if (kind == "cube" and mirrored) or (
-            is_round and (mirrored or props.get("flip_normals", False))
-        ):
-            raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' is a {kind} turned inside out; give "
-                "its sizes in to_world positive numbers, and no flip_normals"
-            )
 
 
 def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:

@@ -1,15 +1,13 @@
-"""The wall as the camera's own rays meet it: of one material, plain or textured, no mirror."""
+"""The wall as the camera's own rays meet it: of one material and colour, no mirror."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import one_line
@@ -24,16 +22,6 @@ UNIFORM = 1e-4
 """Change of reflectance, relative to the largest, that counts as none: far above the rounding of
 single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
-TEXTURE_ERROR = 1e-3
-"""Error of a texture's mean over a pixel, relative to the root mean square albedo: the noise of a
-60 dB photograph."""
-
-TEXTURE_POINTS = 16, 1024
-"""Fewest and most points of a pixel over which its texture is averaged."""
-
-DARK_CHANNEL = 0.1
-"""Channel over the mean of a pixel's channels, below which noise, divided by it, would drown it."""
-
 
 @dataclass(frozen=True, eq=False)
 class SeenWall:
@@ -43,10 +31,8 @@ class SeenWall:
     directions: Array  # (M, 3)
     points: Array  # (M, 3)
     normals: Array  # (M, 3)
-    reflectance: Array | None  # (3,) or (M, 3)
-    channel_gain: Array  # (3,) or (M, 3)
-    texture: Array | None  # (M,)
-    blur: float
+    reflectance: Array | None  # (3,)
+    channel_gain: Array  # (3,)
 
 
 def seen_wall(
@@ -63,12 +49,16 @@ def seen_wall(
             f"{where}: the wall ({material}) reflects as a mirror does, in part or "
             "entirely; use a rough material, such as diffuse or roughplastic"
         )
+    if camera.needs_aperture_sample():
+        raise SceneError(
+            f"{where}: the camera has a lens that blurs; give one in focus, of type perspective"
+        )
     rows, columns = pixels
     row, column = np.divmod(np.arange(rows * columns), columns)
     film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
     meet = _meet(scene, camera, wall)
     try:
-        origins, directions, points, normals, shading, hit, blur, *colors = map_points(meet, film)
+        origins, directions, points, normals, shading, hit, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
@@ -78,136 +68,61 @@ def seen_wall(
             f" at row {first // columns}, column {first % columns}; move the camera, its film or "
             "what stands between it and the wall"
         )
-    if len(points) > 1 and not np.ptp(points, axis=0).any():
-        raise SceneError(
-            f"{where}: all of the camera's pixels see one point of the wall; give the camera's "
-            "to_world, or its field of view, a size above 0"
-        )
-    _check_reflection(colors, where, material)
+    # At the pixels' centres alone a wallpaper could look plain.
+    aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
+    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 7)(meet(at)), film + aside)
+    _check_reflection(colors, color_aside[hit_aside[:, 0] != 0], where, material)
+    albedo = colors[1].mean(axis=0)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
     normals *= -np.sign(np.sum(normals * directions, axis=1, keepdims=True))
-    aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
-    hit_aside, color_aside = map_points(lambda at: itemgetter(5, 8)(meet(at)), film + aside)
-    # At the pixels' centres alone a wallpaper could look plain.
-    colors_met = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
-    if np.ptp(colors_met, axis=0).max() <= UNIFORM * colors_met.max():
-        albedo = colors[1].mean(axis=0)
-        texture, gain = None, albedo / albedo.mean()
-    else:
-        albedo = _averaged(meet, film, (rows, columns), where)
-        texture, gain = _textured(albedo, where, material)
-    reflectance = np.pi * albedo if _is_diffuse(colors) else None
-    return SeenWall(
-        origins, directions, points, normals, reflectance, gain, texture, float(blur.max())
-    )
-
-
-def _averaged(
-    meet: Callable[[Any], tuple[Any, ...]], film: Array, size: tuple[int, int], where: str
-) -> Array:
-    """Return the reflection along the normal averaged over each pixel, (M, 3).
-
-    Over twice as many points again and again, until they change it little.
-    """
-    sequence = qmc.Sobol(2, rng=np.random.default_rng(0))
-
-    def total_of(points: int) -> Array:
-        offsets = (sequence.random(points) - 0.5) / size[::-1]
-        met = [map_points(lambda at: (meet(at)[8],), film + offset)[0] for offset in offsets]
-        return np.asarray(np.sum(met, axis=0))
-
-    points, most = TEXTURE_POINTS
-    total, change = total_of(points), np.inf
-    while change > TEXTURE_ERROR and points < most:
-        more = total_of(points)
-        change = np.sqrt(np.sum((more - total) ** 2) / np.sum((more + total) ** 2))
-        total, points = total + more, 2 * points
-    if change > 5 * TEXTURE_ERROR:
-        warnings.warn(
-            f"{where}: the wall's texture has such fine detail that its mean over a pixel is known "
-            f"to {100 * change:.1g} % only; blur it to the size of a pixel",
-            RuntimeWarning,
-            2,
-        )
-    return np.asarray(total / points)
-
-
-def _textured(albedo: Array, where: str, material: str) -> tuple[Array, Array]:
-    """Return a wall's texture, (M,), and its channel gain, (3,) or (M, 3), of (M, 3) albedo."""
-    grey, tint = albedo.mean(axis=1, keepdims=True), albedo.mean(axis=0) / albedo.mean()
-    texture = grey[:, 0] / grey.mean()
-    if np.abs(albedo - grey * tint).max() <= UNIFORM * albedo.max():
-        return texture, tint
-    has_colour = (albedo > DARK_CHANNEL * grey).all(axis=1) & (texture > UNIFORM)
-    if not has_colour.any():
-        raise SceneError(
-            f"{where}: the wall ({material}) hardly reflects one of the three colours; give it a "
-            "texture that does"
-        )
-    return texture, np.where(
-        has_colour[:, None], albedo / np.maximum(grey, UNIFORM * grey.mean()), 0
-    )
+    # By the cosine law, of a diffuse wall, a slope's cosine is all that it reflects less.
+    cosine = SLOPES[0][2]
+    fall = np.abs(np.array(colors[2:]) / cosine - colors[1]).max()
+    reflectance = np.pi * albedo if fall <= UNIFORM * colors[1].max() else None
+    return SeenWall(origins, directions, points, normals, reflectance, albedo / albedo.mean())
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
-    The ray's origin and direction, the wall's point and both its normals, whether the whole
-    aperture sees the wall, the blur, the reflection to the camera, and that along the normal and
-    along `SLOPES`.
+    The ray's origin and direction, the wall's point and both its normals, whether it is the wall,
+    the reflection to the camera, and that along the normal and along `SLOPES`.
     """
     import drjit as dr
     import mitsuba as mi
 
     bsdf, context = wall.bsdf(), mi.BSDFContext()
-    rim = ((0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1)) if camera.needs_aperture_sample() else ()
-
-    def through(position: Any, aperture: tuple[float, float]) -> tuple[Any, Any, Any]:
-        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(*aperture))
-        si = scene.ray_intersect(ray)
-        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
-        return si, ray, hit
 
     def meet(position: Any) -> tuple[Any, ...]:
-        si, ray, hit = through(position, (0.5, 0.5))
-        blur = mi.Float(0)
-        for aperture in rim:
-            off_axis, _, also_hit = through(position, aperture)
-            hit &= also_hit
-            blur = dr.maximum(blur, dr.norm(off_axis.p - si.p))
+        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
+        si = scene.ray_intersect(ray)
+        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
         toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = mi.Vector3f(0, 0, 1)
         colors = [bsdf.eval(context, si, mi.Vector3f(*to)) for to in ((0, 0, 1), *SLOPES)]
-        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, blur, facing, *colors
+        return ray.o, ray.d, si.p, si.n, si.sh_frame.n, hit, facing, *colors
 
     return meet
 
 
-def _check_reflection(colors: list[Array], where: str, material: str) -> None:
-    """Refuse a wall without reflection, or whose colour changes with direction."""
+def _check_reflection(colors: list[Array], aside: Array, where: str, material: str) -> None:
+    """Refuse a wall without reflection, or whose colour changes with direction or place."""
     facing, color, *tilted = colors
-    if not (np.isfinite(facing).all() and np.isfinite(color).all()):
-        raise SceneError(f"{where}: the wall's reflectance is not finite ({material}); fix it")
-    if not facing.any():
+    if not (np.isfinite(facing + color).all() and facing.any()):
         raise SceneError(
-            f"{where}: the wall ({material}) reflects nothing to the camera; turn its "
-            "front to the camera or make it two-sided"
+            f"{where}: the wall ({material}) reflects nothing to the camera, or no finite number; "
+            "turn its front to the camera or make it two-sided"
         )
     # What the wall reflects sideways, over what it reflects along the normal, is one number.
     slanted = np.array(tilted)
     fall = slanted.sum(axis=(1, 2), keepdims=True) / color.sum()
-    if (np.abs(slanted - fall * color) > UNIFORM * fall * color.max()).any():
+    if (np.abs(slanted - fall * color) > UNIFORM * fall * color.max()).any() or (
+        np.ptp(np.concatenate([color, aside]), axis=0) > UNIFORM * color.max()
+    ).any():
         raise SceneError(
-            f"{where}: the colour of the wall's reflection ({material}) changes with direction, or "
-            "differently from place to place; use a wall of one material, plain or with a texture "
-            "of its diffuse reflectance"
+            f"{where}: the wall's reflection ({material}) changes from place to place, or its "
+            "colour with direction; give it one material without a texture"
         )
-
-
-def _is_diffuse(colors: list[Array]) -> bool:
-    """Return whether a wall that passed `_check_reflection` reflects by the cosine law."""
-    _, color, *tilted = colors
-    return bool(np.abs(np.array(tilted) / 0.6 - color).max() <= UNIFORM * color.max())

@@ -7,6 +7,7 @@ matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,25 +18,17 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.rendering.wall_polynomials import REPLICAS, best_fit, chosen_sites
+from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.scenario import Array, Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
 
 WORDS = {"direct": DIRECT, "all": None}
-
-TARGET = 2e-4
-"""Error of a white image's photograph by bounced light, relative to the photograph: a fifth of a
-60 dB photograph's noise."""
-
-DRAWN = 256
-"""Pixels, drawn at random, whose brightness stands for the photograph's."""
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -64,8 +57,8 @@ class BouncedLight:
     relative_error
         Error of a white image's photograph by this light, chance and what polynomials cannot follow
         together: root mean square over pixels and channels, relative to the whole photograph's root
-        mean square. A texture of the wall is taken as having nothing to do with where they err. Of
-        an image of which only a part s is lit, chance errs by about 1 / sqrt(s) times as much.
+        mean square. Of an image of which only a part s is lit, chance errs by about 1 / sqrt(s)
+        times as much.
     """
 
     over_wall: NDArray[np.float32]
@@ -140,24 +133,9 @@ class BouncedTransport:
         sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
         return np.asarray(self.bounced.over_wall @ sent)
 
-    def channel(self, c: int) -> NDArray[np.float32]:
-        """Return the matrix of channel c, (M, N)."""
-        return np.asarray(self.mean + self.bounced.over_wall @ self.bounced.colour[c])
-
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the channels' mean, (M, N)."""
         return np.array(self.mean, dtype=dtype, copy=copy)
-
-
-def check_bounces(bounces: int | None) -> int | None:
-    """Return the number of reflections, or None for any; a ValueError says that it is none."""
-    whole = isinstance(bounces, (int, np.integer)) and not isinstance(bounces, bool)
-    if bounces is None or (whole and DIRECT <= bounces <= 10**6):
-        return None if bounces is None else int(bounces)
-    raise ValueError(
-        f"bounces {bounces!r}: give a whole number from 1, light that the wall alone reflects, to "
-        "a million, or None for any number"
-    )
 
 
 def bounces_in_words(bounces: int | None) -> str:
@@ -169,7 +147,7 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit() and DIRECT <= int(text) <= 10**6):
+    if not (text.isascii() and text.isdigit() and int(text) >= DIRECT):
         raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
     return int(text)
 
@@ -178,7 +156,7 @@ def render_bounced_light(
     scenario: Scenario,
     *,
     bounces: int | None = None,
-    target: float = TARGET,
+    target: float = 2e-4,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedLight:
@@ -191,7 +169,7 @@ def render_bounced_light(
     bounces
         Most reflections of a path, 2 or more; None of any number.
     target
-        `BouncedLight.relative_error` at which to stop.
+        `BouncedLight.relative_error` at which to stop: a fifth of a 60 dB photograph's noise.
     seed
         Seed of the paths. The same seed and variant give the same bytes.
     progress
@@ -203,10 +181,8 @@ def render_bounced_light(
 
     Raises
     ------
-    SceneError
-        If the wall is textured and not diffuse.
     ValueError
-        If `bounces` is not a whole number from 2 on.
+        If `bounces` is below 2.
     VariantError
         In scalar variants.
 
@@ -216,31 +192,27 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
-    if check_bounces(bounces) == DIRECT:
-        raise ValueError("with 1 bounce no light has bounced between surfaces; give 2 or more")
-    check_bouncing_wall(scenario)
+    if bounces is not None and operator.index(bounces) <= DIRECT:
+        raise ValueError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
+    require_vectorized("light that bounces")
     report = progress or (lambda _: None)
     shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
-    texture = np.ones(np.prod(shape)) if scenario.wall_texture is None else scenario.wall_texture
+    everywhere = np.arange(np.prod(shape))
     trace = make_tracer(scenario, sites, bounces)
-    pixels = np.random.default_rng(seed).choice(len(texture), min(DRAWN, len(texture)), False)
+    pixels = np.random.default_rng(seed).choice(everywhere, min(SITES, len(everywhere)), False)
     direct = _direct(scenario, pixels, seed)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
-    error, fraction = np.inf, 0.0
+    error = np.inf
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(one)
-            fraction = max(fraction, (done - 1 + (replica + 1) / REPLICAS) / ROUNDS)
-            report(fraction)
         with threadpool_limits(1):  # the last bits follow the number of threads
             fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
-        whole = np.mean((direct[:, np.newaxis] + texture[pixels, np.newaxis] * white) ** 2)
-        wrong = np.mean(texture**2) * fit.squared_error[:3].mean()
-        error = float(np.sqrt(wrong / whole)) if whole else 0.0
-        fraction = max(fraction, min(1.0, (target / error) ** 2) if error else 1.0)
-        report(fraction)
+        whole = np.mean((direct[:, np.newaxis] + white) ** 2)
+        error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
+        report(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
         if error <= target:
             break
     if error > target:
@@ -254,25 +226,23 @@ def render_bounced_light(
         seen = total.mean(axis=0).reshape(len(sites), -1) / done
         of_patches = np.linalg.lstsq(fit.functions(sites), seen, rcond=None)[0]
         of_patches = of_patches.reshape(-1, scenario.transport_shape[1], 3)
-        functions = fit.functions(np.arange(len(texture)))
+        functions = fit.functions(everywhere)
     return BouncedLight(
-        (functions * texture[:, np.newaxis]).astype(np.float32),
-        of_patches.transpose(2, 0, 1).astype(np.float32),
-        error,
+        functions.astype(np.float32), of_patches.transpose(2, 0, 1).astype(np.float32), error
     )
 
 
 def add_bounces(
     scenario: Scenario,
     A: NDArray[np.float32],
-    bounces: int | None,
+    bounces: int | None = None,
     *,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BouncedTransport:
-    """Add light that bounces to a direct A, (M, N), in place; for the rest see `render_transport`.
+    """Add light that bounces to a direct A, (M, N), in place: it becomes the channels' mean.
 
-    `bounces` is 2 or more, or None. The array becomes the mean of what is returned.
+    Parameters, errors and warnings are those of `render_bounced_light`.
     """
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
     for start in range(0, len(A), 1024):  # so many rows bound the memory
@@ -286,24 +256,13 @@ def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
     return A.mean if isinstance(A, BouncedTransport) else A
 
 
-def check_bouncing_wall(scenario: Scenario) -> None:
-    """Raise a VariantError in scalar variants, a SceneError for walls textured and not diffuse."""
-    require_vectorized("light that bounces")
-    if scenario.wall_reflectance is None and scenario.wall_texture is not None:
-        raise SceneError(
-            f"scene '{scenario.path}': the wall has a texture and is not diffuse; light that "
-            "bounces is known of textured walls that are diffuse: take direct light, bounces=1, or "
-            "another bsdf"
-        )
-
-
 def make_tracer(
     scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
 ) -> Callable[[int], Array]:
     """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
 
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
-    radiance, as if the wall reflected its mean albedo there. `bounces` is the most reflections of a
+    radiance. `bounces` is the most reflections of a
     path, 2 or more; None for any number.
     """
     import drjit as dr
@@ -327,7 +286,7 @@ def make_tracer(
         )
         si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
         active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
-        # A texture is left to A's rows, and colour to the channels' gain.
+        # Colour is left to the channels' gain.
         where = mi.Point2f(numbers(5), numbers(6))
         if scenario.wall_reflectance is None:
             context, gain = mi.BSDFContext(), mi.Color3f(*map(float, scenario.channel_gain))
@@ -352,7 +311,7 @@ def make_tracer(
 
         trace_paths(
             scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
-            active=active, most=0xFFFFFFFF if bounces is None else bounces, deposit=splat,
+            active=active, most=min(bounces or 0xFFFFFFFF, 0xFFFFFFFF), deposit=splat,
         )  # fmt: skip
         whole = np.array(sums).reshape(len(sites), R * C, 3)
         return np.asarray(whole * (FINEST / PATHS))

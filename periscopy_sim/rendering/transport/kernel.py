@@ -27,10 +27,7 @@ SHADOW_EPSILON = 1e-4
 
 
 def make_kernel(
-    scenario: Scenario,
-    samples: int,
-    strata: Strata,
-    pixel_samples: int,
+    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
 ) -> Callable[[Any, Any, Any], Any]:
     """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
     import drjit as dr
@@ -45,7 +42,6 @@ def make_kernel(
     strata_down, strata_across = _factor(samples)
     pixels_down, pixels_across = _factor(pixel_samples)
     jittered = strata == "jittered"
-    has_lens = camera.needs_aperture_sample()
 
     def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
         """Position in the unit square of sample number `index` of down x across strata."""
@@ -62,36 +58,20 @@ def make_kernel(
             return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
         return mi.Float(0.5)
 
-    def seen_at(pixel: Any, y: Any, x: Any, aperture: tuple[Any, Any] = (0.5, 0.5)) -> Any:
+    def seen_at(pixel: Any, y: Any, x: Any) -> Any:
         film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
-        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(*aperture))
+        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5))
         return scene.ray_intersect(ray, +mi.RayFlags.All, True)
 
     # The centres of the pixels serve every patch: found once.
     centres = seen_at(dr.arange(mi.UInt32, rows * columns), 0.5, 0.5)
     dr.eval(centres)
 
-    def wall_points(pixel: Any, index: Any, key: Any) -> Callable[[Any], Any]:
-        """Where the camera sees the wall, for each sample of a patch: a lens blurs, a pinhole not.
-
-        The points of a lens are of a sequence that no strata share (R2; M. Roberts, 2018), shifted
-        at random if jittered.
-        """
-        middle = pixel_samples == 1
-        y, x = (0.5, 0.5) if middle else within(index, pixels_down, pixels_across, key, 1)
-        if has_lens:
-            shift = _scrambled(mi, key, mi.UInt32(0xFFFFFFFF)) if jittered else mi.UInt32(1 << 31)
-            down, across = (shift & 0xFFFF) << 16, (shift >> 16) << 16
-
-            def through_lens(k: Any) -> Any:
-                turns = down + k * mi.UInt32(0xC13FA9A9), across + k * mi.UInt32(0x91E10DA6)
-                return seen_at(
-                    pixel, y, x, tuple(mi.Float(turn >> 8) / (1 << 24) for turn in turns)
-                )
-
-            return through_lens
-        si = dr.gather(type(centres), centres, pixel) if middle else seen_at(pixel, y, x)
-        return lambda _: si
+    def wall_point(pixel: Any, index: Any, key: Any) -> Any:
+        """Where the camera sees the wall, by the number of a sample of the pixel."""
+        if pixel_samples == 1:
+            return dr.gather(type(centres), centres, pixel)
+        return seen_at(pixel, *within(index, pixels_down, pixels_across, key, 1))
 
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
@@ -127,8 +107,8 @@ def make_kernel(
 
         def at_wall_point(p: Any) -> Any:
             point_key, _ = _hash(mi, key, p)
-            seen = wall_points(pixel, p, point_key)
-            return _sum(samples, lambda k: transfer(seen(k), patch, k, point_key))
+            si = wall_point(pixel, p, point_key)
+            return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
         total = _sum(pixel_samples, at_wall_point)
         return total / (samples * pixel_samples * hidden_rows * hidden_columns)

@@ -7,68 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, overload
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.photograph import Monitor
-from periscopy_sim.rendering.transport.bounced import (
-    DIRECT,
-    BouncedLight,
-    BouncedTransport,
-    add_bounces,
-    check_bounces,
-    check_bouncing_wall,
-)
+from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
-from periscopy_sim.rendering.variant import (
-    FIXED_BLOCKS,
-    is_vectorized,
-    require_vectorized,
-    use_variant,
-)
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 
 Progress = Callable[[float], None]
 
 LANES = 1 << 22
-"""Entries of A computed at once; bounds the memory beside A itself (about 40 bytes each)."""
-
-RAYS = 1 << 28
-"""Shadow rays traced at once; bounds the wait for an interrupt, about a second."""
-
-TEXTURE_SAMPLES = 16
-"""Least wall points of a pixel where the wall is textured: its grains may be finer than a pixel."""
-
-
-@overload
-def render_transport(
-    scenario: Scenario,
-    *,
-    samples: int = ...,
-    strata: Strata = ...,
-    pixel_samples: int = ...,
-    bounces: Literal[1] = ...,
-    seed: int = ...,
-    out: NDArray[np.float32] | None = ...,
-    progress: Progress | None = ...,
-) -> NDArray[np.float32]: ...
-
-
-@overload
-def render_transport(
-    scenario: Scenario,
-    *,
-    samples: int = ...,
-    strata: Strata = ...,
-    pixel_samples: int = ...,
-    bounces: int | None,
-    seed: int = ...,
-    out: NDArray[np.float32] | None = ...,
-    progress: Progress | None = ...,
-) -> NDArray[np.float32] | BouncedTransport: ...
+"""Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
+and a tenth of a second's wait for an interrupt."""
 
 
 def render_transport(
@@ -77,17 +31,13 @@ def render_transport(
     samples: int = 16,
     strata: Strata = "jittered",
     pixel_samples: int = 1,
-    bounces: int | None = DIRECT,
     seed: int = 0,
-    out: NDArray[np.float32] | None = None,
     progress: Progress | None = None,
-) -> NDArray[np.float32] | BouncedTransport:
-    """Render the light transport matrix by shadow rays, and light that bounces by paths.
+) -> NDArray[np.float32]:
+    """Render the light transport matrix of direct light by shadow rays.
 
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
-    each. Through a thin lens each sample sees a wall point of its own, spread over the aperture. In
-    scalar variants Mitsuba's own direct integrator renders the columns one by one, with as many
-    samples per pixel (always jittered, over the pixel's whole area); direct light only.
+    each. Light that bounces is added by `add_bounces`.
 
     A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
     reconstruction filter is not used.
@@ -105,63 +55,36 @@ def render_transport(
         an odd number the middles.
     pixel_samples
         Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
-        averaged. A textured wall has at least `TEXTURE_SAMPLES`.
-    bounces
-        Most reflections of the monitor's light on its way to the camera: 1 is the wall's alone,
-        direct light; None is any number, as light has it. What bounces is smooth over the wall and
-        estimated apart, see `BouncedLight`.
+        averaged.
     seed
-        Seed of the jitter, and of paths. The same seed and variant give the same bytes.
-    out
-        (M, N) array to fill, such as a memory map; None allocates one.
+        Seed of the jitter. The same seed and variant give the same bytes.
     progress
         Called with the fraction done.
 
     Returns
     -------
-    ndarray or BouncedTransport
+    ndarray
         A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
-        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured. With more
-        than one bounce the matrices of all channels, which coloured surroundings make differ.
+        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
 
     Raises
     ------
     SceneError
-        If no light of the monitor reaches the wall, or what bounces is not known of such a wall
-        (see `render_bounced_light`).
+        If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples or bounces is below 1, `strata` is none of these, or `out` has
-        another shape.
+        If a number of samples is below 1, or `strata` is none of these.
     VariantError
-        If more than one bounce is asked for in a scalar variant.
-
-    Warns
-    -----
-    RuntimeWarning
-        Bounced light is not known well enough, see `render_bounced_light`.
+        In scalar variants.
     """
-    use_variant()
-    alone = check_bounces(bounces) == DIRECT
-    if not alone:
-        check_bouncing_wall(scenario)
+    require_vectorized("the transport matrix by rays")
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
-    A = np.empty(rendered.shape, np.float32) if out is None else out
-    if A.shape != rendered.shape:
-        raise ValueError(f"out has shape {A.shape}, the transport matrix {rendered.shape}")
+    A = np.empty(rendered.shape, np.float32)
     report = progress or (lambda _: None)
-    share = 1.0 if alone else 0.1  # of the time, about
-    if not is_vectorized():
-        _render_columns(scenario, A, samples, seed, report)
-    else:
-        for rows, block in rendered.row_blocks():
-            A[rows] = block
-            report(share * rows.stop / len(A))
+    for rows, block in rendered.row_blocks():
+        A[rows] = block
+        report(rows.stop / len(A))
     require_light(A, scenario)
-    if alone:
-        return A
-    return add_bounces(
-        scenario, A, bounces, seed=seed, progress=lambda done: report(share + (1 - share) * done)
-    )
+    return A
 
 
 def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
@@ -219,18 +142,16 @@ class RenderedTransport:
     def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
         """Yield every row once: a slice of rows and their entries, (rows, N) float32.
 
-        Scalar variants render columns only and raise a `VariantError`.
+        Scalar variants raise a `VariantError`.
         """
-        require_vectorized("rendering the transport matrix by rows")
+        require_vectorized("the transport matrix by rays")
         import drjit as dr
         import mitsuba as mi
 
-        pixel_samples = self.pixel_samples
-        if self.scenario.wall_texture is not None:
-            pixel_samples = max(pixel_samples, TEXTURE_SAMPLES)
-        entries = make_kernel(self.scenario, self.samples, self.strata, pixel_samples)
+        entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
         pixels, patches = self.shape
-        height = max(1, min(LANES, RAYS // (self.samples * pixel_samples)) // patches)
+        work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
+        height = max(1, LANES // work // patches)
         for start in range(0, pixels, height):
             rows = slice(start, min(start + height, pixels))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
@@ -239,50 +160,3 @@ class RenderedTransport:
             values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
             block = np.array(values).reshape(-1, patches)
             yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
-
-
-def _render_columns(
-    scenario: Scenario,
-    A: NDArray[np.float32],
-    samples: int,
-    seed: int,
-    progress: Callable[[float], None],
-) -> None:
-    """Fill A, (M, N), with photographs of one lit patch each, by Mitsuba's direct integrator.
-
-    The monitor is a plain area emitter. The angular profile, taken between the pixel's and the
-    patch's centre, multiplies the result: exact up to its curvature over a patch and a pixel.
-    """
-    import mitsuba as mi
-
-    if scenario.emission is None:
-        raise SceneError(
-            f"scene '{scenario.path}': in scalar variants the monitor's emitter must be an 'area' "
-            "or 'lcd' emitter; use llvm_ad_rgb or cuda_ad_rgb for any other"
-        )
-    hidden, patches = (*scenario.hidden_shape, 3), A.shape[1]
-    monitor = Monitor(scenario, scenario.hidden_shape, only_monitor=True, plain_emitter=True)
-    integrator = mi.load_dict(
-        {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, **FIXED_BLOCKS}
-    )
-    profile = profile_matrix(scenario)
-    for patch in range(patches):
-        monitor.show(np.eye(1, patches, patch).T.repeat(3, 1).reshape(hidden))
-        # Seeds differ for every column, also those of neighbouring seeds.
-        own_seed = (seed * patches + patch) % 2**32
-        column = mi.render(
-            monitor.scene, sensor=monitor.camera, integrator=integrator, spp=samples, seed=own_seed
-        )
-        A[:, patch] = np.array(column).mean(axis=2).ravel() * profile[:, patch]
-        progress((patch + 1) / patches)
-
-
-def profile_matrix(scenario: Scenario) -> NDArray[Any]:
-    """Evaluate the profile, 1 along the normal, from each patch's centre to each point: (M, N)."""
-    assert scenario.emission is not None
-    axes = []
-    for axis in (scenario.patch_across, scenario.patch_up, scenario.patch_normals):
-        unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        offset = np.sum(unit * scenario.patch_centers, axis=1)
-        axes.append(scenario.wall_points @ unit.T - offset)
-    return scenario.emission(*axes)

@@ -1,15 +1,14 @@
 import pytest
 from PIL import Image
 
-from periscopy_sim.figures.laboratory import overview, projections
+from periscopy_sim.figures.laboratory import projections
 
 pytestmark = pytest.mark.usefixtures("jit")
 
 
 @pytest.mark.usefixtures("drawings")
 def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, monkeypatch):
-    monkeypatch.setattr(overview, "COLUMNS", {True: 160})
-    monkeypatch.setattr(projections, "GRID", {True: 40})
+    monkeypatch.setattr(projections, "GRID", 40)
     out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
     assert out == "wrote deep/lab.png\n"
     with Image.open(tmp_path / "deep" / "lab.png") as picture:

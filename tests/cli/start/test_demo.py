@@ -1,14 +1,10 @@
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.rendering.variant import OVERRIDE
 
 jit = pytest.mark.usefixtures("jit", "few_lights", "few_paths")
 
@@ -54,16 +50,3 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
 def test_impossible_demo_is_refused(refused, monkeypatch):
     monkeypatch.setattr("periscopy_sim.cli.start.demo.say", lambda _: None)
     assert "25x25" in refused(*TINY, "--hidden", "25x25", "--out", "out")
-
-
-@pytest.mark.thorough
-def test_demo_recovers_it_without_a_vectorized_variant(tmp_path):
-    ran = subprocess.run(
-        [sys.executable, "-m", "periscopy_sim", *TINY, "--out", str(tmp_path / "out")],
-        env={**os.environ, OVERRIDE: "scalar_rgb"}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 0, ran.stderr
-    assert "rendering with scalar_rgb" in ran.stdout
-    truth = ps.read_hidden_image(ps.find_image("mushroom"), (6, 7))
-    image = np.load(tmp_path / "out" / "reconstruction.npy")
-    assert ps.psnr(image, truth) > ps.psnr(np.ones_like(truth), truth) + 2

@@ -3,13 +3,11 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.ambient.background import relative_errors, render_background
+from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.shipped import find_scene
-
-pytestmark = pytest.mark.usefixtures("jit")
 
 COARSE = {"target": 1.0}
 LIGHT = (
@@ -167,22 +165,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(office, scenario
     assert np.all(first != other)
 
 
-def test_relative_errors_are_those_of_the_mean_after_one_factor():
-    rng = np.random.default_rng(0)
-    picture = rng.uniform(1, 3, size=(2000, 3))
-    gains = 1 + 0.05 * rng.normal(size=8)
-    relative, brightness = relative_errors(gains[:, None, None] * picture, np.zeros(3))
-    assert relative < 1e-12
-    assert brightness == pytest.approx(gains.std(ddof=1) / gains.mean() / np.sqrt(8))
-    grey = picture.mean(axis=1)[:, None]
-    noisy = picture + 0.02 * grey * rng.normal(size=(8, 2000, 3))
-    relative, brightness = relative_errors(gains[:, None, None] * noisy, np.zeros(3))
-    assert relative == pytest.approx(0.02 / np.sqrt(8), rel=0.02)
-    # A bias counts as an error of every pixel.
-    biased, _ = relative_errors(np.stack([picture] * 8), np.full(3, 0.01))
-    assert biased == pytest.approx(0.1 * np.sqrt(np.mean(grey**-2.0)), rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("parts", "extra", "reason"),
     [
@@ -195,9 +177,3 @@ def test_relative_errors_are_those_of_the_mean_after_one_factor():
 def test_place_without_wall_camera_or_light_is_refused(room, parts, extra, reason):
     with pytest.raises(SceneError, match=reason):
         render_background(room.write(extra, monitor="", **parts), room.load(), **COARSE)
-
-
-def test_wall_that_is_not_diffuse_is_refused(office, room):
-    glossy = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
-    with pytest.raises(SceneError, match="diffuse"):
-        render_background(office, room.load(wall=room.wall(glossy)), **COARSE)

@@ -1,10 +1,7 @@
-import itertools
-
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.ambient.background import Part
-from periscopy_sim.rendering.wall_polynomials import REPLICAS, best_fit, chosen_sites
+from periscopy_sim.rendering.wall_polynomials import best_fit, chosen_sites
 
 SHAPE = (32, 28)
 
@@ -89,15 +86,3 @@ def test_light_in_stripes_is_followed_along_the_side_where_it_is_steep(turned):
     error = np.sqrt(np.mean((found.replicas.mean(axis=0) - field) ** 2))
     assert error < 4e-4
     assert 0.7 < np.sqrt(found.squared_error.mean()) / error < 2
-
-
-def test_rounds_are_averaged_and_take_further_seeds():
-    sites, seeds = chosen_sites((126, 126)), itertools.count()
-    field = stripes((126, 126))[sites]
-    part = Part(lambda seed: noisy(field, 0.1, seed, 1)[0], sites, (126, 126))
-    part.add_round(seeds)
-    once = part.fit.squared_error.mean()
-    for _ in range(3):
-        part.add_round(seeds)
-    assert part.rounds == 4 and next(seeds) == 4 * REPLICAS
-    assert part.fit.squared_error.mean() < once / 2

@@ -7,8 +7,6 @@ from periscopy_sim.analytic.area_transport import analytic_transport, has_areas
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 
 def box(x, y, z, half):
     scale, place = (

@@ -55,13 +55,10 @@ X = '<default name="x" value="0.7"/>'
 
 
 def test_what_takes_rays_is_traced(room):
-    """Shapes of no mesh, lenses, textures and walls that are no rectangles."""
-    checks = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
+    """Shapes of no mesh, and walls that are no rectangles."""
     folded = room.wall().replace("rectangle", "cube")
     for extra, parts in [
         (room.blocker(center="$x, 0.5, 0.3"), {}),
-        ("", {"camera": room.lens(0.01, 1.1).replace("1.2, 0, 0.3", "$x, 0, 0.3")}),
-        ("", {"wall": room.wall(checks).replace('x="0.7"', 'x="$x"')}),
         ("", {"wall": folded.replace('x="0.7"', 'x="$x"').replace('y="1"', 'y="2"')}),
         ("", {"monitor": room.curved_monitor(room.area), "camera": camera_at_x(room)}),
     ]:
@@ -69,9 +66,6 @@ def test_what_takes_rays_is_traced(room):
         scene, expected = (load_scenario(path, (2, 3), values) for values in ({}, {"x": 0.72}))
         moved = scene.at(x=0.72)
         assert_same(moved, expected)
-        assert moved.blur == pytest.approx(expected.blur)
-        if expected.wall_texture is not None:
-            np.testing.assert_allclose(moved.wall_texture, expected.wall_texture)
 
 
 def camera_at_x(room):
@@ -84,7 +78,6 @@ def camera_at_x(room):
         ("chair", {"camera_dx": 2}),  # off the wall
         ("chair", {"monitor_turn": 180}),
         ("chair", {"monitor_stretch": 0}),
-        ("chair", {"seat_width": -0.01}),
         ("chair", {"occluder_dx": 0.2, "occluder_dy": 0.35}),  # into the camera's view
         ("chair", {"vertical_exponent": -1}),
         ("chair", {"occluder_dx": "nan"}),

@@ -7,12 +7,6 @@ from periscopy_sim.rendering.scene.load import camera_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
 from periscopy_sim.scenario import EmissionProfile
 
-POINT = (
-    '<emitter type="point"><point name="position" value="1, 0.2, 0.4"/>'
-    '<rgb name="intensity" value="3"/></emitter>'
-)
-
-
 # -- reading -------------------------------------------------------------------------------------
 
 
@@ -70,26 +64,6 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
     nodes.show(image, mirrored=False)
     seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
-
-
-def test_darkened_room_keeps_the_monitor_alone(room):
-    twin = room.monitor(room.area, y=-0.5).replace('id="monitor"', 'id="twin"')
-    bulb = (
-        '<shape type="sphere" id="bulb"><point name="center" value="1, 0, 2"/>'
-        f'{room.lcd()}<ref id="paint"/></shape>'
-    )
-    paint = room.diffuse.replace("<bsdf", '<bsdf id="paint"')
-    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
-    path = room.write(paint, POINT, twin, bulb, sky, monitor=room.monitor(room.area))
-    assert len(SceneNodes(path).instantiate().emitters()) == 5
-    for image in (None, np.ones((2, 2, 3))):
-        nodes = SceneNodes(path)
-        nodes.show(image)
-        nodes.darken()
-        scene = nodes.instantiate()
-        assert len(scene.emitters()) == 1
-        lit = [shape.id() for shape in scene.shapes() if shape.is_emitter()]
-        assert lit == ["monitor"]
 
 
 # -- the film ------------------------------------------------------------------------------------

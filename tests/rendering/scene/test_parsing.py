@@ -1,23 +1,10 @@
 """What a scene file says and which files it names, as Mitsuba has it or in words that help."""
 
-import numpy as np
 import pytest
-
-from periscopy_sim.rendering.scene.nodes import SceneNodes
 
 
 def mesh(filename):
     return f'<shape type="ply" id="sofa"><string name="filename" value="{filename}"/></shape>'
-
-
-def test_default_of_an_included_file_can_be_set(room, tmp_path):
-    default = '<default name="radius" value="0.06"/>'
-    included = f'<scene version="3.0.0">{default}{room.blocker(radius="$radius")}</scene>'
-    (tmp_path / "ball.xml").write_text(included)
-    path = room.write('<include filename="ball.xml"/>')
-    scene = SceneNodes(path, {"radius": "0.11"}).instantiate()
-    ball = next(shape for shape in scene.shapes() if shape.id() == "ball")
-    np.testing.assert_allclose(np.ravel(ball.bbox().max - ball.bbox().min), 0.22, atol=1e-6)
 
 
 def triangle(path, x):

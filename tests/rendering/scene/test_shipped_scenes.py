@@ -90,23 +90,3 @@ def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():
     for before, after in zip(plain, moved, strict=True):
         expected = pivot + ((before.vertices - pivot) * [1.1, 1, 0.9]) @ turn.T
         np.testing.assert_allclose(after.vertices, expected, atol=1e-6)
-
-
-def test_parameters_move_the_occluder_and_the_monitor_by_just_so_much():
-    size = {"resolution": 2}
-    plain = load_scenario(CHAIR, (1, 2), size)
-    shift = {"occluder_dx": 0.013, "occluder_dy": "-0.05", "occluder_dz": -0.02}
-    moved = load_scenario(CHAIR, (1, 2), size | shift)
-    np.testing.assert_allclose(
-        moved.occluders[0].vertices - plain.occluders[0].vertices,
-        np.tile([0.013, -0.05, -0.02], (len(plain.occluders[0].vertices), 1)),
-        atol=1e-6,
-    )
-    np.testing.assert_array_equal(moved.patch_centers, plain.patch_centers)
-    np.testing.assert_array_equal(moved.wall_points, plain.wall_points)
-    moved = load_scenario(CHAIR, (1, 2), size | {"monitor_dx": 0.005, "monitor_dz": -0.011})
-    np.testing.assert_allclose(
-        moved.patch_centers - plain.patch_centers, [[0.005, 0, -0.011]] * 2, atol=1e-6
-    )
-    np.testing.assert_array_equal(moved.occluders[0].vertices, plain.occluders[0].vertices)
-    assert moved.parameters == {"resolution": "2", "monitor_dx": "0.005", "monitor_dz": "-0.011"}

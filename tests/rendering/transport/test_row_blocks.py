@@ -7,7 +7,6 @@ from periscopy_sim.rendering.transport import shadow_rays
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 
-@pytest.mark.usefixtures("jit")
 @pytest.mark.parametrize("lanes", [1, 1000, 1 << 22])
 def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes, monkeypatch):
     scene = shipped("chair", (4, 5), 12)

@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
-pytestmark = pytest.mark.usefixtures("jit")
-
 
 def closed_form(point, corner, across, up, exponents=(18, 1), albedo=0.5):
     """Radiance of a diffuse wall at y = 1 for a parallelogram of unit normal radiance."""
@@ -139,16 +137,6 @@ def test_samples_of_a_patch_are_the_middles_of_its_strata(shipped):
         np.testing.assert_allclose(A, summed.reshape(A.shape), rtol=1e-4)
 
 
-def test_wall_points_of_a_pixel_are_the_middles_of_its_strata(shipped):
-    A = render_transport(shipped("chair", (3, 4), 12), strata="midpoint", pixel_samples=4)
-    fine = render_transport(shipped("chair", (3, 4), 24), strata="midpoint")
-    averaged = block_sum(fine.T.reshape(12, 24, 24), 2, 2).reshape(12, -1).T / 4
-    # A shadow's edge that passes through a sample falls either way in single precision.
-    same = np.isclose(A, averaged, rtol=1e-4)
-    assert same.mean() > 0.999
-    np.testing.assert_allclose(A, averaged, atol=A.max() / 32)
-
-
 @pytest.mark.parametrize("pixel_samples", [1, 4])
 def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_samples):
     seen = shipped("chair")
@@ -161,10 +149,7 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
     assert np.mean(first[lit] != other[lit]) > 0.99
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}, {"out": np.empty((6, 30), "f4")}],
-)
+@pytest.mark.parametrize("wrong", [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}])
 def test_impossible_arguments_are_refused(room, wrong):
     with pytest.raises(ValueError):
         render_transport(room.load(), **wrong)
