@@ -7,7 +7,6 @@ larger than this step mix what distinguishes patches; much smaller ones show not
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import gcd
 
 import numpy as np
@@ -29,50 +28,26 @@ PLACED = 0.5
 SHARPEST = 10.0
 """Percentile of the occluders' edges whose step counts: a corner that touches the wall does not."""
 
-_ON_EDGE = 8  # points on each edge of a mesh
-_MOST_POINTS = 200_000
 
+def choose_film(
+    scenario: Scenario, hidden: tuple[int, int], films: list[tuple[int, int]]
+) -> tuple[int, int]:
+    """Return the coarsest film that is fine enough and that memory allows, else the finest.
 
-@dataclass(frozen=True)
-class FilmAdvice:
-    """The film that shows what a photograph holds of the hidden image.
-
-    `step` is the distance on the wall by which the sharpest shadow moves from one patch to the
-    next; None where no mesh casts a shadow into the field of view.
+    `hidden` and `films` are (rows, columns), the latter of the proportions of the scene's own film.
+    Where no shadow falls into the field of view, that nearest to the scene's own is enough.
     """
-
-    step: float | None  # metres
-    pixel: float  # metres of the scene's own pixels on the wall, along their longer side
-    shape: tuple[int, int]  # (rows, columns) of the scene's own film
-    patches: int  # of the hidden image
-
-    def pixels_in_step(self, shape: tuple[int, int]) -> float:
-        """Return how many pixels a step has on a film of (rows, columns)."""
-        assert self.step is not None
-        return self.step / self.pixel * shape[0] / self.shape[0]
-
-    def choose(self, shapes: list[tuple[int, int]]) -> tuple[int, int]:
-        """Return the coarsest film that is fine enough and that memory allows, else the finest."""
-        ordered = sorted(shapes)
-        allowed = [shape for shape in ordered if self.fits(shape)] or ordered[:1]
-        if self.step is None:
-            return min(allowed, key=lambda shape: abs(shape[0] - self.shape[0]))
-        enough = [each for each in allowed if self.pixels_in_step(each) >= PIXELS_IN_STEP]
-        return enough[0] if enough else allowed[-1]
-
-    def fits(self, shape: tuple[int, int]) -> bool:
-        """Return whether the default method has memory for A and its factors."""
-        return has_memory(transport_memory(shape[0] * shape[1], self.patches))
-
-
-def advise(scenario: Scenario, hidden: tuple[int, int] | None = None) -> FilmAdvice:
-    """Return which film a scene needs for a hidden image of (rows, columns), None for its own."""
-    hidden = hidden or scenario.hidden_shape
-    shape = scenario.photograph_shape
-    grid = scenario.wall_points.reshape(*shape, 3)
+    shape = rows, columns = scenario.photograph_shape
+    ordered, patches = sorted(films), hidden[0] * hidden[1]
+    allowed = [f for f in ordered if has_memory(transport_memory(f[0] * f[1], patches))]
+    allowed = allowed or ordered[:1]
+    if (step := shadow_step(scenario, hidden)) is None:
+        return min(allowed, key=lambda film: abs(film[0] - rows))
+    grid = scenario.wall_points.reshape(rows, columns, 3)
     sides = [np.linalg.norm(np.diff(grid, axis=k), axis=2) for k in (0, 1) if shape[k] > 1]
     pixel = max((float(np.median(each)) for each in sides), default=0.0)
-    return FilmAdvice(shadow_step(scenario, hidden), pixel, shape, hidden[0] * hidden[1])
+    fine = [film for film in allowed if step * film[0] >= PIXELS_IN_STEP * pixel * rows]
+    return fine[0] if fine else allowed[-1]
 
 
 def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
@@ -91,35 +66,30 @@ def shadow_step(scenario: Scenario, hidden: tuple[int, int]) -> float | None:
     height = scenario.patch_up.mean(axis=0) @ axes * rows
     points = (_edge_points(scenario) - frame.center) @ axes
     points = points[(points[:, 2] > 0) & (points[:, 2] < middle[2])]
-    corners = [middle + i * width / 2 + j * height / 2 for i in (-1, 1) for j in (-1, 1)]
-    shadows = np.stack([_shadows(source, points) for source in (*corners, middle)])
-    in_view = (
-        ((shadows >= wall.min(axis=0)) & (shadows <= wall.max(axis=0))).all(axis=2).any(axis=0)
-    )
-    moves = [
-        np.linalg.norm(_shadows(middle + patch, points) - shadows[-1], axis=1)[in_view]
-        for patch in (width / hidden[1], height / hidden[0])
-    ]
-    return float(np.percentile(np.minimum(*moves), SHARPEST)) if in_view.any() else None
 
-
-def _shadows(source: Array, points: Array) -> Array:
-    """Return where points cast their shadows on the plane at height 0, (n, 2)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    def shadows(source: Array) -> Array:
         stretch = source[2] / (source[2] - points[:, 2:])
         return np.asarray(source[:2] + stretch * (points[:, :2] - source[:2]))
 
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cast = shadows(middle)
+        moves = [
+            np.linalg.norm(shadows(middle + patch) - cast, axis=1)
+            for patch in (width / hidden[1], height / hidden[0])
+        ]
+    in_view = ((cast >= wall.min(axis=0)) & (cast <= wall.max(axis=0))).all(axis=1)
+    sharpest = np.minimum(*moves)[in_view]
+    return float(np.percentile(sharpest, SHARPEST)) if sharpest.size else None
 
-def _edge_points(scenario: Scenario) -> Array:
+
+def _edge_points(scenario: Scenario, on_edge: int = 8) -> Array:
     """Return points along the edges of the occluders' triangles, (n, 3)."""
-    part = (np.arange(_ON_EDGE) + 0.5)[:, np.newaxis] / _ON_EDGE
+    part = (np.arange(on_edge) + 0.5)[:, np.newaxis] / on_edge
     points = [np.zeros((0, 3))]
     for occluder in scenario.occluders:
         if occluder.vertices is not None and occluder.faces is not None:
-            faces = occluder.faces[:: 1 + 3 * _ON_EDGE * len(occluder.faces) // _MOST_POINTS]
-            start = occluder.vertices[faces][:, :, np.newaxis]
-            end = np.roll(start, -1, axis=1)
-            points.append((start + part * (end - start)).reshape(-1, 3))
+            start = occluder.vertices[occluder.faces][:, :, np.newaxis]
+            points.append((start + part * (np.roll(start, -1, axis=1) - start)).reshape(-1, 3))
     return np.concatenate(points)
 
 

@@ -1,9 +1,10 @@
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.photographs import film_size
 from periscopy_sim.photographs.film_size import (
     PIXELS_IN_STEP,
-    advise,
+    choose_film,
     films_of_blocks,
     films_of_marks,
     shadow_step,
@@ -26,27 +27,20 @@ def test_step_of_the_chairs_shadow_is_that_of_similar_triangles(scenario):
 def test_without_a_shadow_in_the_field_of_view_there_is_no_step():
     away = ps.load_scenario("chair", (1, 1), {"resolution": 63, "occluder_dx": 3})
     assert shadow_step(away, (29, 36)) is None
-    assert advise(away, (29, 36)).choose([(20, 20), (63, 63), (126, 126)]) == (63, 63)
+    assert choose_film(away, (29, 36), [(20, 20), (63, 63), (126, 126)]) == (63, 63)
 
 
-def test_the_coarsest_film_that_is_fine_enough_is_chosen(scenario):
-    advice = advise(scenario, (29, 36))
+def test_the_coarsest_film_that_is_fine_enough_is_chosen(scenario, monkeypatch):
     films = list(films_of_blocks((1008, 1008)).values())
-    chosen = advice.choose(films)
-    assert chosen in films and advice.pixels_in_step(chosen) >= PIXELS_IN_STEP
-    coarser = max(film for film in films if film < chosen)
-    assert advice.pixels_in_step(coarser) < PIXELS_IN_STEP
-    assert advice.choose([(8, 8), (9, 9)]) == (9, 9)  # none is: the finest
-
-
-def test_memory_bounds_the_film(scenario, monkeypatch):
-    from periscopy_sim.photographs import film_size
-
-    advice = advise(scenario, (290, 360))
-    films = list(films_of_blocks((1008, 1008)).values())
+    chosen = choose_film(scenario, (29, 36), films)
+    finest_pixel = shadow_step(scenario, (29, 36)) / PIXELS_IN_STEP
+    side = 0.401  # metres of the wall that the camera sees
+    assert side / chosen[0] <= finest_pixel
+    assert side / max(film for film in films if film < chosen)[0] > finest_pixel
+    assert choose_film(scenario, (29, 36), [(8, 8), (9, 9)]) == (9, 9)  # none is: the finest
     monkeypatch.setattr(film_size, "has_memory", lambda size: size < 3e9)
-    chosen = advice.choose(films)
-    assert advice.fits(chosen) and not advice.fits((2 * chosen[0], 2 * chosen[1]))
+    small = choose_film(scenario, (290, 360), films)
+    assert small == (28, 28)  # 0.6 GB and 25 bytes for each entry of A
 
 
 @pytest.mark.parametrize(
