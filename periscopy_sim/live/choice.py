@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-SBR, SNR = 0.5, 60.0
-"""Signal-to-background ratio at first: a bright room, in which a method must know ambient light.
-Signal-to-noise ratio at first, in dB: the paper's."""
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -22,7 +18,7 @@ class Choice:
 
     values: Mapping[str, float]
     image: str
-    place: str
-    sbr: float
-    snr: float
-    method: str
+    place: str = ""
+    sbr: float = 0.5  # a bright room, in which a method must know ambient light
+    snr: float = 60.0  # the paper's
+    method: str = "noise-aware"

@@ -13,11 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Mask, used_pixels
 from periscopy_sim.photographs.sensor_image import SensorImage, check_same_size, sensor_image
-
-BELOW = 0.02
-"""Fraction of pixels below the black level that causes a warning; well exposed ones have none."""
 
 
 def develop(
@@ -26,7 +22,6 @@ def develop(
     black: float = 0.0,
     dark: SensorImage | ArrayLike | None = None,
     flat: SensorImage | ArrayLike | None = None,
-    mask: Mask | None = None,
 ) -> SensorImage:
     """Return one picture, linear in light, from what a camera took of one view.
 
@@ -39,14 +34,13 @@ def develop(
     dark
         A photograph with the lens covered, subtracted likewise. Give one of the two.
     flat
-        A photograph of an evenly lit white surface, to divide by.
-    mask
-        (rows, columns) bool, where the wall is used; elsewhere the flat field may be dark.
+        A photograph of an evenly lit white surface, to divide by. Pixels where it is dark or
+        saturated count as saturated.
 
     Raises
     ------
     PhotographError
-        If sizes differ, a value is not finite, or the flat field is dark or saturated.
+        If sizes differ, or a value is not finite.
     """
     if dark is not None and black:
         raise PhotographError("a dark frame holds the black level; give one of the two")
@@ -66,7 +60,7 @@ def develop(
         return light
     even = sensor_image(flat, "the flat field")
     check_same_size(even.size, light.size, "the flat field")
-    return _evened(light, replace(even, values=even.values - offset), mask)
+    return _evened(light, replace(even, values=even.values - offset))
 
 
 def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
@@ -87,31 +81,11 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
     return SensorImage(total / count, saturated, first.cell)
 
 
-def black_level_warning(light: SensorImage, mask: Mask | None, source: str) -> str:
-    """Return a warning that the black level, already subtracted, is too high; empty if it is not.
-
-    A PhotographError says that no pixel is above. Messages call the black level `source`.
-    """
-    below = float(np.mean(used_pixels(light.values, mask).min(axis=-1) < 0))
-    if below == 1:
-        raise PhotographError(f"all pixels are below the black level; check {source}")
-    warning = f"{100 * below:.0f} % of the pixels are below the black level; check {source}"
-    return warning if below >= BELOW else ""
-
-
-def _evened(exposure: SensorImage, flat: SensorImage, mask: Mask | None) -> SensorImage:
-    """Return an exposure divided by a flat field, whose channels are scaled to mean 1.
-
-    Both lack their offsets. Outside the mask the exposure stays as it is.
-    """
-    used = np.ones(flat.size, bool) if mask is None else mask
-    unfit = used & ((flat.values <= 0).any(axis=2) | flat.saturated)
-    if unfit.any():
-        row, column = np.argwhere(unfit)[0]
-        raise PhotographError(
-            f"the flat field: {np.count_nonzero(unfit)} pixels are not positive or saturated, the "
-            f"first in row {row}, column {column}; expose it well, or leave them out by a mask"
-        )
-    mean = flat.values[used].mean(axis=0, dtype=np.float64)
-    gain = np.where(used[..., np.newaxis], flat.values / mean, 1).astype(np.float32)
-    return replace(exposure, values=exposure.values / gain)
+def _evened(exposure: SensorImage, flat: SensorImage) -> SensorImage:
+    """Return an exposure divided by a flat field, whose channels are scaled to mean 1."""
+    unfit = (flat.values <= 0).any(axis=2) | flat.saturated
+    if unfit.all():
+        raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
+    mean = flat.values[~unfit].mean(axis=0, dtype=np.float64)
+    gain = np.where(unfit[..., np.newaxis], 1, flat.values / mean).astype(np.float32)
+    return replace(exposure, values=exposure.values / gain, saturated=exposure.saturated | unfit)

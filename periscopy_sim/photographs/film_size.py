@@ -93,10 +93,10 @@ def _edge_points(scenario: Scenario, on_edge: int = 8) -> Array:
     return np.concatenate(points)
 
 
-def films_of_blocks(size: tuple[int, int]) -> dict[int, tuple[int, int]]:
-    """Return the films that whole blocks of a (rows, columns) photograph average to, by side."""
+def films_of_blocks(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the films that whole square blocks of a (rows, columns) photograph average to."""
     common = gcd(*size)
-    return {k: (size[0] // k, size[1] // k) for k in range(1, common + 1) if common % k == 0}
+    return [(size[0] // k, size[1] // k) for k in range(1, common + 1) if common % k == 0]
 
 
 def films_of_shape(shape: tuple[int, int], finest: float) -> list[tuple[int, int]]:

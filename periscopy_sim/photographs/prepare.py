@@ -18,6 +18,9 @@ from periscopy_sim.photographs.sensor_image import SensorImage, mask_of_pixels, 
 from periscopy_sim.photographs.view_fit import FittedView
 from periscopy_sim.scenario import Array, Scenario
 
+BELOW = 0.02
+"""Fraction of pixels below the black level that causes a warning; well exposed ones have none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
@@ -58,13 +61,12 @@ def prepare(
     photograph: SensorImage | ArrayLike,
     scenario: Scenario,
     *,
-    points: WallPoints | None = None,
-    tags: WallTags | None = None,
+    marks: WallPoints | WallTags | None = None,
     mask: Mask | None = None,
 ) -> Prepared:
     """Bring a photograph to the pixels of a scene's camera.
 
-    Without points and tags the scene's camera is the photograph's, and whole blocks of pixels are
+    Without marks the scene's camera is the photograph's, and whole blocks of pixels are
     averaged to its film. With them the photograph may be any camera's: the marks show its view of
     the wall, which must be plane, and each new pixel averages all that it covers. A camera measures
     radiance, and a diffuse wall's is the same in every direction: the slant needs no factor. Single
@@ -76,8 +78,8 @@ def prepare(
         (rows, columns, 3), linear in light; see `develop`.
     scenario
         The scene.
-    points, tags
-        Marks on the wall, at most one of the two.
+    marks
+        Points or tags on the wall.
     mask
         (rows, columns) bool, where the wall is used, of the photograph's size or of the film's, or
         of its sensor's where its pixels are the cells of a mosaic.
@@ -93,9 +95,7 @@ def prepare(
     light = sensor_image(photograph, "the photograph")
     shape = scenario.photograph_shape
     film, warnings = None, []
-    if points is not None and tags is not None:
-        raise PhotographError("points and tags both show the view; give one of them")
-    if (marks := points or tags) is not None:
+    if marks is not None:
         film = place_film(light, scenario, marks)
         warnings = [f"the photograph does not show tag {number}" for number in film.missing]
         if film.placement > PLACED:
@@ -103,7 +103,7 @@ def prepare(
                 f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
                 "only, where it is worst; measure more of them, further apart"
             )
-    elif shape not in (films := list(films_of_blocks(light.size).values())):
+    elif shape not in (films := films_of_blocks(light.size)):
         sizes = ", ".join(f"{rows}x{columns}" for rows, columns in films[:12])
         raise PhotographError(
             f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
@@ -130,6 +130,11 @@ def prepare(
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
+        )
+    if (below := float(np.mean(values[used].min(axis=1) < 0))) >= BELOW:
+        warnings.append(
+            f"{100 * below:.0f} % of the pixels are below the black level; check it, or the dark "
+            "frame"
         )
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),

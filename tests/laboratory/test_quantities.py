@@ -42,8 +42,6 @@ def test_angles_and_bare_numbers():
         ("nan cm", "is not a number"),
         ("1 m 3 cm", "is not a number"),
         ("1 m +- -3 mm", "the error in .* is negative"),
-        ("1e9 m", "beyond 1000"),
-        ("1 m +- 1e7 m", "beyond 1000"),
         ("", "is not a number"),
         (True, "is not a number"),
         ([1], "is not a number"),

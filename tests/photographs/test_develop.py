@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.develop import black_level_warning, develop
+from periscopy_sim.photographs.develop import develop
 from periscopy_sim.photographs.sensor_image import sensor_image
 
 SIZE = (40, 60)
@@ -47,14 +47,12 @@ def test_flat_field_takes_vignetting_off_and_keeps_the_mean_light():
     )
 
 
-def test_flat_field_with_a_zero_is_refused_but_where_a_mask_leaves_it_out():
-    flat = np.ones((*SIZE, 3))
-    flat[7, 8] = 0
-    with pytest.raises(PhotographError, match=r"1 pixels .* row 7, column 8"):
-        develop([LIGHT], flat=flat)
-    mask = np.ones(SIZE, bool)
-    mask[7, 8] = False
-    assert np.isfinite(develop([LIGHT], flat=flat, mask=mask).values).all()
+def test_pixels_where_the_flat_field_is_dark_or_saturated_count_as_saturated():
+    flat = np.full((*SIZE, 3), 100, np.uint8)
+    flat[7, 8], flat[9, 9, 1] = 0, 255
+    found = develop([LIGHT], flat=flat)
+    assert np.argwhere(found.saturated).tolist() == [[7, 8], [9, 9]]
+    assert np.isfinite(found.values).all()
     with pytest.raises(PhotographError, match=r"flat field.* saturated"):
         develop([LIGHT], flat=np.full((*SIZE, 3), 255, np.uint8))
 
@@ -65,13 +63,3 @@ def test_saturation_is_the_top_code_of_integers_or_what_is_said():
     assert sensor_image(counts - 1, "y").saturated.sum() == 0  # no converter ends at 4094
     assert sensor_image(counts.astype(float), "y").saturated.sum() == 0
     assert sensor_image(counts.astype(float), "y", white=4090).saturated.sum() == 6
-
-
-def test_black_level_above_the_light_causes_a_warning_with_the_share():
-    light = develop([LIGHT], black=150)
-    below = (LIGHT < 150).any(axis=2)
-    assert black_level_warning(light, None, "it").startswith(f"{100 * below.mean():.0f} %")
-    assert black_level_warning(light, ~below, "it") == ""
-    assert black_level_warning(develop([LIGHT], black=90), None, "it") == ""
-    with pytest.raises(PhotographError, match="all pixels are below the black level; check it"):
-        black_level_warning(develop([LIGHT], black=1e4), None, "it")

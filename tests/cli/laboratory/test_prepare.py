@@ -99,7 +99,7 @@ def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
         (("--points", "bad.csv"), "bad.csv, line 5"),
         (("--points", "off.csv"), "off.csv, line 4"),
         (("--points", "bad.csv", "--tags", "t.csv"), "--tags"),
-        (("--dark", "y.tif"), "dark frame"),
+        (("--dark", "five.tif"), "the dark frame: 5 x 5"),
         (("--bin", 7), "--bin"),
         (("--mask", "five.png"), "5 x 5"),
         (("--mask", "wall_mask.png"), "wall_mask.png"),
@@ -113,6 +113,7 @@ def test_bad_input_is_refused_by_one_line(options, offender, photo, refused, tmp
     for name, rows in {"bad.csv": bad, "off.csv": off}.items():
         write_points(tmp_path / name, rows)
     Image.new("L", (5, 5), 255).save(tmp_path / "five.png")
+    save(tmp_path / "five.tif", np.ones((5, 5, 3)))
     Image.new("L", (24, 24), 255).save(tmp_path / "wall_mask.png")
     scene = SCENE[:2] if "resolution" in str(options) or "--bin" in options else SCENE
     assert offender in refused("prepare", photo, *scene, *options, "--out", "wall.exr")
