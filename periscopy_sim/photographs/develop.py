@@ -78,7 +78,7 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
         total += each.values
         saturated |= each.saturated
         count += 1
-    return SensorImage(total / count, saturated, first.cell)
+    return SensorImage(total / np.float32(count), saturated, first.cell)
 
 
 def _evened(exposure: SensorImage, flat: SensorImage) -> SensorImage:

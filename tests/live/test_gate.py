@@ -12,7 +12,7 @@ import pytest
 
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -85,8 +85,7 @@ def value_of(uuid, value):
 
 @pytest.fixture(scope="module")
 def target():
-    offered = Offered(("mushroom", "bars"), ("overcast",), ("noise-aware", "preconditioned"))
-    first = Choice({}, "mushroom", "", 0.5, 60.0, "noise-aware")
+    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
     saved = []
 
     def save(pictures):
@@ -94,7 +93,8 @@ def target():
         return "saved"
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
-    with LiveSession(scenario, first, offered, save, lambda _: []) as session:
+    first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
+    with LiveSession(scenario, first, offered, save, lambda _: [], light=light) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 
@@ -206,7 +206,7 @@ def test_what_the_page_offers_is_granted(target):
         target.until(lambda: target.shown[-1].choice.image == "bars")
         send(client, value_of(target.control("Write scene and pictures"), True))
         target.until(lambda: target.saved)
-        (name, (handle, _)) = next(iter(target.page._handles.items()))
+        name, handle = next(iter(target.page.handles.items()))
         position = handle.center + np.array([0.01, 0, 0])
         named = {"name": f"/handles/{name}", "owner": ""}
         send(client, {"type": "TransformControlsDragStartMessage", **named})

@@ -188,13 +188,6 @@ def test_the_film_is_where_the_scene_says(scenario):
     assert np.abs(plane.coordinates(scenario.wall_points)[:, 2]).max() < 1e-6
 
 
-def test_points_off_the_wall_are_refused_by_name(photograph, scenario):
-    points = clicked(6, 1)
-    points.positions[3, 1] = 1.3
-    with pytest.raises(PeriscopyError, match=r"point 4 lies 0\.3 m off the scene's wall"):
-        prepare(photograph, scenario, marks=points)
-
-
 def test_a_curved_wall_and_a_scene_behind_the_camera_are_refused(photograph, tmp_path):
     path = tmp_path / "curved.xml"
     path.write_text(SCENE.replace("WALL", CURVED))
@@ -236,7 +229,7 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
     expected = light.reshape(80, 3, 120, 3, 3).mean(axis=(1, 3))
     assert np.allclose(found.values, expected, rtol=1e-6) and found.mask.all()
     assert found.view is None and found.coverage == 9
-    with pytest.raises(PeriscopyError, match=r"240 x 300 .* may have 240x300, 120x150, 80x100"):
+    with pytest.raises(PeriscopyError, match=r"240 x 300 .* 80 x 120 of the scene's camera"):
         prepare(light[:, :300], scenario)
     with pytest.raises(PeriscopyError, match="40 x 60 pixels"):
         prepare(light[:40, :60], scenario)

@@ -6,7 +6,6 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.output import progress, say_written
 from periscopy_sim.cli.session import provenance_of, warn_without_shadows
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -15,11 +14,7 @@ PIXELS = (32, 32)
 """Pixels of the trial photograph."""
 
 
-def draw(
-    scene: options.SceneArgument,
-    out: options.OutFile,
-    define: options.Define = None,
-) -> None:
+def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Define = None) -> None:
     """Draw a scene to scale: plan, side view, shadows, overview.
 
     The drawing shows wrong signs and units.
@@ -28,9 +23,8 @@ def draw(
 
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
-        use_variant()
-        points = (18, 24) if is_vectorized() else (5, 6)  # of the monitor, for its shadows
         given = options.parse_definitions(define)
+        points = 18, 24  # of the monitor, for its shadows
         scenario = ps.load_scenario(find_scene(scene), points, given, photograph=PIXELS)
         with progress("drawing"):
             draw_laboratory(staged, scenario, metadata=as_text(provenance_of(scenario)))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from math import gcd
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -20,12 +21,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
 from periscopy_sim.photographs.develop import average, develop
-from periscopy_sim.photographs.film_size import (
-    choose_film,
-    films_of_blocks,
-    films_of_marks,
-    films_of_shape,
-)
 from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.formats.exr import write_exr
@@ -69,9 +64,8 @@ def prepare(
         option("FILE", "Picture of the photograph's or film's size, black off wall."),
     ] = None,
     bin_by: Annotated[
-        str | None, option("auto|K", "Set the film to blocks of K x K pixels.", "--bin")
+        int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", min=1)
     ] = None,
-    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches for --bin auto.")] = "29x36",
     define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
@@ -93,8 +87,7 @@ def prepare(
         marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
         film: list[str] = []
         if bin_by is not None:
-            shape = _film(light, session.scenario, options.parse_size(hidden), bin_by, marks)
-            film = _definitions(session, shape)
+            film = _definitions(session, *_film(light, session.scenario, bin_by, marks))
             session = Session(scene, "1x1", [*(define or []), *film])
         with progress("averaging its pixels"):
             used = None if mask is None else read_mask(mask)
@@ -102,14 +95,8 @@ def prepare(
         session.check_scene()
         for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")
-        text = as_text({
-            "photographs": _listed(photos),
-            "photographs_sha256": ", ".join(map(_sha256, photos)),
-            "black": black, "dark": _listed(dark), "flat": _listed(flat), "white": white,
-            "points": points, "tags": tags, "mask": mask, "bin": bin_by,
-            **_record(prepared),
-            **session.provenance,
-        })  # fmt: skip
+        digests = ", ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in photos)
+        text = as_text({"photographs_sha256": digests, **prepared.record(), **session.provenance})
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
         save_png(staged[2], enlarged(prepared.values), text=text)
@@ -139,59 +126,33 @@ def _developed(
     return develop(pictures(photos), black=black, dark=offset, flat=even)
 
 
-def _listed(paths: Sequence[Path] | None) -> str | None:
-    return ", ".join(map(str, paths)) if paths else None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def _film(
     light: SensorImage,
     scenario: ps.Scenario,
-    patches: tuple[int, int],
-    by: str,
+    side: int,
     marks: ps.WallPoints | ps.WallTags | None,
 ) -> tuple[int, int]:
-    """Return (rows, columns) of the film for --bin auto or --bin SIDE."""
-    side = int(by) if by.isascii() and by.isdigit() else 0
-    if by != "auto" and not side:
-        raise PeriscopyError(f"--bin '{by}' is neither auto nor a whole number; write --bin 8")
-    shape = rows, columns = scenario.photograph_shape
+    """Return (rows, columns) of the film whose pixels cover side x side of a photograph."""
+    rows, columns = scenario.photograph_shape
+    covered = light.size[0] / rows  # pixels of the photograph along a side of the scene's own
     if marks is not None:
-        placed = place_film(light, scenario, marks)
-        if not side:
-            films = films_of_marks(shape, placed.coverage, placed.placement)
-            return choose_film(scenario, patches, films)
-        finest = float(np.sqrt(placed.coverage))
-        films = films_of_shape(shape, finest)
-        return min(films, key=lambda film: abs(film[0] - rows * finest / side))
-    films = [film for film in films_of_blocks(light.size) if film[0] * columns == film[1] * rows]
-    if side:
-        films = [film for film in films if side * film[0] == light.size[0]]
-    if not films:
-        raise PeriscopyError(
-            f"--bin {by}: {light.size[0]} x {light.size[1]} pixels do not divide into the scene's "
-            f"{rows} x {columns} by such blocks; crop the photograph, or change the scene's film"
-        )
-    return choose_film(scenario, patches, films)
+        covered = np.sqrt(place_film(light, scenario, marks).coverage)
+    common = gcd(rows, columns)
+    times = max(1, round(common * covered / side))
+    return times * rows // common, times * columns // common
 
 
-def _definitions(session: Session, shape: tuple[int, int]) -> list[str]:
-    """Return NAME=VALUE of the scene's <default>s that set its film to (rows, columns)."""
-    declared = read_document(session.path).defaults.keys()
-    films = {"height": shape[0], "width": shape[1]}, {"resolution": shape[0]}
-    film = next((film for film in films if film.keys() <= declared), None)
-    if film is None or (len(film) == 1 and shape[0] != shape[1]):
-        raise PeriscopyError(
-            f"--bin: scene '{session.path}' declares no <default> for its film's size; declare "
-            "width and height, and use $width and $height in its film"
-        )
-    if film.keys() & session.definitions.keys():
-        raise PeriscopyError(f"--bin and -D both set {' and '.join(film)}; give one")
-    return [f"{name}={value}" for name, value in film.items()]
+def _definitions(session: Session, rows: int, columns: int) -> list[str]:
+    """Return NAME=VALUE of the scene's <default>s that set its film's size."""
+    declared = read_document(session.path).defaults.keys() - session.definitions.keys()
+    if {"height", "width"} <= declared:
+        return [f"height={rows}", f"width={columns}"]
+    if "resolution" in declared and rows == columns:
+        return [f"resolution={rows}"]
+    raise PeriscopyError(
+        f"--bin: scene '{session.path}' declares no <default> for its film's size that -D leaves "
+        "free; declare width and height, and use $width and $height in its film"
+    )
 
 
 def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
@@ -206,21 +167,3 @@ def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
         f"each, {prepared.defects} dead or hot; the mask leaves out "
         f"{np.count_nonzero(~prepared.mask)} of {prepared.mask.size}"
     )
-
-
-def _record(prepared: ps.Prepared) -> dict[str, Any]:
-    """Return the metadata of the view and the pixels left out."""
-    record: dict[str, Any] = {
-        "pixels_left_out": int(np.count_nonzero(~prepared.mask)),
-        "defects_left_out": prepared.defects,
-        "coverage": prepared.coverage,
-    }
-    if (fit := prepared.view) is not None:
-        record |= {
-            "view_placement": prepared.placement,
-            "view_residual_pixels": fit.rms,
-            "view_residual_metres": fit.rms_on_wall,
-            "view_distortion": " ".join(map(repr, fit.view.distortion)) or "none",
-            "view_homography": " ".join(map(repr, fit.view.homography.ravel().tolist())),
-        }
-    return record
