@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from experiments.benchmarks import live
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
@@ -217,16 +216,3 @@ def test_what_the_page_offers_is_granted(target):
     assert target.saved[0].choice.image == "bars"
     target.until(lambda: target.page._dragged is None)  # the client left while it dragged
     target.until(lambda: not target.shown[-1].is_coarse)
-
-
-def test_a_port_that_is_taken_is_rejected():
-    from periscopy_sim.live.gate import Gate
-
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        with pytest.raises(PeriscopyError, match=str(port)):
-            Gate("127.0.0.1", port)
-    with pytest.raises(PeriscopyError, match=r"192\.0\.2\.1"):
-        Gate("192.0.2.1", 8080)
