@@ -74,8 +74,9 @@ def view(
         wall = None if photo is None else session.wall(photo, mask)
         light = None
         if ambient:
-            place = str(find_condition(ambient))
-            light = ps.render_background(place, session.scenario, target=0.05).photograph
+            place = str(find_condition(ambient))  # its error is smooth: methods project it out
+            quick = ps.render_background(place, session.scenario, target=0.05, rays=16)
+            light = quick.photograph
         offered = Offered(
             sorted(file.stem for file in (scenes_folder() / "images").glob("*.png")),
             [name for name, each in METHODS.items() if not each.needs or find_spec(each.needs)],
