@@ -34,7 +34,6 @@ from .measurement import Sensor, add_noise, composite
 from .model.colour_matrix import ColourMatrix
 from .model.uncertain_transport import UncertainTransport
 from .photograph import Photograph
-from .photographs.border import bad_border
 from .photographs.defects import defective_pixels
 from .photographs.develop import develop
 from .photographs.marks import WallPoints, WallTags
@@ -102,7 +101,6 @@ __all__ = [
     "add_bounces",
     "add_noise",
     "analytic_transport",
-    "bad_border",
     "build_laboratory",
     "calibrate",
     "colour_matched_psnr",

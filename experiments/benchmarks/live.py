@@ -20,7 +20,7 @@ import periscopy_sim as ps
 from experiments.benchmarks.scene import SMALL
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
-from periscopy_sim.live.choice import SBR, SNR, Choice
+from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import GIZMO, Offered
 from periscopy_sim.live.session import LiveSession
 
@@ -44,8 +44,8 @@ COUNT = f"""() => {{
 
 def live(_: Setting) -> Section:
     """Drag the chair on the page, and count the pictures that come."""
-    first = Choice({}, "mushroom", "", SBR, SNR, "noise-aware")
-    offered = Offered(["mushroom"], [], ["noise-aware"])
+    first = Choice({}, "mushroom")
+    offered = Offered(["mushroom"], ["noise-aware"])
     before = os.getloadavg()[0]
     with (
         chromium() as browser,
@@ -131,7 +131,7 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
 
 def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
     """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
-    at = session.page.handle(name).position(session.page.choice.values)
+    at = session.page.handles[name].position(session.page.choice.values)
     grip = at + np.array([0.75 * GIZMO, 0, 0])
     start = np.array(_on_screen(session, page, grip))
     end = np.array(_on_screen(session, page, grip + np.array([0.04, 0, 0])))

@@ -35,13 +35,6 @@ SENTENCES = {
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
         "much better. Export linear values from the camera's raw file"
     ),
-    "border": (
-        "{name}: left out border lines that are far too dark or bright ({lines}); --mask replaces "
-        "this choice"
-    ),
-    "border_stays": (
-        "{name}: border lines are far too dark or bright ({lines}); leave them out by --mask"
-    ),
     "defects": "{name}: {defects}; leave them out by --mask, such as mask.png beside the results",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "grainy": (

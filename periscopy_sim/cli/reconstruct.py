@@ -80,7 +80,7 @@ def reconstruct(
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         light = light.resolved(session.scenario, method)
-        wall = session.wall(photo, mask, monitor_off, maskable=method in METHODS)
+        wall = session.wall(photo, mask, monitor_off)
         known = None if truth is None else session.hidden_image(truth)
         moved = None
         if errors:

@@ -30,7 +30,6 @@ from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
 from periscopy_sim.photograph import Mask, blackened
-from periscopy_sim.photographs.border import BadBorder, bad_border
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image, find_scene
@@ -181,34 +180,20 @@ class Session(OptionGroup):
         path: Path,
         mask: Path | None = None,
         monitor_off: list[Path] | None = None,
-        **defects: Any,
     ) -> ps.Photograph:
         """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
         used, off = self.companions(mask, monitor_off)
         photograph = replace(self.photograph(path, used), monitor_off=off)
-        return self.without_defects(photograph, str(path), **defects)
+        return self.without_defects(photograph, str(path))
 
-    def without_defects(
-        self, photograph: ps.Photograph, name: str, *, maskable: bool = True
-    ) -> ps.Photograph:
-        """Warn of a photograph's defects; return it black outside of its mask.
-
-        Without a mask, the result has one that leaves out border lines that stand out, if the
-        method is `maskable`.
-        """
+    def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
+        """Warn of a photograph's defective pixels; return it black outside of its mask."""
         values, used = photograph.values, photograph.mask
-        border = bad_border(values) if used is None else BadBorder()
-        sound = border.inside(photograph.shape) if used is None else used
-        if border:
-            self.warn(sentence("border" if maskable else "border_stays", name=name, lines=border))
-            used = sound if maskable else used
         defects = defective_pixels(values, used)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
-        sound = sound & ~defects.any_kind
-        if not sound[... if used is None else used].all():
-            self.suggestion = sound
-        return replace(photograph, values=blackened(values, used), mask=used)
+            self.suggestion = ~defects.any_kind if used is None else used & ~defects.any_kind
+        return replace(photograph, values=blackened(values, used))
 
     def suggest_mask(self, folder: Path) -> None:
         """Write a mask that leaves out the defects of `without_defects`, if there are any."""

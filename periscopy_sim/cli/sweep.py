@@ -86,7 +86,7 @@ def sweep(
     if photograph is not None:
         given = session.photograph(photograph, used)
         signal = given.values
-        session.without_defects(given, str(photograph), maskable=False)
+        session.without_defects(given, str(photograph))
     ambience = {
         name: session.photograph(path, used).values if path else None
         for name, path in lights.items()

@@ -9,12 +9,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
 
 from periscopy_sim.laboratory.quantities import (
-    EXACTLY_0,
     Angle,
     Exponent,
     Length,
-    Measured,
     Size,
+    exactly,
 )
 from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
 
@@ -72,50 +71,20 @@ class Wall(Strict):
 
 
 class PerspectiveCamera(Strict):
-    """A camera in the room: where it stands, where it looks, how wide or how high it sees."""
+    """A camera in the room: its place, the point of the wall that it looks at, how wide it sees."""
 
     kind: Literal["perspective"]
     film: RowsAndColumns
     position: Place
-    target: OnWall | None = None
-    turn: Angle | None = None
-    tilt: Angle | None = None
-    roll: Angle = EXACTLY_0
-    field_of_view: Angle | None = None
-    vertical_field_of_view: Angle | None = None
+    target: OnWall
+    roll: Angle = exactly(0.0)
+    field_of_view: Angle
 
     @model_validator(mode="after")
-    def _looks_somewhere(self) -> Self:
-        if (self.target is None) == (self.turn is None and self.tilt is None):
-            raise ValueError(
-                "give either target: [x, z], the point of the wall in the picture's middle, or the "
-                "direction, by turn and tilt"
-            )
-        fields = [f for f in (self.field_of_view, self.vertical_field_of_view) if f is not None]
-        if len(fields) != 1 or not 0 < fields[0].value < 180:
-            raise ValueError(
-                "give either field_of_view, of the picture's width, or vertical_field_of_view, of "
-                "its height, between 0 and 180 deg"
-            )
+    def _sees_something(self) -> Self:
+        if not 0 < self.field_of_view.value < 180:
+            raise ValueError("give a field_of_view, of the picture's width, between 0 and 180 deg")
         return self
-
-
-class Corners(Strict):
-    """The points of the wall in the picture's corners."""
-
-    top_left: OnWall
-    top_right: OnWall
-    bottom_right: OnWall
-    bottom_left: OnWall
-
-
-class CornersCamera(Strict):
-    """A camera whose direction and field of view follow from the four corners of what it sees."""
-
-    kind: Literal["corners"]
-    film: RowsAndColumns
-    position: Place
-    corners: Corners
 
 
 class RectifiedCamera(Strict):
@@ -148,8 +117,8 @@ class Screen(Strict):
     top_right: Place | None = None
     bottom_left: Place | None = None
     bottom_right: Place | None = None
-    turn: Angle = EXACTLY_0
-    tilt: Angle = EXACTLY_0
+    turn: Angle = exactly(0.0)
+    tilt: Angle = exactly(0.0)
     falloff: Falloff | None = None
 
     @model_validator(mode="after")
@@ -183,21 +152,8 @@ class _Body(_Occluder):
     """Place and turns of all occluders that stand at a place."""
 
     position: Place
-    turn: Angle = EXACTLY_0
-    tilt: Angle = EXACTLY_0
-
-
-class _Round(_Occluder):
-    """How thick a round occluder is: one of the two."""
-
-    diameter: Size | None = None
-    radius: Size | None = None
-
-    @model_validator(mode="after")
-    def _has_one_thickness(self) -> Self:
-        if (self.diameter is None) == (self.radius is None):
-            raise ValueError("give either diameter or radius")
-        return self
+    turn: Angle = exactly(0.0)
+    tilt: Angle = exactly(0.0)
 
 
 class Box(_Body):
@@ -217,7 +173,7 @@ class Plate(_Body):
     anchor: Anchor = "base"
     width: Size
     height: Size
-    thickness: Size = Measured(0.001, 0.0)
+    thickness: Size = exactly(0.001)
 
 
 class Frame(_Body):
@@ -227,23 +183,25 @@ class Frame(_Body):
     width: Size
     height: Size
     bar: Size
-    thickness: Size = Measured(0.001, 0.0)
+    thickness: Size = exactly(0.001)
 
 
-class UprightCylinder(_Body, _Round):
+class UprightCylinder(_Body):
     """A cylinder that stands, before it is tilted."""
 
     kind: Literal["cylinder"]
     anchor: Literal["base", "center"] = "base"
+    diameter: Size
     height: Size
 
 
-class Rod(_Round):
+class Rod(_Occluder):
     """A round rod between two points."""
 
     kind: Literal["rod"]
     start: Place
     end: Place
+    diameter: Size
 
     @model_validator(mode="after")
     def _has_a_length(self) -> Self:
@@ -286,9 +244,7 @@ class Laboratory(Strict):
 
     errors: Errors = Errors()
     wall: Wall
-    camera: Annotated[
-        PerspectiveCamera | CornersCamera | RectifiedCamera, Field(discriminator="kind")
-    ]
+    camera: Annotated[PerspectiveCamera | RectifiedCamera, Field(discriminator="kind")]
     monitor: Screen
     occluders: tuple[Occluding, ...] = ()
     folder: Path = Path()

@@ -17,10 +17,7 @@ LENGTHS = {"m": "1", "cm": "0.01", "mm": "0.001", "in": "0.0254", "ft": "0.3048"
 ANGLES = {"deg": "1", "degree": "1", "degrees": "1", "°": "1"}
 """Units of angle in degrees."""
 
-LARGEST = 1000
-"""Metres, degrees or exponents that a laboratory may have."""
-
-_NUMBER = r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)"
+_NUMBER = r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,2})?)"
 _UNIT = r"\s*([^\W\d_]+|°)?\s*"
 _QUANTITY = re.compile(rf"\s*{_NUMBER}{_UNIT}(?:(?:\+-|\+/-|±)\s*{_NUMBER}{_UNIT})?")
 
@@ -36,7 +33,9 @@ class Measured:
     error: float | None = None
 
 
-EXACTLY_0 = Measured(0.0, 0.0)
+def exactly(value: float) -> Measured:
+    """Return a number without an error."""
+    return Measured(value, 0.0)
 
 
 def parse_quantity(
@@ -45,7 +44,7 @@ def parse_quantity(
     """Return a number from text such as ``12.5 cm +- 3 mm``, in the unit of factor 1.
 
     Also ``12.5 +- 0.3 cm``. No units are those of a bare number. A ValueError says that it is no
-    number with a unit, not above `above`, or beyond `LARGEST`.
+    number with a unit, or not above `above`.
     """
     if isinstance(given, Measured):
         return given
@@ -59,8 +58,6 @@ def parse_quantity(
         raise ValueError(f"the error in '{given}' is negative; write it as in '{example}'")
     if value <= above:
         raise ValueError(f"'{given}' is not positive; give a larger number")
-    if max(abs(value), spread or 0) > LARGEST:
-        raise ValueError(f"'{given}' is beyond {LARGEST}; check the number and its unit")
     return Measured(value, spread)
 
 

@@ -10,11 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.corners import aim_at_corners, corners_seen
+from periscopy_sim.laboratory.camera_view import corners_seen
 from periscopy_sim.laboratory.document import (
     Box,
-    CornersCamera,
     Frame,
     Laboratory,
     MeshBody,
@@ -24,7 +22,7 @@ from periscopy_sim.laboratory.document import (
     Rod,
     UprightCylinder,
 )
-from periscopy_sim.laboratory.quantities import EXACTLY_0, Measured
+from periscopy_sim.laboratory.quantities import Measured, exactly
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
 from periscopy_sim.scenario import Array
 
@@ -35,84 +33,25 @@ over that of the view: numbers may change."""
 CYLINDER = "cylinder"
 """Name of the mesh that cylinders share."""
 
-FACE_THE_WALL = tag("rotate", x=1, angle=90), tag("rotate", z=1, angle=180)
-"""From Mitsuba's rectangle, x to y, to one whose u runs to a viewer's right and whose v runs up."""
-
 
 def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) -> str:
     """Return the XML of a laboratory; its comment begins with a title.
 
     `meshes` maps the name of each occluder that is a mesh, and `CYLINDER`, to its file beside the
-    scene. A number without an error, or corners that no camera sees, is a `ConfigurationError`.
+    scene. Numbers without an error are a `ConfigurationError`.
     """
-    scene, camera, note = SceneText(laboratory), laboratory.camera, ""
-    if isinstance(camera, CornersCamera):
-        camera, note = _aimed(laboratory, camera)
-    _add_wall(scene, laboratory, _view(camera, laboratory.wall.distance.value))
+    scene, camera = SceneText(laboratory), laboratory.camera
+    _add_wall(scene, laboratory, corners_seen(camera, laboratory.wall.distance.value))
     if isinstance(camera, RectifiedCamera):
         _add_rectified(scene, camera)
     else:
-        _add_camera(scene, camera, note)
+        _add_camera(scene, camera)
     _add_monitor(scene, laboratory)
     to_world: dict[str, list[str]] = {"": []}  # from each occluder's own coordinates
     for body in laboratory.occluders:
         add = _add_rod if isinstance(body, Rod) else _add_body
         to_world[body.name] = add(scene, body, to_world[body.bearer], meshes)  # type: ignore[arg-type]
     return scene.text(title)
-
-
-def _aimed(laboratory: Laboratory, camera: CornersCamera) -> tuple[PerspectiveCamera, str]:
-    """Return the camera whose picture has the measured corners, and how well it fits them."""
-    default = laboratory.errors.length or EXACTLY_0
-
-    def error(measured: Measured) -> float:
-        return default.value if measured.error is None else measured.error
-
-    named = camera.corners
-    corners = (named.top_left, named.top_right, named.bottom_right, named.bottom_left)
-    aim = aim_at_corners(
-        np.array([each.value for each in camera.position]),
-        laboratory.wall.distance.value,
-        np.array([[each.value for each in corner] for corner in corners]),
-        camera.film,
-        np.array([error(each) for each in camera.position]),
-        np.array([[error(each) for each in corner] for corner in corners]),
-    )
-    x, z, roll, width = map(Measured, aim.values, aim.errors)
-    note = (
-        "Found from the four corners on the wall, which this leaves by "
-        f"{1000 * aim.residual:.2g} mm (rms): the wall's point in the picture's middle, how far "
-        "the camera is rolled clockwise, and the angle of the picture's width."
-    )
-    solution = PerspectiveCamera(
-        kind="perspective", film=camera.film, position=camera.position, target=(x, z), roll=roll,
-        field_of_view=width,
-    )  # fmt: skip
-    return solution, note
-
-
-def _view(camera: PerspectiveCamera | RectifiedCamera, distance: float) -> Array:
-    """Return x and z of the wall's points in the corners of the picture, (4, 2)."""
-    if isinstance(camera, RectifiedCamera):
-        x, z = (each.value for each in camera.bottom_left)
-        right, top = x + camera.width.value, z + camera.height.value
-        return np.array([(x, top), (right, top), (right, z), (x, z)])
-    position = np.array([each.value for each in camera.position])
-    if camera.target is not None:
-        x, z = (each.value for each in camera.target)
-    else:
-        turn, tilt = (np.radians((a or EXACTLY_0).value) for a in (camera.turn, camera.tilt))
-        ahead = np.array([-np.sin(turn) * np.cos(tilt), np.cos(turn) * np.cos(tilt), np.sin(tilt)])
-        if ahead[1] < 1e-3:
-            raise ConfigurationError("camera.turn: it looks away from the wall; 0 looks at it")
-        x, _, z = position + (distance - position[1]) / ahead[1] * ahead
-    if camera.field_of_view is not None:
-        width = camera.field_of_view.value
-    else:
-        assert camera.vertical_field_of_view is not None
-        half = np.tan(np.radians(camera.vertical_field_of_view.value / 2))
-        width = 2 * np.degrees(np.arctan(half * camera.film[1] / camera.film[0]))
-    return corners_seen(position, distance, camera.film, x, z, camera.roll.value, width)
 
 
 def _add_wall(scene: SceneText, laboratory: Laboratory, view: Array) -> None:
@@ -126,33 +65,19 @@ def _add_wall(scene: SceneText, laboratory: Laboratory, view: Array) -> None:
     scene.add("rectangle", "wall", transform(*place), paint(laboratory.wall.reflectance))
 
 
-def _add_camera(scene: SceneText, camera: PerspectiveCamera, note: str) -> None:
-    scene.section("The camera: its place, where it looks, how wide.")
-    place = scene.place("camera", camera.position, "camera.position")
-    if note:
-        scene.section(note)
+def _add_camera(scene: SceneText, camera: PerspectiveCamera) -> None:
+    scene.section("The camera: its place, the wall's point that it looks at, how wide it sees.")
+    scene.place("camera", camera.position, "camera.position")
     rolled = scene.declare("camera_roll", camera.roll, "angle", "camera.roll")
-    tags = [tag("rotate", z=1, angle=rolled)]
-    if camera.target is not None:
-        scene.place("target", camera.target, "camera.target", "xz")
-        eye, point = "$camera_x, $camera_y, $camera_z", "$target_x, $wall_distance, $target_z"
-        tags.append(tag("lookat", origin=eye, target=point, up="0, 0, 1"))
-    else:
-        tags.append(tag("lookat", origin="0, 0, 0", target="0, 1, 0", up="0, 0, 1"))
-        for name, axis in (("tilt", "x"), ("turn", "z")):
-            angle = getattr(camera, name) or EXACTLY_0
-            declared = scene.declare(f"camera_{name}", angle, "angle", f"camera.{name}")
-            tags.append(tag("rotate", **{axis: 1, "angle": declared}))
-        tags.append(place)
-    field = "vertical_field_of_view" if camera.field_of_view is None else "field_of_view"
-    angle = scene.declare(field, getattr(camera, field), "angle", f"camera.{field}")
-    scene.add_camera(
-        "perspective",
-        camera.film,
-        tag("float", name="fov", value=angle),
-        tag("string", name="fov_axis", value="x" if field == "field_of_view" else "y"),
-        transform(*tags),
+    scene.place("target", camera.target, "camera.target", "xz")
+    eye, point = "$camera_x, $camera_y, $camera_z", "$target_x, $wall_distance, $target_z"
+    fov = scene.declare("field_of_view", camera.field_of_view, "angle", "camera.field_of_view")
+    to_world = transform(
+        tag("rotate", z=1, angle=rolled),
+        tag("lookat", origin=eye, target=point, up="0, 0, 1"),
     )
+    lens = tag("float", name="fov", value=fov), tag("string", name="fov_axis", value="x")
+    scene.add_camera("perspective", camera.film, *lens, to_world)
 
 
 def _add_rectified(scene: SceneText, camera: RectifiedCamera) -> None:
@@ -202,7 +127,8 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
         tag("translate", x=across, y=up),
         tag("scale", x=0.5, y=0.5),
         tag("scale", x=width, y=height),
-        *FACE_THE_WALL,
+        tag("rotate", x=1, angle=90),  # Mitsuba's rectangle: its u to a viewer's right, its v up
+        tag("rotate", z=1, angle=180),
         *turns,
         to_place,
     )
@@ -211,11 +137,9 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
     scene.add("rectangle", "monitor", to_world, lit, paint((0.05, 0.05, 0.05)))
 
 
-def _exact(body: Occluding, measured: Measured) -> Measured:
+def _placed(body: Occluding, measured: Measured) -> Measured:
     """Return a place or turn; one without an error is exact if another occluder bears this one."""
-    return Measured(
-        measured.value, 0.0 if body.bearer and measured.error is None else measured.error
-    )
+    return exactly(measured.value) if body.bearer and measured.error is None else measured
 
 
 def _beside(body: Occluding) -> str:
@@ -227,14 +151,11 @@ def _add_rod(scene: SceneText, body: Rod, bearer: list[str], _: Mapping[str, str
     name, entry = body.name, f"occluder '{body.name}'"
     scene.section(f"The rod '{name}': its ends{_beside(body)}, and its radius.")
     for end, point in (("start", body.start), ("end", body.end)):
-        measured = [_exact(body, each) for each in point]
+        measured = [_placed(body, each) for each in point]
         scene.place(f"{name}_{end}", measured, f"{entry}: {end}")
-    radius = body.radius
-    if body.diameter is not None:
-        value, error = body.diameter.value, body.diameter.error
-        radius = Measured(value / 2, None if error is None else error / 2)
-    assert radius is not None
-    declared = scene.declare(f"{name}_radius", radius, "length", f"{entry}: radius")
+    value, error = body.diameter.value, body.diameter.error
+    radius = Measured(value / 2, None if error is None else error / 2)
+    declared = scene.declare(f"{name}_radius", radius, "length", f"{entry}: diameter")
     ends = [
         tag("point", name=p, value=f"${name}_{end}_x, ${name}_{end}_y, ${name}_{end}_z")
         for p, end in (("p0", "start"), ("p1", "end"))
@@ -257,9 +178,9 @@ def _add_body(
         f"The {body.kind} '{name}': the place of its {anchor}, its tilt and turn there"
         f"{_beside(body)}."
     )
-    position = [_exact(body, each) for each in body.position]
+    position = [_placed(body, each) for each in body.position]
     place = scene.place(name, position, f"{entry}: position")
-    turns = scene.turns(name, _exact(body, body.tilt), _exact(body, body.turn), entry)
+    turns = scene.turns(name, _placed(body, body.tilt), _placed(body, body.turn), entry)
     to_world = [*turns, place, *bearer]
 
     def size(which: str) -> str:
@@ -277,8 +198,7 @@ def _add_body(
         add_mesh(name)
     elif isinstance(body, UprightCylinder):
         shaping = [tag("translate", z=-0.5)] if anchor == "center" else []
-        shaping += [tag("scale", x=2, y=2)] if body.diameter is None else []
-        across = size("radius" if body.diameter is None else "diameter")
+        across = size("diameter")
         add_mesh(CYLINDER, *shaping, tag("scale", x=across, y=across, z=size("height")))
     elif isinstance(body, Frame):
         sizes = [size(which) for which in ("width", "thickness", "height", "bar")]

@@ -35,6 +35,7 @@ class SceneText:
             "angle": laboratory.errors.angle,
             "number": Measured(0.0),
         }
+        self._without_error: list[str] = []
         self._defaults: list[str] = []
         self._names: set[str] = set()
         self._elements: list[str] = []
@@ -49,15 +50,10 @@ class SceneText:
 
         The kind is ``length``, ``angle`` or ``number``, `entry` its name in the document.
         """
-        error = measured.error
-        if error is None:
-            default = self._errors[kind]
-            if default is None:
-                raise ConfigurationError(
-                    f"{entry} has no error; write it as in '12.5 cm +- 3 mm', or give the error of "
-                    "all such numbers: 'errors: {length: 5 mm, angle: 1 deg}'"
-                )
-            error = default.value
+        default = self._errors[kind]
+        if measured.error is None and default is None:
+            self._without_error.append(entry)
+        error = default.value if measured.error is None and default else measured.error or 0.0
         if {name, f"{name}_error"} & self._names:
             raise ConfigurationError(f"{entry}: two numbers of the scene would be called '{name}'")
         self._default(name, measured.value)
@@ -93,7 +89,12 @@ class SceneText:
         self.add(kind, "camera", *parts, FILM, element="sensor")
 
     def text(self, title: str) -> str:
-        """Return the whole scene."""
+        """Return the whole scene; a ConfigurationError lists the numbers without an error."""
+        if self._without_error:
+            raise ConfigurationError(
+                f"{', '.join(self._without_error)}: no error is given; write '12.5 cm +- 3 mm', or "
+                "the error of all such numbers: 'errors: {length: 5 mm, angle: 1 deg}'"
+            )
         lines = [*self._defaults, "", '    <integrator type="path"/>', *self._elements, "</scene>"]
         return HEAD.format(title=_comment(title)) + "\n".join(lines[1:]) + "\n"
 

@@ -33,10 +33,11 @@ LARGEST = 2**14
 Number = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 """A finite number, as a camera or a handle has them."""
 
+Place = tuple[Number, Number, Number]
 
 _NAME = [("name", str), ("owner", str)]
-_POSE = [("wxyz", tuple[(Number,) * 4]), ("position", tuple[(Number,) * 3])]  # type: ignore[misc]
-_LOOK = [(name, tuple[(Number,) * 3]) for name in ("look_at", "up_direction")]  # type: ignore[misc]
+_POSE = [("wxyz", tuple[Number, Number, Number, Number]), ("position", Place)]
+_LOOK = [("look_at", Place), ("up_direction", Place)]
 _LENS = [(name, Number) for name in ("fov", "near", "far", "image_height", "image_width")]
 
 MESSAGES: dict[str, Any] = {
@@ -96,6 +97,8 @@ class Gate:
         A RuntimeError says that no server did, and that it may serve without it.
         """
         gate, original, is_guarded = self, websockets_server.serve, False
+        quiet = LOG.getChild("connections")  # would show the traceback of each that fails
+        quiet.setLevel(logging.CRITICAL + 1)
 
         class Guarded(ServerConnection):
             async def recv(self, decode: bool | None = None) -> Any:
@@ -120,7 +123,7 @@ class Gate:
 
             options |= {
                 "process_request": process, "create_connection": Guarded, "max_size": LARGEST,
-                "logger": CONNECTIONS, "sock": gate._socket,
+                "logger": quiet, "sock": gate._socket,
             }  # fmt: skip
             return original(handler, **options)
 
@@ -171,12 +174,3 @@ class Gate:
 
 def _log(fault: str) -> None:
     LOG.warning("periscopy view dropped %.200s", ascii(fault))
-
-
-def _without_traceback(record: logging.LogRecord) -> bool:
-    record.exc_info = None
-    return True
-
-
-CONNECTIONS = LOG.getChild("connections")
-CONNECTIONS.addFilter(_without_traceback)

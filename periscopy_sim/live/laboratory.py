@@ -11,8 +11,7 @@ from collections.abc import Callable
 from threading import Condition
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import Level, LivePictures, Overtaken
+from periscopy_sim.live.level import Choice, Level, LivePictures, Overtaken
 
 LOG = logging.getLogger(__name__)
 Save = Callable[[LivePictures], None]
@@ -98,7 +97,7 @@ class LiveLaboratory:
         return None
 
     def _pictures(self, level: Level) -> LivePictures:
-        assert self._choice is not None
+        assert self._choice is not None  # a level is behind a wish
 
         def is_overtaken() -> bool:  # coarse pictures are finished, so that a drag shows some
             return self._stopped or (level is self._full and self._coarse in self._behind)

@@ -16,7 +16,6 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
-from periscopy_sim.live.choice import Choice
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import StillMethod
@@ -34,8 +33,23 @@ from a scene that has moved to its pictures."""
 RAYS = {True: 4, False: 16}
 """Rays per patch and wall point where a scene has no closed form; fewer at the coarse size."""
 
-SEED = 0
-"""The noise is the same while a scene moves: pictures do not flicker."""
+
+@dataclass(frozen=True)
+class Choice:
+    """A laboratory's present settings.
+
+    `values` are those of the scene's movable ``<default>``s, by name, which the method believes.
+    `image` is the hidden image, a file or a shipped image, empty where it is unknown; `place` the
+    place of ambient light, empty for none. For `sbr` and `snr` (dB) see `composite` and
+    `add_noise`, for `method`, a name, `find_method`.
+    """
+
+    values: Mapping[str, float]
+    image: str
+    place: str = ""
+    sbr: float = 0.5  # a bright room, in which a method must know ambient light
+    snr: float = 60.0  # the paper's
+    method: str = "noise-aware"
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
@@ -46,9 +60,9 @@ class Overtaken(Exception):  # noqa: N818  nothing is wrong
 class LivePictures:
     """A laboratory's photograph and its reconstruction, (R, C, 3).
 
-    `scenario` has the values of the choice, which the method believes. `is_dark` says that the
-    ambient light has not come yet. `truth` and `psnr` (dB, gain-matched) are None where the hidden
-    image is unknown; `report` is the method's, of a given photograph with its residual.
+    `scenario` has the values of the choice, which the method believes. `truth` and `psnr` (dB,
+    gain-matched) are None where the hidden image is unknown; `report` is the method's, of a given
+    photograph with its residual.
     """
 
     choice: Choice
@@ -56,7 +70,6 @@ class LivePictures:
     is_coarse: bool
     truth: Array | None
     photograph: Photograph
-    is_dark: bool
     image: NDArray[np.float32]
     psnr: float | None
     report: Report
@@ -66,10 +79,10 @@ class LivePictures:
 class Level:
     """A laboratory whose photograph and hidden image have certain sizes.
 
-    `given` are values of those ``<default>``s that stay. `light` returns the light of a place,
-    (rows, columns, 3) of any size, or None before it has come. `photograph` is a given one of any
-    size, None for synthetic ones. A level keeps its last results, and computes only those anew
-    whose choices changed.
+    `given` are values of those ``<default>``s that stay. `light` is the ambient light of the
+    choice's place, (rows, columns, 3), `photograph` a given one, None for synthetic ones, of this
+    size or a larger one. A level keeps its last results, and computes only those anew whose choices
+    changed.
     """
 
     def __init__(
@@ -77,14 +90,15 @@ class Level:
         path: Path,
         given: Mapping[str, str],
         sizes: tuple[tuple[int, int], tuple[int, int]],
-        light: Callable[[str], Array | None],
+        light: Array | None = None,
         photograph: Photograph | None = None,
         *,
         is_coarse: bool,
     ) -> None:
         self._path, self._given = path, dict(given)
         self.photograph_shape, self.hidden_shape = sizes
-        self._light, self.is_coarse = light, is_coarse
+        self._light = None if light is None else area_average(light, sizes[0])
+        self.is_coarse = is_coarse
         self._given_photograph = photograph and averaged(photograph, self.photograph_shape)
         self._kept: dict[str, tuple[object, Any]] = {}
 
@@ -93,14 +107,9 @@ class Level:
         return load_scenario(self._path, self.hidden_shape, given, photograph=self.photograph_shape)
 
     def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
-        """Compute the pictures of a choice.
+        """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
 
-        Raises
-        ------
-        Overtaken
-            As soon as `is_overtaken` says that a newer wish came.
-        PeriscopyError
-            If there is no such scene, light, image or method.
+        Overtaken is raised as soon as `is_overtaken` says that a newer wish came.
         """
 
         def unless_overtaken() -> None:
@@ -115,10 +124,8 @@ class Level:
         if choice.image:
             path = find_image(choice.image)
             truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
-        photograph, is_dark = self._given_photograph, False
-        if photograph is None:
-            photograph, is_dark = self._expose(choice, truth, scenario, A)
-            unless_overtaken()
+        photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
+        unless_overtaken()
         mask = photograph.mask
         B = self._keep(
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
@@ -140,7 +147,7 @@ class Level:
                 image = image_by(method, photograph.values, self.hidden_shape)
         unless_overtaken()
         return LivePictures(
-            choice, scenario, self.is_coarse, truth, photograph, is_dark, image,
+            choice, scenario, self.is_coarse, truth, photograph, image,
             None if truth is None else psnr(image, truth),
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
@@ -156,28 +163,25 @@ class Level:
         """Return the scene at some values, and its A."""
         given = {name: f"{value:.9g}" for name, value in values.items()}
         scenario = self.scenario(self._given | given)
-        if has_areas(scenario):
-            A = area_transport(scenario)
-        else:
-            A = render_transport(scenario, samples=RAYS[self.is_coarse], seed=SEED)
+        has_form, samples = has_areas(scenario), RAYS[self.is_coarse]
+        A = area_transport(scenario) if has_form else render_transport(scenario, samples=samples)
         require_light(A, scenario)
         return scenario, A
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
-    ) -> tuple[Photograph, bool]:
-        """Return a photograph, y = A f + b + noise, and whether its b is still missing."""
+    ) -> Photograph:
+        """Return a photograph, y = A f + b + noise."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        signal = scenario.channel_gain * (A @ truth.reshape(-1, 3))
-        y = signal.reshape(*self.photograph_shape, 3)
+        y = scenario.channel_gain * (A @ truth.reshape(-1, 3))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
-        y /= y.mean()
-        ambient = self._light(choice.place) if choice.place else None
-        if ambient is not None:
-            y = composite(y, enlarged(ambient, self.photograph_shape), choice.sbr)
-        return Photograph(add_noise(y, choice.snr, SEED)), bool(choice.place) and ambient is None
+        y = (y / y.mean()).reshape(*self.photograph_shape, 3)
+        if choice.place and self._light is not None:
+            y = composite(y, self._light, choice.sbr)
+        # One seed: the noise is the same while a scene moves, and pictures do not flicker.
+        return Photograph(add_noise(y, choice.snr, seed=0))
 
 
 def averaged(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
@@ -192,15 +196,6 @@ def averaged(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
     return Photograph(means, None if used.all() else used[..., 0])
 
 
-def enlarged(light: Array, shape: tuple[int, int]) -> Array:
-    """Return smooth light of more pixels, by cubic splines; nowhere darker than it was."""
-    from scipy import ndimage
-
-    factors = [more / fewer for more, fewer in zip(shape, light.shape[:2], strict=True)]
-    finer: Array = ndimage.zoom(light, [*factors, 1], mode="nearest", grid_mode=True)
-    return np.asarray(np.maximum(finer, light.min()))
-
-
 def coarse_sizes(
     photograph: tuple[int, int], hidden: tuple[int, int], used: float = 1.0
 ) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -208,13 +203,12 @@ def coarse_sizes(
 
     At least twice as many pixels as patches are used.
     """
+
+    def shrunk(size: tuple[int, int], longest: float) -> tuple[int, int]:
+        factor = min(1.0, longest / max(size))
+        return max(1, round(factor * size[0])), max(1, round(factor * size[1]))
+
     pixels, patches = COARSE
-    shape = _shrunk(photograph, pixels)
+    shape = shrunk(photograph, pixels)
     most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
-    return shape, _shrunk(hidden, int(min(patches, most)))
-
-
-def _shrunk(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
-    factor = min(1.0, longest / max(size))
-    return max(1, round(factor * size[0])), max(1, round(factor * size[1]))
+    return shape, shrunk(hidden, int(min(patches, most)))

@@ -18,7 +18,7 @@ from periscopy_sim.scenario import Array, Scenario
 
 SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
-the scene declares none, in metres by which things move; least steps from the middle to an end."""
+the scene declares none, in metres by which places move; least steps from the middle to an end."""
 
 Moves = dict[str, tuple[frozenset[str], Array]]
 """The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
@@ -33,10 +33,6 @@ class Movable:
     low: float
     high: float
     step: float
-
-    def within(self, value: float) -> float:
-        """Return the value nearest to one that is within the range."""
-        return min(max(value, self.low), self.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +100,8 @@ def find_movables(
         if shift is not None:
             moves[name] = frozenset(speeds), shift
         fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
-        reach = _reach(value, errors.get(name, 0.0), float(fastest), is_place=shift is not None)
-        movables.append(_movable(name, value, reach, is_place=shift is not None))
+        error, is_place = errors.get(name, 0.0), shift is not None
+        movables.append(_movable(name, value, error, float(fastest), is_place=is_place))
     if not movables:
         raise SceneError(
             f"scene '{path}' declares nothing that can be moved; declare a number, such as "
@@ -134,23 +130,22 @@ def _shift(speeds: Mapping[str, Array]) -> Array | None:
     return np.where(np.abs(shift) < rounding, 0, shift)  # rounding would turn the handle
 
 
-def _reach(value: float, error: float, fastest: float, *, is_place: bool) -> float:
-    """Return how far a slider reaches, from the prior's error or from how fast things move."""
+def _movable(name: str, value: float, error: float, fastest: float, *, is_place: bool) -> Movable:
+    """Return a parameter whose range, a whole number of decimal steps, keeps a size positive.
+
+    The range follows from the prior's error, or from how fast things move, in metres per unit.
+    """
     if np.isfinite(error) and error > 0:
-        return SLIDER["errors"] * error
-    half = abs(value) / 2 or 1.0
-    if fastest > 0:
-        far = SLIDER["metres"] / fastest
-        return far if is_place or not value else min(far, half)
-    return half
-
-
-def _movable(name: str, value: float, reach: float, *, is_place: bool) -> Movable:
-    """Return a parameter whose range, a whole number of decimal steps, keeps a size positive."""
+        reach = SLIDER["errors"] * error
+    elif value and not is_place:
+        reach = abs(value) / 2
+    else:
+        reach = SLIDER["metres"] / fastest if fastest else 1.0
     step = float(10.0 ** np.floor(np.log10(reach / SLIDER["steps"] * 1.001)))
     low = value - reach if is_place or value <= 0 else max(value - reach, value / 10)
-    steps = [round((end - value) / step) for end in (low, value + reach)]
-    low, high = (float(f"{value + step * count:.12g}") for count in steps)
+    low, high = (
+        float(f"{value + step * round((end - value) / step):.12g}") for end in (low, value + reach)
+    )
     return Movable(name, value, low, high, step)
 
 

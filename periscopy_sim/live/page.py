@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.extras import require
-from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import LivePictures
+from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
@@ -26,28 +25,28 @@ from periscopy_sim.scenario import Scenario
 REST = {"slider": 0.3, "handle": 1.0}
 """Seconds after which a control counts as at rest; only a handle reports its release."""
 
-SBRS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
 
 
 @dataclass(frozen=True)
 class Offered:
-    """The hidden images, ambient places and methods among which a viewer can choose."""
+    """The hidden images, methods and SBRs among which a viewer can choose.
+
+    No images: the photograph is given, and only its method can be chosen.
+    """
 
     images: Sequence[str]
-    places: Sequence[str]
     methods: Sequence[str]
+    sbrs: Sequence[float] = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
     It calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences. With a photograph
-    (`is_given`) it offers methods alone. `server` is viser's, behind `gate`. A PeriscopyError says
-    that the extra is not installed, or the port is taken.
+    `save` when its button is pressed. `describe` returns a report's sentences. `server` is viser's,
+    behind `gate`. A PeriscopyError says that the extra is not installed, or the port is taken.
     """
 
     def __init__(
@@ -59,15 +58,13 @@ class Page:
         handles: Sequence[Handle],
         offered: Offered,
         first: Choice,
-        *,
-        is_given: bool,
         describe: Callable[[Report], Sequence[str]],
     ) -> None:
         viser = require("viser")
         from periscopy_sim.live.gate import Gate
 
         self._describe = describe
-        self._choice, self._movables = first, {each.name: each for each in movables}
+        self.choice, self._movables = first, {each.name: each for each in movables}
         self._lock = RLock()
         self._dragged: Handle | None = None
         self.want: Callable[[Choice, float], None] = lambda *_: None
@@ -76,19 +73,11 @@ class Page:
         with contextlib.redirect_stdout(None), self.gate.guarding():
             self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
         self._room = Room(self.server, scenario)
-        self._handles = {each.name: (each, self._add_handle(each)) for each in handles}
-        self.gate.offer_names("handle", [f"/handles/{name}" for name in self._handles])
+        self.handles = {each.name: each for each in handles}
+        self._gizmos = {each.name: self._add_handle(each) for each in handles}
+        self.gate.offer_names("handle", [f"/handles/{name}" for name in self.handles])
         self._sliders: dict[str, Any] = {}
-        self._lay_out(offered, first, is_given)
-
-    def handle(self, name: str) -> Handle:
-        """Return one of its handles."""
-        return self._handles[name][0]
-
-    @property
-    def choice(self) -> Choice:
-        """The present choice."""
-        return self._choice
+        self._lay_out(offered, first)
 
     def show(self, pictures: LivePictures) -> None:
         """Show pictures and their values, but for the handle that is being dragged."""
@@ -98,10 +87,10 @@ class Page:
             self._sheet.image, self._captions.content = sheet, captions
             for name, slider in self._sliders.items():
                 if self._differs(name, slider.value):
-                    slider.value = self._choice.values[name]
-            for handle, gizmo in self._handles.values():
+                    slider.value = self.choice.values[name]
+            for name, handle in self.handles.items():
                 if handle is not self._dragged:
-                    gizmo.position = tuple(handle.position(self._choice.values))
+                    self._gizmos[name].position = tuple(handle.position(self.choice.values))
         self.server.flush()
         size = "coarse" if pictures.is_coarse else "full"
         notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
@@ -118,7 +107,7 @@ class Page:
 
     # -- controls ----------------------------------------------------------------------------------
 
-    def _lay_out(self, offered: Offered, first: Choice, is_given: bool) -> None:
+    def _lay_out(self, offered: Offered, first: Choice) -> None:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.main_panel.dock_right()
@@ -127,15 +116,15 @@ class Page:
         self._sheet = gui.add_image(blank, format="jpeg", jpeg_quality=90)
         self._captions = gui.add_markdown("")
         self._trouble = gui.add_markdown("computing the first pictures")
-        self._choose("Method", "method", _names(offered.methods, first.method))
-        if not is_given:
-            self._choose("Hidden image", "image", _names(offered.images, first.image))
-            places = {"none": ""} | _names(offered.places, first.place)
-            self._choose("Ambient light", "place", places)
-            self._choose("SBR", "sbr", {str(sbr): sbr for sbr in sorted({*SBRS, first.sbr})})
-            noise = Movable("SNR (dB)", first.snr, min(20.0, first.snr), max(80.0, first.snr), 1.0)
+        self._choose("Method", "method", {name: name for name in (*offered.methods, first.method)})
+        if offered.images:
+            self._choose("Hidden image", "image", {n: n for n in (*offered.images, first.image)})
+            noise = Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0)
             self._slide(noise, lambda snr: self._change(REST["slider"], snr=snr))
-        placing = {name for handle, _ in self._handles.values() for name in handle.names}
+        if first.place:
+            self._choose("Ambient light", "place", {first.place: first.place, "none": ""})
+            self._choose("SBR", "sbr", {str(sbr): sbr for sbr in offered.sbrs})
+        placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
         for title, names in ("places", placing), ("other parameters", others):
             if names:
@@ -149,7 +138,7 @@ class Page:
         self._notes = gui.add_markdown("")
 
     def _choose(self, label: str, field: str, options: Mapping[str, Any]) -> None:
-        first = next(name for name, each in options.items() if each == getattr(self._choice, field))
+        first = next(name for name, each in options.items() if each == getattr(self.choice, field))
         box = self.server.gui.add_dropdown(label, list(options), initial_value=first)
         self.gate.offer_names(box._impl.uuid, list(options))
         box.on_update(lambda event: self._change(0.0, **{field: options[event.target.value]}))
@@ -185,7 +174,7 @@ class Page:
     # -- choices -----------------------------------------------------------------------------------
 
     def _differs(self, name: str, value: float) -> bool:
-        return abs(value - self._choice.values[name]) > self._movables[name].step / 2
+        return abs(value - self.choice.values[name]) > self._movables[name].step / 2
 
     def _follow_slider(self, name: str, value: float) -> None:
         if self._differs(name, value):  # a slider also follows a handle
@@ -197,14 +186,12 @@ class Page:
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
-            within = {name: self._movables[name].within(value) for name, value in values.items()}
-            self._change(rest, values={**self._choice.values, **within})
+            within = dict(self.choice.values)
+            for name, value in values.items():
+                within[name] = min(max(value, self._movables[name].low), self._movables[name].high)
+            self._change(rest, values=within)
 
     def _change(self, rest: float, **changes: Any) -> None:
         with self._lock:
-            self._choice = replace(self._choice, **changes)
-            self.want(self._choice, rest)
-
-
-def _names(offered: Sequence[str], first: str) -> dict[str, str]:
-    return {name: name for name in (*offered, first) if name}
+            self.choice = replace(self.choice, **changes)
+            self.want(self.choice, rest)

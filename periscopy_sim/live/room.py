@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
-from periscopy_sim.scenario import Array, Occluder, Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222), "occluder": (150, 111, 78)}
 
@@ -22,7 +23,7 @@ class Room:
 
     def __init__(self, server: Any, scenario: Scenario) -> None:
         self._scene = server.scene
-        self._nodes: dict[str, tuple[Any, Any, dict[str, Any]]] = {}
+        self._nodes: dict[str, Any] = {}
         self._scene.set_up_direction("+z")
         points, frame = _everything(scenario), _frame_of(scenario)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -34,8 +35,8 @@ class Room:
         )  # fmt: skip
         # The wall is an image, which no lamp shades, just behind everything.
         local = _on_wall(points, frame)
-        low, high = local.min(axis=0), local.max(axis=0) + MARGIN * size
-        low[0] -= MARGIN * size
+        margin = MARGIN * size * np.array([1.0, 0.0])
+        low, high = local.min(axis=0) - margin, local.max(axis=0) + MARGIN * size
         blank = np.full((8, 8, 3), COLOURS["wall"], np.uint8)
         self._show_on_wall("/wall", blank, low, high, frame, -0.002)
         # The first view: from beside the viewer of the wall, and from above.
@@ -55,8 +56,18 @@ class Room:
             "/monitor", monitor_pixels(pictures), scenario.patch_centers.mean(axis=0),
             columns * scenario.patch_across.mean(axis=0), rows * scenario.patch_up.mean(axis=0),
         )  # fmt: skip
-        for occluder in scenario.occluders:
-            self._show_occluder(occluder)
+        for each in scenario.occluders:
+            vertices, faces = each.vertices, each.faces
+            if vertices is None or faces is None:  # no mesh: the box about it
+                from trimesh.creation import box
+
+                around = box(bounds=each.bounds)
+                vertices, faces = np.asarray(around.vertices), np.asarray(around.faces)
+            add = partial(
+                self._scene.add_mesh_simple, faces=faces, color=COLOURS["occluder"], side="double",
+                flat_shading=True,
+            )  # fmt: skip
+            self._show(f"/occluders/{each.name}", add, vertices=vertices.astype(np.float32))
 
     def _show_on_wall(
         self, name: str, pixels: Pixels, low: Array, high: Array, frame: WallFrame, ahead: float
@@ -69,35 +80,19 @@ class Room:
     def _show_image(
         self, name: str, pixels: Pixels, center: Array, across: Array, up: Array
     ) -> None:
-        size = tuple(round(float(np.linalg.norm(axis)), 6) for axis in (across, up))
-        changing = {"image": pixels, "wxyz": pose_of(across, up), "position": tuple(center)}
-        add = partial(self._scene.add_image, name, render_width=size[0], render_height=size[1])
-        self._show(name, add, size, changing)
-
-    def _show_occluder(self, occluder: Occluder) -> None:
-        """Show a mesh; of another shape the box about it."""
-        vertices, faces = occluder.vertices, occluder.faces
-        if vertices is None or faces is None:
-            from trimesh.creation import box
-
-            around = box(bounds=occluder.bounds)
-            vertices, faces = np.asarray(around.vertices), np.asarray(around.faces)
-        name = f"/occluders/{occluder.name}"
-        add = partial(
-            self._scene.add_mesh_simple, name, faces=faces, color=COLOURS["occluder"],
-            side="double", flat_shading=True,
+        width, height = (float(np.linalg.norm(axis)) for axis in (across, up))
+        self._show(
+            name, self._scene.add_image, image=pixels, render_width=width, render_height=height,
+            wxyz=pose_of(across, up), position=tuple(center),
         )  # fmt: skip
-        self._show(name, add, None, {"vertices": vertices.astype(np.float32)})
 
-    def _show(self, name: str, add: Any, size: Any, changing: dict[str, Any]) -> None:
-        """Add a node, or send those of its changing properties that differ from before."""
-        node, size_before, before = self._nodes.get(name, (None, None, {}))
-        if node is None or size != size_before:
-            node = add(**changing, cast_shadow=False, receive_shadow=False)
-        for key, value in changing.items():
-            if key in before and not np.array_equal(before[key], value):
-                setattr(node, key, value)
-        self._nodes[name] = node, size, changing
+    def _show(self, name: str, add: Callable[..., Any], **properties: Any) -> None:
+        """Add a node, or change the one of this name: viser sends what differs."""
+        if name in self._nodes:
+            for key, value in properties.items():
+                setattr(self._nodes[name], key, value)
+        else:
+            self._nodes[name] = add(name, **properties, cast_shadow=False, receive_shadow=False)
 
 
 def on_rectangle(local: Array, pixels: Pixels) -> tuple[Pixels, Array, Array]:

@@ -1,4 +1,4 @@
-"""A laboratory, its light and its page, from their opening until nothing of them is left."""
+"""A laboratory and its page, from their opening until nothing of them is left."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from typing import Self
 
 import numpy as np
 
-from periscopy_sim.live.choice import Choice
 from periscopy_sim.live.laboratory import LiveLaboratory
-from periscopy_sim.live.level import Level, LivePictures, coarse_sizes
-from periscopy_sim.live.light import AmbientLight
+from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.report import Report
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Array, Scenario
 
 
 class LiveSession:
-    """A laboratory on a page; a context, at whose end neither thread nor process is left.
+    """A laboratory on a page; a context, at whose end the page is closed.
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
-    `photograph` a given one or None for synthetic ones. The page's button calls `save` with the
-    full pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says
-    that the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
+    synthetic ones. The page's button calls `save` with the full pictures and shows the line that it
+    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
+    port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
@@ -37,27 +36,25 @@ class LiveSession:
         save: Callable[[LivePictures], str],
         describe: Callable[[Report], Sequence[str]],
         *,
+        light: Array | None = None,
         photograph: Photograph | None = None,
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        path, given, hidden = scenario.path, scenario.parameters, scenario.hidden_shape
-        is_given = photograph is not None
+        path, given = scenario.path, scenario.parameters
         used = 1.0 if photograph is None else len(photograph.used) / np.prod(photograph.shape)
-        sizes = scenario.photograph_shape, hidden
-        small = coarse_sizes(*sizes, used)
-        self._light = AmbientLight(path, given, small[0], self._arrive)
-        light = self._light.photograph
-        coarse = Level(path, given, small, light, photograph, is_coarse=True)
-        full = Level(path, given, sizes, light, photograph, is_coarse=False)
+        sizes = scenario.photograph_shape, scenario.hidden_shape
+        coarse, full = (
+            Level(path, given, each, light, photograph, is_coarse=each is not sizes)
+            for each in (coarse_sizes(*sizes, used), sizes)
+        )
         movables, handles = find_movables(path, given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
-        self.page = Page(
-            host, port, scenario, movables, handles, offered, first,
-            is_given=is_given, describe=describe,
-        )  # fmt: skip
+        if photograph is not None:
+            offered = replace(offered, images=())
+        self.page = Page(host, port, scenario, movables, handles, offered, first, describe)
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
-        self.page.want = self._want
+        self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
 
     def __enter__(self) -> Self:
@@ -65,10 +62,9 @@ class LiveSession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all; the page first, which may ask for light."""
+        """End all."""
         self.stop()
         self.page.close()
-        self._light.close()
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
@@ -78,17 +74,9 @@ class LiveSession:
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            self._want(self.page.choice, 0.0)
+            self._laboratory.want(self.page.choice)
             self._laboratory.run()
 
     def stop(self) -> None:
         """End `run` after the present stage of its work."""
         self._laboratory.stop()
-
-    def _want(self, choice: Choice, rest: float) -> None:
-        self._light.want(choice.place)
-        self._laboratory.want(choice, rest)
-
-    def _arrive(self, place: str) -> None:
-        if self.page.choice.place == place:
-            self._laboratory.want(self.page.choice)

@@ -16,9 +16,6 @@ from periscopy_sim.storage.formats.srgb import srgb_bytes
 Pixels = NDArray[np.uint8]
 Tile = tuple[str, Pixels | None]
 
-SIDE, GAP = 348, 16
-"""Size of a tile and space between tiles, in pixels."""
-
 
 def photograph_pixels(pictures: LivePictures) -> Pixels:
     """Return the photograph for display, (rows, columns, 3), grey where the mask excludes it."""
@@ -31,37 +28,34 @@ def photograph_pixels(pictures: LivePictures) -> Pixels:
 
 def monitor_pixels(pictures: LivePictures) -> Pixels:
     """Return the hidden image for display, (R, C, 3); the reconstruction where it is unknown."""
-    if pictures.truth is not None:
-        return srgb_bytes(displayable(pictures.truth, white=1))
-    return srgb_bytes(displayable(pictures.image))
+    truth, image = pictures.truth, pictures.image
+    return srgb_bytes(displayable(image) if truth is None else displayable(truth, white=1))
 
 
-def draw_sheet(pictures: LivePictures) -> tuple[Pixels, str]:
-    """Return the sheet, (rows, columns, 3), and its captions, in Markdown."""
+def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[Pixels, str]:
+    """Return the sheet, (rows, columns, 3), and its captions, in Markdown.
+
+    Tiles have a longest side of `side` pixels, and `gap` pixels between them.
+    """
     from PIL import Image
 
     tiles = [_photograph(pictures), _reconstruction(pictures), _third(pictures), _errors(pictures)]
-    pitch = SIDE + GAP
-    sheet = Image.new("RGB", (2 * pitch - GAP, 2 * pitch - GAP), "white")
+    pitch = side + gap
+    sheet = Image.new("RGB", (pitch + side, pitch + side), "white")
     for k, (_, pixels) in enumerate(tiles):
-        if pixels is None:
-            continue
-        rows, columns = (max(1, SIDE * n // max(pixels.shape[:2])) for n in pixels.shape[:2])
-        tile = Image.fromarray(pixels).resize((columns, rows), Image.Resampling.NEAREST)
-        row, column = divmod(k, 2)
-        sheet.paste(tile, (column * pitch, row * pitch + SIDE - rows))
+        if pixels is not None:
+            rows, columns = (max(1, side * n // max(pixels.shape[:2])) for n in pixels.shape[:2])
+            tile = Image.fromarray(pixels).resize((columns, rows), Image.Resampling.NEAREST)
+            sheet.paste(tile, (k % 2 * pitch, k // 2 * pitch + side - rows))
     captions = "| | |\n|-|-|\n| {} | {} |\n| {} | {} |".format(*(text for text, _ in tiles))
     return np.asarray(sheet), captions
 
 
 def _photograph(pictures: LivePictures) -> Tile:
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape
-    caption = f"**Photograph** {rows} x {columns}"
-    if pictures.report.residual is None:
-        if choice.place:
-            caption += ", light comes" if pictures.is_dark else f", SBR {choice.sbr:g}"
-        caption += f", {choice.snr:g} dB"
-    return caption, photograph_pixels(pictures)
+    lit = f", SBR {choice.sbr:g}" if choice.place else ""
+    made = f"{lit}, {choice.snr:g} dB" if pictures.report.residual is None else ""
+    return f"**Photograph** {rows} x {columns}{made}", photograph_pixels(pictures)
 
 
 def _reconstruction(pictures: LivePictures) -> Tile:

@@ -8,7 +8,6 @@ which tests/photographs/test_defects.py finds every planted defect, and none on 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,11 +34,6 @@ pixels.
 
 BRIGHTER = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
-
-BAND = 1 << 18
-"""Pixels examined together for dead and hot ones; it bounds the memory."""
-
-REACH = 4  # rows beyond a band that its own depend on
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,18 +107,13 @@ def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> Defe
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:
         raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
-    edges = np.linspace(0, len(values), 1 + -(-used.size // BAND)).astype(int).tolist()
     saturated, dead, hot = found = np.zeros((3, *values.shape[:2]), bool)
     for light in np.moveaxis(values, -1, 0):
         channel = np.asarray(light, np.float64)
         valid = np.isfinite(channel) & used
-        channel = np.where(valid, channel, np.nan)
-        saturated |= _saturated(channel, valid)
-        for start, stop in pairwise(edges):
-            first = max(start - REACH, 0)
-            band, own = slice(first, stop + REACH), slice(start - first, stop - first)
-            if valid[band].any():
-                found[1:, start:stop] |= _dead_and_hot(channel[band], valid[band])[:, own]
+        if valid.any():
+            saturated |= _saturated(channel, valid)
+            found[1:] |= _dead_and_hot(channel, valid)
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
@@ -144,62 +133,53 @@ def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
         return np.zeros(channel.shape, bool)
     is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
     is_plateau = is_detached or counts[-1] > 1.5 * counts[-9:-1].sum()
-    return np.asarray((channel == levels[-1]) & is_plateau)
+    return np.asarray(valid & (channel == levels[-1]) & is_plateau)
 
 
-def _dead_and_hot(channel: Array, valid: Mask) -> Mask:
-    """Return the dead and the hot pixels of a channel, (2, rows, columns); NaN where not valid."""
-    around, beside = _neighbours(channel, 2), _neighbours(channel, 1)
-    median = _median(around)
-    above = channel - median
-    lit = valid & (channel > 0)
+def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
+    """Return the dead and the hot pixels of a channel, (2, rows, columns), some of it valid."""
+    from scipy import ndimage
+
+    beside = np.ones((3, 3), bool)
+    beside[1, 1] = False
+    around = np.pad(beside, 1, constant_values=True)
+    nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    light = channel[tuple(nearest)]
+    median = ndimage.median_filter(light, footprint=around, mode="mirror")
+    above = light - median
+    lit = valid & (light > 0)
     measured = lit if lit.any() else valid  # black cut off at zero shows no noise
-    level = float(np.median(channel[measured]))
-    steps = np.diff(np.unique(channel[valid]))
+    level = float(np.median(light[measured]))
+    steps = np.diff(np.unique(light[valid]))
     step = float(steps.min(initial=np.inf))
     noise = _spread(above[measured]) + (step if len(steps) > 1 and step <= level else 0.0)
 
-    floor = max(THRESHOLD * noise, 0.1 * level)
-    bright = np.sum([neighbour > floor for neighbour in beside], axis=0)
-    dim = np.sum([neighbour <= floor for neighbour in beside], axis=0)
-    dead = valid & (channel <= 0) & (bright > 0) & (3 * dim <= bright)
+    is_bright = light > max(THRESHOLD * noise, 0.1 * level)
+    bright, dim = (
+        ndimage.correlate((valid & each).astype(np.int8), beside.astype(np.int8), mode="constant")
+        for each in (is_bright, ~is_bright)
+    )
+    dead = valid & (light <= 0) & (bright > 0) & (3 * dim <= bright)
 
-    hot = above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0))
-    hot &= np.sum([neighbour > median + above / 2 for neighbour in beside], axis=0) <= 1
+    second = ndimage.rank_filter(light, -2, footprint=beside, mode="constant", cval=-np.inf)
+    hot = valid & (above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0)))
+    hot &= second <= median + above / 2
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
     lit_too, candidates = median + np.maximum(above / 4, THRESHOLD * noise), 0
     while candidates != (candidates := int(hot.sum())):
-        others = _neighbours(np.where(hot, np.nan, channel), 1)
-        hot &= ~np.any([neighbour > lit_too for neighbour in others], axis=0)
-    for pixel in np.argwhere(hot):
-        place = tuple(pixel)
-        deviations = np.array([neighbour[place] for neighbour in around]) - median[place]
-        hot[place] = above[place] > THRESHOLD * _spread(deviations)
+        others = np.where(hot, -np.inf, light)
+        brightest = ndimage.maximum_filter(others, footprint=beside, mode="constant", cval=-np.inf)
+        hot &= brightest <= lit_too
+    for row, column in np.argwhere(hot):
+        window = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
+        near = valid[window].copy()
+        near[row - window[0].start, column - window[1].start] = False
+        hot[row, column] &= above[row, column] > THRESHOLD * _spread(
+            light[window][near] - median[row, column]
+        )
     return np.stack([dead, hot])
-
-
-def _neighbours(channel: Array, reach: int) -> list[Array]:
-    """Return views of the values at each offset of up to `reach` pixels; NaN outside."""
-    rows, columns = channel.shape
-    padded = np.pad(channel, reach, constant_values=np.nan)
-    return [
-        padded[down : down + rows, across : across + columns]
-        for down in range(2 * reach + 1)
-        for across in range(2 * reach + 1)
-        if (down, across) != (reach, reach)
-    ]
-
-
-def _median(images: list[Array]) -> Array:
-    """Return the median over images of their finite values, NaN where there is none."""
-    ordered = np.sort(np.stack(images), axis=0)  # NaN comes last
-    count = np.count_nonzero(~np.isnan(ordered), axis=0, keepdims=True)
-    middle = (np.maximum(count - 1, 0) // 2, count // 2)
-    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in middle)
-    return np.asarray((low + high) / 2)
 
 
 def _spread(deviations: Array) -> float:
     """Return the standard deviation of Gaussian noise with this median deviation."""
-    magnitudes = np.abs(deviations[np.isfinite(deviations)])
-    return 1.4826 * float(np.median(magnitudes)) if magnitudes.size else 0.0
+    return 1.4826 * float(np.median(np.abs(deviations))) if deviations.size else 0.0

@@ -10,13 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Mask
 from periscopy_sim.photographs.defects import defective_pixels
-from periscopy_sim.photographs.film_size import PLACED, films_of_blocks
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
 from periscopy_sim.photographs.sensor_image import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.view_fit import FittedView
 from periscopy_sim.scenario import Array, Scenario
+
+PLACED = 0.5
+"""Standard error, in pixels of the film, with which marks should place a photograph."""
+
+BELOW = 0.02
+"""Fraction of pixels below the black level that causes a warning; well exposed ones have none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,18 +58,33 @@ class Prepared:
     placement: float = 0.0
     warnings: tuple[str, ...] = ()
 
+    def record(self) -> dict[str, object]:
+        """Return the numbers of the view, and of the pixels left out, for metadata."""
+        left_out: dict[str, object] = {
+            "pixels_left_out": int(np.count_nonzero(~self.mask)),
+            "defects_left_out": self.defects,
+        }
+        if self.view is None:
+            return left_out
+        return {
+            **left_out,
+            "view_placement": self.placement,
+            "view_residual_pixels": self.view.rms,
+            "view_distortion": " ".join(map(repr, self.view.view.distortion)) or "none",
+            "view_homography": " ".join(map(repr, self.view.view.homography.ravel().tolist())),
+        }
+
 
 def prepare(
     photograph: SensorImage | ArrayLike,
     scenario: Scenario,
     *,
-    points: WallPoints | None = None,
-    tags: WallTags | None = None,
+    marks: WallPoints | WallTags | None = None,
     mask: Mask | None = None,
 ) -> Prepared:
     """Bring a photograph to the pixels of a scene's camera.
 
-    Without points and tags the scene's camera is the photograph's, and whole blocks of pixels are
+    Without marks the scene's camera is the photograph's, and whole blocks of pixels are
     averaged to its film. With them the photograph may be any camera's: the marks show its view of
     the wall, which must be plane, and each new pixel averages all that it covers. A camera measures
     radiance, and a diffuse wall's is the same in every direction: the slant needs no factor. Single
@@ -76,8 +96,8 @@ def prepare(
         (rows, columns, 3), linear in light; see `develop`.
     scenario
         The scene.
-    points, tags
-        Marks on the wall, at most one of the two.
+    marks
+        Points or tags on the wall.
     mask
         (rows, columns) bool, where the wall is used, of the photograph's size or of the film's, or
         of its sensor's where its pixels are the cells of a mosaic.
@@ -93,9 +113,7 @@ def prepare(
     light = sensor_image(photograph, "the photograph")
     shape = scenario.photograph_shape
     film, warnings = None, []
-    if points is not None and tags is not None:
-        raise PhotographError("points and tags both show the view; give one of them")
-    if (marks := points or tags) is not None:
+    if marks is not None:
         film = place_film(light, scenario, marks)
         warnings = [f"the photograph does not show tag {number}" for number in film.missing]
         if film.placement > PLACED:
@@ -103,12 +121,11 @@ def prepare(
                 f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
                 "only, where it is worst; measure more of them, further apart"
             )
-    elif shape not in (films := list(films_of_blocks(light.size).values())):
-        sizes = ", ".join(f"{rows}x{columns}" for rows, columns in films[:12])
+    elif not is_whole_blocks(light.size, shape):
         raise PhotographError(
             f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
-            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; its film may "
-            f"have {sizes}. Change it, crop the photograph, or give marks on the wall"
+            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
+            "film, crop the photograph, or give marks on the wall"
         )
     on_photograph, on_film = None, np.ones(shape, bool)
     if mask is not None and mask.shape == shape != light.size:
@@ -131,6 +148,11 @@ def prepare(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
         )
+    if (below := float(np.mean(values[used].min(axis=1) < 0))) >= BELOW:
+        warnings.append(
+            f"{100 * below:.0f} % of the pixels are below the black level; check it, or the dark "
+            "frame"
+        )
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
@@ -141,3 +163,9 @@ def prepare(
         placement=film.placement if film else 0.0,
         warnings=tuple(warnings),
     )
+
+
+def is_whole_blocks(size: tuple[int, int], shape: tuple[int, int]) -> bool:
+    """Return whether whole square blocks of a photograph of a size average to a film's shape."""
+    side = size[0] // shape[0]
+    return side > 0 and size == (side * shape[0], side * shape[1])

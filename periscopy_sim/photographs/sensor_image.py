@@ -25,7 +25,6 @@ class SensorImage:
 
     values: NDArray[np.float32]  # (rows, columns, 3)
     saturated: Mask  # (rows, columns), where a channel is saturated
-    white: float = np.inf  # least value at which a channel is saturated; infinite if unknown
     cell: int = 1
 
     @property
@@ -62,10 +61,7 @@ def sensor_image(
         largest = int(array.max()) if array.dtype.kind in "iu" else 0
         white = largest if largest >= 255 and largest & (largest + 1) == 0 else np.inf
     full = np.asarray((light >= white).any(axis=2))
-    if saturated is not None and saturated.any():
-        full |= saturated
-        white = min(white, float(light[saturated].max(axis=1).min()))
-    return SensorImage(light, full, white, cell)
+    return SensorImage(light, full if saturated is None else full | saturated, cell)
 
 
 def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:

@@ -18,14 +18,6 @@ FAMILIES = (
 )  # fmt: skip
 """OpenCV's names of the families searched; 4X4_1000 holds those of 4X4_50 and so on."""
 
-ROUNDS = 3
-SAMPLES = 32
-INSET = 0.12
-"""Fraction of a tag's side, at each end, that the lines through its edges leave out."""
-
-FEWEST = 2
-"""Fewest tags that show the view of the wall: one could be turned in any way."""
-
 
 def find_tags(
     photograph: NDArray[Any], ids: Sequence[int] | NDArray[np.int64]
@@ -35,7 +27,7 @@ def find_tags(
     Return (k,) indices in `ids` of the tags that the photograph shows, and (k, 4, 2) columns and
     rows of their corners, clockwise; the first pixel's centre is at (0.5, 0.5). The tags are of one
     family: that with most of these numbers in the photograph. A PhotographError lists the tags of
-    every family that it shows, if these are fewer than `FEWEST` or one is there twice.
+    every family that it shows, if these are none of them or one is there twice.
     """
     grey = photograph.mean(axis=2, dtype=np.float64)
     white = float(np.percentile(grey, 99.5))
@@ -48,12 +40,12 @@ def find_tags(
     if twice := [number for number in sorted(wanted) if numbers.count(number) > 1]:
         raise PhotographError(f"the photograph shows tag {twice[0]} twice; cover all but one")
     places = [place for place, number in enumerate(ids) if int(number) in numbers]
-    if len(places) < FEWEST:
+    if not places:
         shown = [f"{sorted(n)} ({name})" for name, (n, *_) in found.items() if n]
         raise PhotographError(
-            f"the photograph shows {len(places)} of the tags {sorted(wanted)}, of {FEWEST} needed, "
-            f"and {', '.join(shown) or 'none of any family'}: check their numbers, the light on "
-            "them, and that each has a white border"
+            f"the photograph shows none of the tags {sorted(wanted)}, but "
+            f"{', '.join(shown) or 'none of any family'}: check their numbers, the light on them, "
+            "and that each has a white border"
         )
     rough = [corners[numbers.index(int(ids[place]))] for place in places]
     return np.array(places), np.array([_refined(grey, each, modules) for each in rough])
@@ -70,16 +62,24 @@ def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[
     return numbers, places, dictionary.markerSize + 2
 
 
-def _refined(grey: Array, corners: Array, modules: int) -> Array:
+def _refined(
+    grey: Array,
+    corners: Array,
+    modules: int,
+    rounds: int = 3,
+    samples: int = 32,
+    inset: float = 0.12,
+) -> Array:
     """Return a tag's corners, (4, 2), known to a pixel or so, where lines through its edges meet.
 
     OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge;
     the integral of its rise from the black border to the white one locates the step, whatever the
-    blur of the lens, if that is even. `modules` squares lie along the tag's side, border included.
+    blur of the lens, if that is even. `modules` squares lie along the tag's side, border included;
+    the lines, through `samples` points, leave out a fraction `inset` of the side at each end.
     """
     from scipy.ndimage import map_coordinates
 
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         ends = np.roll(corners, -1, axis=0)
         lines = []
         for start, end, across in zip(corners, ends, np.roll(ends, -1, axis=0), strict=True):
@@ -87,9 +87,9 @@ def _refined(grey: Array, corners: Array, modules: int) -> Array:
             outward = np.array([direction[1], -direction[0]])
             module = abs((across - end) @ outward) / modules
             reach = np.clip(0.5 * module, 1.0, 4.0)
-            along = np.linspace(INSET, 1 - INSET, SAMPLES)[:, np.newaxis]
+            along = np.linspace(inset, 1 - inset, samples)[:, np.newaxis]
             middle = start + along * (end - start)
-            offsets = np.linspace(-reach, reach, SAMPLES)
+            offsets = np.linspace(-reach, reach, samples)
             places = middle[:, np.newaxis] + offsets[:, np.newaxis] * outward - 0.5
             profile = map_coordinates(grey, [places[..., 1], places[..., 0]], order=1)
             inside, beyond = profile[:, :1], profile[:, -1:]
@@ -97,7 +97,7 @@ def _refined(grey: Array, corners: Array, modules: int) -> Array:
                 rise = (profile - inside) / (beyond - inside)
             shift = reach - np.trapezoid(rise, offsets, axis=1)
             steps = (beyond > inside)[:, 0] & np.isfinite(shift) & (np.abs(shift) < reach)
-            if np.count_nonzero(steps) < SAMPLES // 2:
+            if np.count_nonzero(steps) < samples // 2:
                 return corners
             edge = middle[steps] + shift[steps, np.newaxis] * outward
             # A line normal . x = distance, by total least squares.

@@ -92,7 +92,8 @@ def read_sensor_image(
         full = (values == np.iinfo(values.dtype).max).any(axis=2)
     light, warnings = _linear_light(picture, encoded, None, kind, name)
     exposure = sensor_image(light, name, white, full, picture.cell)
-    if exposure.white == np.inf and (plateau := saturated_pixels(exposure.values)).any():
+    is_known = white is not None or exposure.saturated.any()
+    if not is_known and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
             f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "

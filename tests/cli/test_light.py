@@ -13,7 +13,6 @@ from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
-from periscopy_sim.photographs.film_size import FilmAdvice
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.storage.transport_matrix import read_transport
 
@@ -81,22 +80,6 @@ def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch)
     monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
-
-
-def test_prepare_and_the_methods_estimate_memory_alike(monkeypatch):
-    """A film that `prepare` calls too large is one that the default method refuses."""
-    advice = FilmAdvice(0.01, 0.001, (100, 100), 1000)
-    for side in range(100, 1000, 50):
-        needed = 0.6e9 + 25 * side**2 * 1000
-        for available in (0.99 * needed, 1.01 * needed):
-            monkeypatch.setattr(memory, "available_memory", lambda size=available: size)
-            scenario = SimpleNamespace(transport_shape=(side**2, 1000))
-            if advice.fits((side, side)):
-                check_memory(scenario, "noise-aware")
-            else:
-                with pytest.raises(PeriscopyError):
-                    check_memory(scenario, "noise-aware")
-            assert advice.fits((side, side)) == (available > needed)
 
 
 # -- light that bounces --------------------------------------------------------------------------

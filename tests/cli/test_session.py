@@ -105,25 +105,6 @@ def test_defects_are_warned_of_and_a_mask_is_suggested(session, saved, photograp
     assert session.warnings == []
 
 
-@pytest.mark.parametrize("maskable", [True, False])
-def test_border_that_stands_out_is_left_out_by_methods_that_take_masks(maskable, saved):
-    session = Session("chair", "4x5", ["resolution=40"])
-    A = ps.analytic_transport(session.scenario)
-    signal = (A @ np.random.default_rng(1).uniform(0.1, 1, (20, 3))).reshape(40, 40, 3)
-    y = ps.add_noise(signal / signal.mean(), 60, seed=0)
-    y[0] *= 0.5
-    y[:, 0] *= 1.5
-    inside = np.ones((40, 40), bool)
-    inside[0] = inside[:, 0] = False
-    wall = session.wall(saved(y=y), maskable=maskable)
-    assert len(session.warnings) == 1
-    if maskable:
-        np.testing.assert_array_equal(wall.mask, inside)
-    else:
-        assert wall.mask is None
-        np.testing.assert_array_equal(session.suggestion, inside)
-
-
 def test_8_bit_photograph_is_decoded_with_a_warning(session, tmp_path):
     codes = np.random.default_rng(0).integers(99, 256, (24, 24, 3)).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "y.png")

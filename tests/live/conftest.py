@@ -2,8 +2,7 @@
 
 import pytest
 
-from periscopy_sim.live.choice import Choice
-from periscopy_sim.live.level import Level
+from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
@@ -18,15 +17,11 @@ def jit():
         pytest.skip("needs LLVM or CUDA")
 
 
-def dark(_):
-    """No ambient light has come yet."""
-
-
 @pytest.fixture
 def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
-    def make(light=dark, photograph=None):
+    def make(light=None, photograph=None):
         sizes = PHOTOGRAPH, HIDDEN
         return Level(find_scene("plate"), {}, sizes, light, photograph, is_coarse=True)
 
@@ -36,11 +31,11 @@ def level():
 @pytest.fixture(scope="session")
 def movables():
     path = find_scene("plate")
-    small = Level(path, {}, (PHOTOGRAPH, HIDDEN), dark, is_coarse=True)
+    small = Level(path, {}, (PHOTOGRAPH, HIDDEN), is_coarse=True)
     return find_movables(path, {}, small.scenario)
 
 
 @pytest.fixture
 def choice(movables):
     values = {each.name: each.value for each in movables[0]}
-    return Choice(values, "mushroom", "", 0.5, 60.0, "noise-aware")
+    return Choice(values, "mushroom")

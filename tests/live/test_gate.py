@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from experiments.benchmarks import live
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.choice import Choice
+from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -85,8 +84,7 @@ def value_of(uuid, value):
 
 @pytest.fixture(scope="module")
 def target():
-    offered = Offered(("mushroom", "bars"), ("overcast",), ("noise-aware", "preconditioned"))
-    first = Choice({}, "mushroom", "", 0.5, 60.0, "noise-aware")
+    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
     saved = []
 
     def save(pictures):
@@ -94,7 +92,8 @@ def target():
         return "saved"
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
-    with LiveSession(scenario, first, offered, save, lambda _: []) as session:
+    first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
+    with LiveSession(scenario, first, offered, save, lambda _: [], light=light) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 
@@ -206,7 +205,7 @@ def test_what_the_page_offers_is_granted(target):
         target.until(lambda: target.shown[-1].choice.image == "bars")
         send(client, value_of(target.control("Write scene and pictures"), True))
         target.until(lambda: target.saved)
-        (name, (handle, _)) = next(iter(target.page._handles.items()))
+        name, handle = next(iter(target.page.handles.items()))
         position = handle.center + np.array([0.01, 0, 0])
         named = {"name": f"/handles/{name}", "owner": ""}
         send(client, {"type": "TransformControlsDragStartMessage", **named})
@@ -217,16 +216,3 @@ def test_what_the_page_offers_is_granted(target):
     assert target.saved[0].choice.image == "bars"
     target.until(lambda: target.page._dragged is None)  # the client left while it dragged
     target.until(lambda: not target.shown[-1].is_coarse)
-
-
-def test_a_port_that_is_taken_is_rejected():
-    from periscopy_sim.live.gate import Gate
-
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        with pytest.raises(PeriscopyError, match=str(port)):
-            Gate("127.0.0.1", port)
-    with pytest.raises(PeriscopyError, match=r"192\.0\.2\.1"):
-        Gate("192.0.2.1", 8080)

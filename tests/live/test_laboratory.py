@@ -49,15 +49,8 @@ class Watched:
         self.laboratory = LiveLaboratory(
             self.coarse, self.full, self.shown.append, self.told.append
         )
-        self.error = None
-        self.thread = threading.Thread(target=self._run)
+        self.thread = threading.Thread(target=self.laboratory.run)
         self.thread.start()
-
-    def _run(self):
-        try:
-            self.laboratory.run()
-        except Exception as error:
-            self.error = error
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -108,15 +101,6 @@ def test_full_pictures_that_are_overtaken_are_given_up(watched):
     w.until(lambda: Picture("second", False) in w.shown)
     assert w.full.given_up == ["first"]
     assert Picture("first", False) not in w.shown
-
-
-def test_what_is_being_dragged_rests_in_the_end(watched):
-    """As when its tab was closed, and nobody will tell that it was let go of."""
-    w = watched()
-    begun = time.monotonic()
-    w.laboratory.want("held", 0.3)
-    w.until(lambda: Picture("held", False) in w.shown)
-    assert time.monotonic() - begun >= 0.3
 
 
 def test_what_cannot_be_shown_is_told_and_the_laboratory_goes_on(watched):

@@ -238,20 +238,6 @@ def test_what_is_masked_or_not_finite_is_left_aside():
     assert counts(y, mask) == [0, 1, 0]
 
 
-def test_bands_find_the_defects_that_the_whole_photograph_shows(monkeypatch):
-    rng = np.random.default_rng(3)
-    light = rng.normal(1000, 10, (240, 360, 3))
-    light.reshape(-1, 3)[rng.choice(240 * 360, 60, replace=False)] *= 3
-    mask = np.ones((240, 360), bool)
-    mask[:20] = False
-    whole = defective_pixels(light, mask)
-    for size in (240 * 360, 50 * 360, 5 * 360):
-        monkeypatch.setattr(defects, "BAND", size)
-        found = defective_pixels(light, mask)
-        assert np.array_equal(found.dead | found.hot, whole.dead | whole.hot)
-    assert np.count_nonzero(whole.hot) >= 50
-
-
 @pytest.mark.parametrize("dtype", [">f4", ">f8", "<f4"])
 def test_form_of_the_array_does_not_matter(dtype):
     y = np.minimum(planted(0.0), 0.7).astype(dtype)

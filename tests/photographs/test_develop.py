@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.develop import black_level_warning, develop, merge
+from periscopy_sim.photographs.develop import develop
 from periscopy_sim.photographs.sensor_image import sensor_image
 
 SIZE = (40, 60)
@@ -33,35 +33,6 @@ def test_photographs_are_averaged_and_saturated_where_any_is():
     assert np.argwhere(found.saturated).tolist() == [[3, 4]]
 
 
-def test_merged_exposures_are_unbiased_where_the_longer_ones_saturate():
-    """Light of 100 to 200 a second: 16 s fill 1600 to 3200 of 4031 codes, 30 s fill 3000 to 6000.
-
-    The mean over a thousand pixels of equal light has a standard error of its noise over 32; five
-    of these in forty groups fail by chance once in 40,000 runs.
-    """
-    levels = np.repeat(np.linspace(100, 200, 40), 1000).reshape(40, 1000, 1) * np.ones(3)
-    times = [30, 1, 16]
-    found = merge([develop([shot(levels, time, 10 + time)], black=64) for time in times], times)
-    assert not found.saturated.any()
-    mean, deviation = found.values.mean(axis=(1, 2)), found.values.std(axis=(1, 2))
-    off = (mean - levels[:, 0, 0]) / (deviation / np.sqrt(3000))
-    assert np.abs(off).max() < 5
-    # Light that fills 30 s to less than 0.95 has the noise of all 47 s.
-    dim = levels[:, 0, 0] * 30 < 0.9 * 4031
-    assert dim.any() and np.allclose(deviation[dim], np.sqrt(levels[dim, 0, 0] / 47), rtol=0.08)
-    bright = levels[:, 0, 0] * 30 > 4031
-    assert np.allclose(deviation[bright], np.sqrt(levels[bright, 0, 0] / 17), rtol=0.08)
-
-
-def test_what_saturates_in_the_shortest_exposure_is_saturated():
-    counts = shot(np.full((*SIZE, 3), 100.0), 1, 0)
-    counts[5, 6] = 4095
-    found = merge(
-        [sensor_image(counts, "a"), sensor_image(np.minimum(4 * counts, 4095), "b")], [1, 4]
-    )
-    assert np.argwhere(found.saturated).tolist() == [[5, 6]]
-
-
 def test_flat_field_takes_vignetting_off_and_keeps_the_mean_light():
     row, column = np.indices(SIZE)
     fall = 1 - 0.3 * ((row / 39 - 0.5) ** 2 + (column / 59 - 0.5) ** 2)
@@ -76,45 +47,19 @@ def test_flat_field_takes_vignetting_off_and_keeps_the_mean_light():
     )
 
 
-def test_flat_field_with_a_zero_is_refused_but_where_a_mask_leaves_it_out():
-    flat = np.ones((*SIZE, 3))
-    flat[7, 8] = 0
-    with pytest.raises(PhotographError, match=r"1 pixels .* row 7, column 8"):
-        develop([LIGHT], flat=flat)
-    mask = np.ones(SIZE, bool)
-    mask[7, 8] = False
-    assert np.isfinite(develop([LIGHT], flat=flat, mask=mask).values).all()
+def test_pixels_where_the_flat_field_is_dark_or_saturated_count_as_saturated():
+    flat = np.full((*SIZE, 3), 100, np.uint8)
+    flat[7, 8], flat[9, 9, 1] = 0, 255
+    found = develop([LIGHT], flat=flat)
+    assert np.argwhere(found.saturated).tolist() == [[7, 8], [9, 9]]
+    assert np.isfinite(found.values).all()
     with pytest.raises(PhotographError, match=r"flat field.* saturated"):
         develop([LIGHT], flat=np.full((*SIZE, 3), 255, np.uint8))
-
-
-def test_a_hot_pixel_of_the_dark_frame_does_not_shorten_the_range():
-    """White is what is left above the dark frame; one pixel of it may be white itself."""
-    light = np.full((*SIZE, 3), 100.0)
-    dark = np.full((*SIZE, 3), 64, np.uint16)
-    dark[3, 3] = 4095
-    shots = [shot(light, time, time) for time in (1, 30)]
-    single = [develop([each], dark=dark) for each in shots]
-    assert single[0].saturated[3, 3] and single[0].saturated.sum() == 1
-    found = develop([sensor_image(s, "y", 4095) for s in shots], times=[1, 30], dark=dark)
-    sound = ~found.saturated
-    assert found.values[sound].std() == pytest.approx(np.sqrt(100 / 31), rel=0.1)
 
 
 def test_saturation_is_the_top_code_of_integers_or_what_is_said():
     counts = np.arange(4080, 4096, dtype=np.uint16).reshape(4, 4)
     assert sensor_image(counts, "y").saturated.sum() == 1
-    assert sensor_image(counts, "y").white == 4095
     assert sensor_image(counts - 1, "y").saturated.sum() == 0  # no converter ends at 4094
     assert sensor_image(counts.astype(float), "y").saturated.sum() == 0
     assert sensor_image(counts.astype(float), "y", white=4090).saturated.sum() == 6
-
-
-def test_black_level_above_the_light_causes_a_warning_with_the_share():
-    light = develop([LIGHT], black=150)
-    below = (LIGHT < 150).any(axis=2)
-    assert black_level_warning(light, None, "it").startswith(f"{100 * below.mean():.0f} %")
-    assert black_level_warning(light, ~below, "it") == ""
-    assert black_level_warning(develop([LIGHT], black=90), None, "it") == ""
-    with pytest.raises(PhotographError, match="all pixels are below the black level; check it"):
-        black_level_warning(develop([LIGHT], black=1e4), None, "it")

@@ -127,7 +127,7 @@ def clicked(count, seed, noise=0.0):
 
 
 def test_checkerboard_is_where_it_is_and_keeps_its_light(photograph, scenario):
-    found = prepare(photograph, scenario, points=clicked(8, 1))
+    found = prepare(photograph, scenario, marks=clicked(8, 1))
     assert found.mask.mean() > 0.98 and found.defects == 0
     board = checkerboard(scenario)[..., np.newaxis]
     truth = DARK + board * (LIGHT - DARK)
@@ -188,25 +188,18 @@ def test_the_film_is_where_the_scene_says(scenario):
     assert np.abs(plane.coordinates(scenario.wall_points)[:, 2]).max() < 1e-6
 
 
-def test_points_off_the_wall_are_refused_by_name(photograph, scenario):
-    points = clicked(6, 1)
-    points.positions[3, 1] = 1.3
-    with pytest.raises(PeriscopyError, match=r"point 4 lies 0\.3 m off the scene's wall"):
-        prepare(photograph, scenario, points=points)
-
-
 def test_a_curved_wall_and_a_scene_behind_the_camera_are_refused(photograph, tmp_path):
     path = tmp_path / "curved.xml"
     path.write_text(SCENE.replace("WALL", CURVED))
     with pytest.raises(PeriscopyError, match="the wall is curved"):
-        prepare(photograph, ps.load_scenario(path, (1, 1)), points=clicked(6, 1))
+        prepare(photograph, ps.load_scenario(path, (1, 1)), marks=clicked(6, 1))
 
 
 def test_saturated_light_and_what_a_mask_leaves_out_are_not_measured(photograph, scenario):
     mask = np.ones(SIZE, bool)
     mask[:, :250] = False
     found = prepare(
-        sensor_image(photograph, "y", white=0.99), scenario, points=clicked(8, 1), mask=mask
+        sensor_image(photograph, "y", white=0.99), scenario, marks=clicked(8, 1), mask=mask
     )
     board = checkerboard(scenario)
     saturated, masked = ((found.flaws & flaw) != 0 for flaw in (Flaw.SATURATED, Flaw.MASKED))
@@ -222,7 +215,7 @@ def test_saturated_light_and_what_a_mask_leaves_out_are_not_measured(photograph,
 def test_a_mask_of_the_film_counts_too(photograph, scenario):
     mask = np.ones(scenario.photograph_shape, bool)
     mask[:10] = False
-    found = prepare(photograph, scenario, points=clicked(8, 1), mask=mask)
+    found = prepare(photograph, scenario, marks=clicked(8, 1), mask=mask)
     assert (
         not found.mask[:10].any()
         and (found.flaws[:10] & Flaw.MASKED).all()
@@ -236,7 +229,7 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
     expected = light.reshape(80, 3, 120, 3, 3).mean(axis=(1, 3))
     assert np.allclose(found.values, expected, rtol=1e-6) and found.mask.all()
     assert found.view is None and found.coverage == 9
-    with pytest.raises(PeriscopyError, match=r"240 x 300 .* may have 240x300, 120x150, 80x100"):
+    with pytest.raises(PeriscopyError, match=r"240 x 300 .* 80 x 120 of the scene's camera"):
         prepare(light[:, :300], scenario)
     with pytest.raises(PeriscopyError, match="40 x 60 pixels"):
         prepare(light[:40, :60], scenario)
@@ -245,18 +238,18 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
 def test_places_in_a_raw_file_are_those_of_its_sensor(photograph, scenario):
     """Two by two pixels of the mosaic make one; points and masks are given as viewers show it."""
     points = clicked(8, 1)
-    whole = prepare(photograph, scenario, points=points)
+    whole = prepare(photograph, scenario, marks=points)
     cells = sensor_image(photograph, "y", cell=2)
     on_sensor = WallPoints(2 * points.pixels, points.positions)
-    found = prepare(cells, scenario, points=on_sensor)
+    found = prepare(cells, scenario, marks=on_sensor)
     assert np.allclose(found.values, whole.values, rtol=1e-5, equal_nan=True)
     assert found.coverage == pytest.approx(whole.coverage)
     mask = np.ones((800, 1200), bool)
     mask[:, 501] = False
     half = np.ones(SIZE, bool)
     half[:, 250] = False
-    one = prepare(cells, scenario, points=on_sensor, mask=mask)
-    other = prepare(photograph, scenario, points=points, mask=half)
+    one = prepare(cells, scenario, marks=on_sensor, mask=mask)
+    other = prepare(photograph, scenario, marks=points, mask=half)
     assert (one.mask == other.mask).all() and not one.mask.all()
 
 
@@ -268,3 +261,11 @@ def test_hot_pixels_are_left_out_of_the_averages(scenario):
     sound, found = prepare(light, scenario), prepare(spoiled, scenario)
     assert found.defects == 2 and found.mask.all()
     assert np.abs(found.values - sound.values).max() < 10  # the mean of 8 of 9 pixels
+
+
+def test_a_black_level_above_the_light_causes_a_warning(scenario):
+    light = np.random.default_rng(0).normal(1000, 10, (240, 360, 3))
+    assert prepare(light, scenario).warnings == ()
+    light[:60] -= 1100
+    (warning,) = prepare(light, scenario).warnings
+    assert warning.startswith("25 % of the pixels are below the black level")

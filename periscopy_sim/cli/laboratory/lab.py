@@ -8,13 +8,11 @@ from typing import Annotated
 import typer
 
 import periscopy_sim as ps
+from periscopy_sim.cli.laboratory.draw import PIXELS
 from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.cli.session import warn_without_shadows
 from periscopy_sim.errors import PeriscopyError
-
-TRIED = (32, 32)
-"""Pixels of the trial photograph."""
 
 
 def lab(
@@ -42,5 +40,5 @@ def lab(
         raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     say_written(*ps.build_laboratory(measurements, out))
-    warn_without_shadows(ps.load_scenario(out, (1, 1), photograph=TRIED), str(out))
+    warn_without_shadows(ps.load_scenario(out, (1, 1), photograph=PIXELS), str(out))
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")

@@ -59,8 +59,8 @@ class _Loader(yaml.SafeLoader):
 def read_yaml(path: Path, model: type[Document]) -> Document:
     """Return the content of a YAML file as a model whose field `folder` is the file's own.
 
-    A file that is no YAML, or an entry that is unknown, missing or out of range, is a
-    `ConfigurationError` with its line.
+    A file that is no YAML is a `ConfigurationError`, and so are entries that are unknown, missing
+    or out of range, all of them with their lines.
     """
     try:
         loader = _Loader(path.read_bytes().decode("utf-8-sig"))
@@ -78,12 +78,15 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
     except ValidationError as error:
-        mistakes = error.errors(include_url=False)
         # A misspelt name first: what it stands for is missing, too.
-        first = min(mistakes, key=lambda each: each["type"] != "unknown")
-        place, message = _located(document, first), first["msg"]
-        message = message.removeprefix("Value error, ").replace("Field required", "is missing")
-        raise ConfigurationError(f"{path}: {place}{message}") from None
+        mistakes = sorted(
+            error.errors(include_url=False), key=lambda each: each["type"] != "unknown"
+        )
+        messages = [_located(document, each) + each["msg"] for each in mistakes]
+        text = "; ".join(messages).replace("Value error, ", "")
+        raise ConfigurationError(
+            f"{path}: {text.replace('Field required', 'is missing')}"
+        ) from None
 
 
 def _located(node: yaml.Node | None, mistake: Any) -> str:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.laboratory.camera_view import corners_seen
+from periscopy_sim.laboratory.document import load_laboratory
 from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL
 
 
@@ -16,17 +17,10 @@ def test_rectified_picture_shows_its_rectangle(built):
     np.testing.assert_allclose(points, expected, atol=3e-6)
 
 
-@pytest.mark.parametrize(
-    "direction",
-    [
-        "target: [60 cm, 25 cm]",
-        # The same, as angles.
-        f"turn: {np.degrees(np.arctan2(0.6, 1.0)):.12f} deg, "
-        f"tilt: {np.degrees(np.arctan2(-0.15, np.hypot(0.6, 1.0))):.12f} deg",
-    ],
-)
-def test_perspective_picture_is_that_of_a_pinhole(built, direction):
-    points = built(WALL, PERSPECTIVE % direction, MONITOR).wall_points.reshape(12, 16, 3)
+def test_perspective_picture_is_that_of_a_pinhole(built):
+    points = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).wall_points.reshape(
+        12, 16, 3
+    )
     eye, target = np.array([1.2, 0.1, 0.4]), np.array([0.6, 1.1, 0.25])
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0, 0, 1])
@@ -40,45 +34,18 @@ def test_perspective_picture_is_that_of_a_pinhole(built, direction):
     np.testing.assert_allclose(seen[..., 1] / seen[..., 2], np.tile(up, (16, 1)).T, atol=3e-6)
 
 
-def test_field_of_view_may_be_that_of_the_pictures_height(built, tmp_path):
-    across = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).wall_points
-    high = 2 * np.degrees(np.arctan(np.tan(np.radians(10)) * 12 / 16))
-    camera = PERSPECTIVE.replace("field_of_view: 20 deg", f"vertical_field_of_view: {high} deg")
-    up = built(WALL, camera % "target: [60 cm, 25 cm]", MONITOR).wall_points
-    np.testing.assert_allclose(up, across, atol=3e-6)
-    declared = read_document(tmp_path / "lab.xml").defaults
-    assert declared["vertical_field_of_view_error"] == "1.0" and "field_of_view" not in declared
+def test_corners_are_those_that_mitsuba_sees(built, tmp_path):
+    """The centres of a picture of 2 x 2 pixels are the corners of one half as wide."""
+    camera = PERSPECTIVE % "target: [60 cm, 25 cm], roll: 7 deg"
+    points = built(WALL, camera, MONITOR, hidden=(1, 1), photograph=(2, 2)).wall_points
+    half = np.degrees(2 * np.arctan(np.tan(np.radians(10)) / 2))
+    narrow = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
+    (tmp_path / "narrow.yaml").write_text(narrow)
+    expected = corners_seen(load_laboratory(tmp_path / "narrow.yaml").camera, 1.1)
+    np.testing.assert_allclose(points[[0, 1, 3, 2]][:, [0, 2]], expected, atol=3e-6)
 
 
-def test_camera_known_by_four_corners_is_the_one_that_sees_them(built, tmp_path):
-    aimed = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm], roll: 3 deg", MONITOR)
-    grid = built(
-        WALL, PERSPECTIVE % "target: [60 cm, 25 cm], roll: 3 deg", MONITOR,
-        photograph=(1000, 1000),
-    ).wall_points.reshape(1000, 1000, 3)  # fmt: skip
-    names = ("top_left", "top_right", "bottom_right", "bottom_left")
-    ends = grid[[0, 0, -1, -1], [0, -1, -1, 0]]
-    listed = ", ".join(
-        f"{name}: [{x!r} m, {z!r} m]" for name, (x, _, z) in zip(names, ends.tolist(), strict=True)
-    )
-    camera = f"""camera: {{kind: corners, film: 12x16, position: [1.2 m, 10 cm, 40 cm],
-         corners: {{{listed}}}}}
-"""
-    found = built(WALL, camera, MONITOR)
-    # The pixels' centres lie half a thousandth of the picture within its corners.
-    np.testing.assert_allclose(found.wall_points, aimed.wall_points, atol=5e-4)
-    defaults = read_document(tmp_path / "lab.xml").defaults
-    assert abs(float(defaults["camera_roll"]) - 3) < 0.01
-    assert 0.001 < float(defaults["target_x_error"]) < 0.01
-    assert 0.1 < float(defaults["field_of_view_error"]) < 1
-
-
-def test_corners_that_contradict_each_other_are_refused(built):
-    camera = """camera: {kind: corners, film: 12x16, position: [1.2 m, 10 cm, 40 cm],
-      corners: {top_left: [0 m, 50 cm], top_right: [1 m, 50 cm], bottom_right: [60 cm, 0 m],
-                bottom_left: [0 m, 0 m]}}
-"""
-    with pytest.raises(ConfigurationError, match=r"lab.yaml: camera: .* cannot see these corners"):
+def test_camera_that_sees_beyond_the_wall_is_refused(built):
+    camera = PERSPECTIVE.replace("20 deg", "120 deg") % "target: [-9 m, 25 cm]"
+    with pytest.raises(ConfigurationError, match=r"lab.yaml: camera: .* beyond the wall's horizon"):
         built(WALL, camera, MONITOR)
-    with pytest.raises(ConfigurationError, match="camera"):  # from behind the wall
-        built(WALL, camera.replace("10 cm, 40", "1.2 m, 40"), MONITOR)

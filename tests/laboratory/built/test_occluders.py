@@ -60,23 +60,6 @@ def test_cylinder_is_round_and_closed(built, anchor, low):
     np.testing.assert_allclose(volume, np.pi * 0.03**2 * 0.1, rtol=1e-3)  # its outside is outside
 
 
-def test_round_things_may_be_told_by_their_radius(built, tmp_path):
-    by_diameter = "diameter: 6 cm +- 2 mm, height: 10 cm"
-    by_radius = "height: 10 cm, radius: 3 cm +- 1 mm"
-    one, other = (
-        built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).occluders[0].vertices
-        for sizes in (by_diameter, by_radius)
-    )
-    np.testing.assert_allclose(one, other, atol=1e-6)
-    assert read_document(tmp_path / "lab.xml").defaults["thing_radius_error"] == "0.001"
-    ends = "kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm], end: [30 cm, 50 cm, 35 cm]"
-    texts = []
-    for thick in ("diameter: 4 cm +- 2 mm", "radius: 2 cm +- 1 mm"):
-        built(WALL, CAMERA, MONITOR, f"occluders: [{{{ends}, {thick}}}]\n")
-        texts.append((tmp_path / "lab.xml").read_text())
-    assert texts[0] == texts[1] and 'name="rod_radius" value="0.02"' in texts[0]
-
-
 def test_rod_lies_between_its_ends(built):
     """Its shadow on the wall, from a small monitor, is that of the strip between its ends."""
     monitor = "monitor: {width: 1 mm, height: 1 mm, center: [10 cm, 0 m, 30 cm]}\n"
@@ -108,8 +91,8 @@ BORNE = """occluders:
 - {kind: plate, name: flag, with: neck, position: [0 cm +- 1 mm, 0 cm, 3 cm], tilt: 5 deg,
    width: 4 cm, thickness: 2 mm, height: 2 cm}
 - {kind: rod, name: straw, with: bottle, start: [0 cm, 0 cm, 5 cm], end: [2 cm, 1 cm, 15 cm],
-   radius: 3 mm}
-- {kind: rod, name: twin, start: [%s], end: [%s], radius: 3 mm}
+   diameter: 6 mm}
+- {kind: rod, name: twin, start: [%s], end: [%s], diameter: 6 mm}
 """
 
 
