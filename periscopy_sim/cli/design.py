@@ -128,8 +128,8 @@ def design(
             warn(f"{place}: {row['failure']}")
         elif row["point"] == 0 or row is best:
             numbers = {name: row[name] for name in designs.NUMBERS if row[name] is not None}
-            errors = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
-            say(f"{'best' if row is best else 'given scene'} ({place}): {errors} of white")
+            shown_errors = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
+            say(f"{'best' if row is best else 'given scene'} ({place}): {shown_errors} of white")
     if best is None:
         warn(sentence("no_best"))
     say_written(*(out / name for name in FILES if name != BEST or best is not None))
