@@ -26,7 +26,7 @@ GREY = "0.85"
 MARKS = "circle: as it stands; star: best; grey: no scene, or undetermined patches"
 
 
-LOOK: dict[str, Any] = {"markersize": 9, "markeredgecolor": "black", "markerfacecolor": "white"}
+LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}
 
 
 def draw_design(

@@ -15,9 +15,6 @@ from periscopy_sim.scenario import Array
 if TYPE_CHECKING:
     from periscopy_sim.calibration.silhouette.result import Silhouette
 
-GREYS = {"opaque": 0.1, "open": 1.0, "unseen": 0.8}
-"""Brightness of cells; the last of those that the photograph does not show."""
-
 
 def draw_silhouette(
     path: Path,
@@ -35,8 +32,7 @@ def draw_silhouette(
         figure.set_size_inches(12, 3.4)
         axes = figure.subplots(1, 4)
         show_light(axes[0], "photograph", photograph)
-        cells = np.where(solution.seen, GREYS["open"], GREYS["unseen"])
-        cells = np.where(solution.opaque, GREYS["opaque"], cells)
+        cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
         height, width = solution.plane.sides
         title = "silhouette of {}, {} x {}".format(solution.name, *solution.opaque.shape)
         show(axes[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))

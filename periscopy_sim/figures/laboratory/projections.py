@@ -31,9 +31,6 @@ LINES = (
 )
 """Meaning of the lines without a label."""
 
-DARKEST = -0.5
-"""Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
-
 
 def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
@@ -47,8 +44,8 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     z = np.linspace(bottom, top, max(2, round(columns * (top - bottom) / (right - left))))
     share = _share(layout, x, z)
     ax.imshow(
-        share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,
-        interpolation="bilinear", zorder=0,
+        share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=0, vmax=1,
+        interpolation="bilinear", zorder=0, alpha=2 / 3,  # full shadow stays grey, lines legible
     )  # fmt: skip
     if np.ptp(share) > 0.05:
         ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
