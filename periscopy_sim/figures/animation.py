@@ -118,7 +118,7 @@ def side_by_side(
         ImageDraw.Draw(column).text((width / 2, 2 * gap), title, "black", font, anchor="mm")
         column.paste(panel, ((width - panel.width) // 2, 4 * gap + (rows - panel.height) // 2))
         columns.append(column)
-    return np.hstack(columns)
+    return np.hstack([np.asarray(column) for column in columns])
 
 
 def _panel(image: Image, height: int) -> Pixels:
