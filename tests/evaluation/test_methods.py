@@ -224,10 +224,6 @@ class Refusing:
 class Leaving:
     def __init__(self, scenario, A, B):
         sys.exit(0)
-
-class Greedy:
-    def __init__(self, scenario, A, B):
-        raise MemoryError("too much")
 """
 
 
@@ -254,12 +250,6 @@ def test_whatever_an_own_method_raises_while_it_is_fitted_names_it_and_its_line(
     said = str(caught.value)
     assert said.startswith(f"method '{place}:{name}' cannot be fitted: {message}")
     assert said.endswith(f"({file}:{number})")
-
-
-def test_a_lack_of_memory_is_not_put_on_the_method(mine):
-    mine.write_text(BROKEN)
-    with pytest.raises(MemoryError, match="too much"):
-        fit_method("mine.py:Greedy", Scene(), A, B)
 
 
 def test_a_scene_that_a_built_in_method_cannot_take_stays_a_plain_value_error():

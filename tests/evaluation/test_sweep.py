@@ -227,9 +227,6 @@ def test_complete_sweep_is_not_done_again(done):
     [
         ({"methods": {"first": Linear(1)}}, "algorithms"),
         ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background_sha256.sun"),
-        ({"signal": SIGNAL + 1e-9}, "signal_sha256"),
-        ({"truth": TRUTH[:, ::-1]}, "truth_sha256"),
-        ({"snr": 41}, "snr"),
         ({"seed": 8}, "base_seed"),
         ({"conditions": {"A": 1}}, "A"),
         ({"mask": MASK}, "mask_sha256"),

@@ -16,17 +16,6 @@ def test_scheduler_that_does_not_answer_is_one_line(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_scheduler_without_workers_is_one_line():
-    from distributed import LocalCluster
-
-    with (
-        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as cluster,
-        pytest.raises(PeriscopyError, match="has no workers"),
-        connect(cluster.scheduler_address),
-    ):
-        pass
-
-
 def test_workers_of_another_version_are_refused(monkeypatch):
     from distributed import Client, LocalCluster
 

@@ -5,8 +5,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.errors import OutputError
-from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.ambient.background import Background
 from periscopy_sim.storage.formats.srgb import srgb_decode
 
 
@@ -74,10 +72,3 @@ def test_images_stand_side_by_side_each_with_its_own_exposure(image):
     assert axes[0].images[0].get_interpolation() == "nearest"
     alike = [ax.images[0].get_array() for ax in ps.show(image, 5 * image, white=5)]
     assert np.mean(alike[1]) > 1.5 * np.mean(alike[0])
-
-
-def test_what_is_not_a_plain_array_is_named(image):
-    photograph = Photograph(image)
-    ambient = Background(image, 1e-3, 1e-3)
-    titles = [ax.get_title() for ax in ps.show(image, photograph, ambient)]
-    assert titles == ["20 x 30", "Photograph, 20 x 30", "Background, 20 x 30"]
