@@ -63,7 +63,7 @@ def show(
     *images
         As for `to_srgb`.
     titles
-        One for each; None names what the images are and their sizes.
+        One for each; None for their sizes.
     white
         As for `to_srgb`: one number for all, or None to expose each by itself.
 
@@ -80,7 +80,7 @@ def show(
     if not images or (titles is not None and len(titles) != len(images)):
         raise ValueError(f"{len(images)} images and {len(titles or ())} titles: give one for each")
     pictures = [to_srgb(image, white) for image in images]
-    names = titles or list(map(_title, images, pictures))
+    names = titles or ["{} x {}".format(*picture.shape) for picture in pictures]
     from matplotlib import pyplot as plt
 
     figure = plt.figure(layout="constrained")
@@ -101,9 +101,3 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
             "(rows, columns, 3) or (rows, columns)"
         )
     return displayable(np.broadcast_to(values, (*values.shape[:2], 3)), white)
-
-
-def _title(image: Any, picture: NDArray[np.float64]) -> str:
-    """Return what an image is, and its size."""
-    what = "" if isinstance(image, np.ndarray) else f"{type(image).__name__}, "
-    return "{}{} x {}".format(what, *picture.shape[:2])
