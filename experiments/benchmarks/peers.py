@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-def pinv_preconditioner(A: NDArray[Any], B: Array) -> Array:
-    """Return the paper's formula as it stands: the top rows of [A, B]^+."""
-    return np.asarray(np.linalg.pinv(np.hstack([A, B]), rcond=1e-12)[: A.shape[1]])
 
 
 def scikit_image_tv(image: Array, weight: Array, iterations: int) -> Array:

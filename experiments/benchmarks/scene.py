@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 
 SMALL = (29, 36)
 FILM = (40, 55)
-SIZES = ((29, 36), (43, 54), (58, 72), (72, 90))
 SBR = 0.5
 
 

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.benchmarks import peers
-from experiments.benchmarks.machine_limits import machine_limits
 from experiments.benchmarks.scene import (
     FILM,
     SMALL,
     compare,
     photographs_of,
     relative,
-    seconds_text,
     times_table,
 )
 from experiments.report import Claim, Section, Verdict
@@ -33,7 +31,6 @@ FRAMES = 48
 
 def stills(_: Setting) -> Section:
     """One reconstruction and batches, against one pass over P's bytes."""
-    limits = machine_limits()
     scene = Chair(SMALL)
     periscope, photographs = scene.preconditioned, photographs_of(scene, 32)
     P = periscope.preconditioner.matrix().astype(np.float32)
@@ -61,7 +58,6 @@ def stills(_: Setting) -> Section:
                 once,
                 bytes_pass,
                 1 / 1.5,
-                f"Copies move P's bytes in {seconds_text(P.nbytes / limits.copy)}.",
             ),
             compare("in batches of 32, against one at a time", "", batch, once, None),
             Claim(
@@ -121,7 +117,6 @@ def denoising(_: Setting) -> Section:
 
 def video(_: Setting) -> Section:
     """Frames a second, live and in batches."""
-    limits = machine_limits()
     scene = Chair(FILM)
     photographs = photographs_of(scene, FRAMES)
     rows = []
@@ -147,9 +142,6 @@ def video(_: Setting) -> Section:
                     f"at least {least} frames a second",
                     f"{rate:.0f}",
                     Verdict.of(rate >= least),
-                    f"Reading P at the machine's copy rate: {limits.copy / (4 * scene.A.size):.0f} "
-                    "a second; multiplying by it at its product rate: "
-                    f"{limits.single / (6 * scene.A.size):.0f} a second.",
                 )
             )
     return Section("video", "Video, 55 x 40 patches", claims=claims)

@@ -16,7 +16,6 @@ PAGE = Page(
     "that of the last run in this folder.",
     names=(
         "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "table1", "numbers",
-        "ambient_model",
     ),
 )  # fmt: skip
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.drawing import COLUMN, PAGE, drawn, label_row, show_light
-from experiments.paper.ambient_model import outside
 from experiments.published.data_set import Capture
 from experiments.published.layout import LEVELS, WITHOUT_AMBIENT
 from experiments.published.setting import PublishedSetting
@@ -86,6 +85,17 @@ class Level:
         if self.truth is None or method not in self.images:
             return None
         return ps.mean_squared_error(self.images[method], self.truth)
+
+
+def outside(Q: Array, first: Array, second: Array) -> Array:
+    """Part of a background's norm outside the first k basis vectors, k = 0 to r, without its noise.
+
+    From two pictures b₁, b₂ whose noise is independent: b₁ᵀ (I − Q_k Q_kᵀ) b₂ / b₁ᵀ b₂ is the
+    squared part, on average over the noise. Its root is 0 where noise makes it negative.
+    """
+    b1, b2 = first.reshape(-1, 3), second.reshape(-1, 3)
+    inside = np.cumsum(np.sum((Q.T @ b1) * (Q.T @ b2), axis=1)) / np.sum(b1 * b2)
+    return np.asarray(np.sqrt(np.maximum(1 - np.concatenate([[0.0], inside]), 0)))
 
 
 def run(setting: PublishedSetting) -> Section:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from periscopy_sim.cli import options
@@ -29,7 +28,7 @@ RENDERED = ("A.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
 STORE = "sweep.zarr"
-RESULTS = (STORE, "sweep.csv", "sweep.png", "seconds.csv")
+RESULTS = (STORE, "sweep.csv", "sweep.png")
 VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
 """Settings that no rendering depends on: they may change until there are results."""
 
@@ -68,7 +67,7 @@ def sweep(
     """
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation import workers
-    from periscopy_sim.evaluation.methods import find_method, fit_methods, source_sha256
+    from periscopy_sim.evaluation.methods import find_method, fit_method, source_sha256
 
     # Reject wrong values here, before hours of rendering.
     require_all()
@@ -120,7 +119,7 @@ def sweep(
         A = session.transport(light, matrix)
         B = light.backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'", off):
-            fitted = fit_methods(names, scenario, A, B, used, off)
+            fitted = {name: fit_method(name, scenario, A, B, used, off) for name in names}
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():
@@ -156,14 +155,10 @@ def sweep(
 def _say_means(results: xr.Dataset) -> None:
     """Print the mean error of each method at each SBR, and the failures."""
     errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
-    names = [str(name) for name in results["algorithm"].values]
-    heading = "mean squared error at SBR"
-    width = max(map(len, [heading, *names]))
-    say(f"{heading:{width}}" + "".join(f"{sbr:9g}" for sbr in results["sbr"].values))
-    for name, of_method in zip(names, errors.transpose("algorithm", "sbr").values, strict=True):
-        cells = (f"{'failed':>9}" if np.isnan(error) else f"{error:9.5f}" for error in of_method)
-        say(f"{name:{width}}{''.join(cells)}")
-    for name in names:
+    table = errors.transpose("algorithm", "sbr").to_pandas()
+    say("mean squared error")
+    say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+    for name in table.index:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
         failed = messages[messages != ""]
         if failed.size:

@@ -1,194 +1,184 @@
-"""Designs: the merit of a scene over ranges of its parameters, point by point.
+"""Designs: how well a scene determines its hidden image, over a grid of one or two parameters.
 
-A point that makes no scene fails alone. A design that was stopped goes on from its table.
+All photographs are exposed to the same mean, so that scenes share SNR and SBR, and more light alone
+wins nothing. Random rays give A noise that looks like information: take an A without noise, by
+``strata="gauss"``, see `render_transport`.
+
+A point that makes no scene fails alone. An interrupted design resumes from its table.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
-from periscopy_sim.errors import OutputError, VariantError
-from periscopy_sim.evaluation.merit import NUMBERS, Comparison, Reference, merit_of
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.survey import shadow_doubt
+from periscopy_sim.errors import OutputError
+from periscopy_sim.measurement import noise_level
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.fit import VISIBLE, Fit
+from periscopy_sim.model.observation import observation_of
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
+NUMBERS = ("bound", "told_error", "error")
+"""Errors of a scene, as `errors_of` returns them: standard deviations, white is 1."""
+
+FIXED = ("point", *NUMBERS, "failure")
+
 Row = dict[str, Any]
-"""A point: its number ``point``, 0 of the scene as it stands; the parameters' ``values`` as text;
-the numbers and the ``remark`` of a `Merit`, None where missing; ``failure``, why it is no scene."""
+"""A point: its number ``point``, 0 of the scene as it stands; the parameters' values as text, by
+their names; the `NUMBERS`, None where missing; ``failure``, why it is no scene."""
 
 
-def points_of(
-    ranges: Mapping[str, tuple[float, float]], grid: int | None, draws: int, seed: int
-) -> list[dict[str, str]]:
-    """Return the points of a design in order: the value of each parameter, as text.
-
-    A grid of so many values of each parameter combines all, both ends included; without a grid,
-    `draws` points of Halton's sequence, scrambled by the seed, spread over the ranges. A larger
-    number of draws begins with the points of a smaller one.
-    """
-    low, high = np.transpose(list(ranges.values()))
-    if grid is None:
-        spread = qmc.Halton(len(ranges), scramble=True, rng=seed).random(draws)
-    else:
-        steps = np.linspace(0, 1, grid) if grid > 1 else np.array([0.5])
-        spread = np.array(list(product(steps, repeat=len(ranges))))
-    points = low * (1 - spread) + high * spread
-    points[np.abs(points) < 1e-12 * np.ptp([low, high], axis=0)] = 0  # rounding
-    return [dict(zip(ranges, map(as_text, point), strict=True)) for point in points]
+def grid_of(ranges: Mapping[str, tuple[float, float]], count: int) -> list[dict[str, str]]:
+    """Return all combinations of `count` values of each parameter, both ends included, as text."""
+    steps = [np.linspace(*ends, count) for ends in ranges.values()]
+    return [dict(zip(ranges, map(as_text, point), strict=True)) for point in product(*steps)]
 
 
 def as_text(value: float) -> str:
     """Return a number as text for a scene file; whole numbers without a point, for pixel counts."""
-    return f"{value + 0.0:.9g}"
+    return f"{round(value, 12) + 0.0:.9g}"
 
 
-def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV, all or none."""
-    with staged_file(path) as staged, staged.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(("point", *rows[0]["values"], *NUMBERS, "failure", "remark"))
-        for row in rows:
-            numbers = ("" if row[name] is None else f"{row[name]:.9g}" for name in NUMBERS)
-            values = row["values"].values()
-            table.writerow((row["point"], *values, *numbers, row["failure"], row["remark"]))
+def errors_of(
+    scenario: Scenario,
+    A: Image,
+    B: Image,
+    images: Sequence[Array] = (),
+    *,
+    snr: float = 60.0,
+    sbr: float = 0.5,
+    pixels: int | None = None,
+) -> dict[str, float]:
+    """Return how well a scene determines its hidden image, by the names of `NUMBERS`.
 
+    ``bound`` is the root of the patches' mean Cramér-Rao bound, σ² tr (A⊥ᵀA⊥)⁻¹ / N, with range(B)
+    projected out and σ the noise of a white screen's photograph; it is infinite if the photograph
+    does not determine all patches. ``told_error`` and ``error`` are the root mean squares of the
+    standard errors that the noise-aware method reports and of its actual errors, over the images.
 
-def read_table(path: Path, names: Iterable[str]) -> list[Row]:
-    """Read what `write_table` wrote of these parameters; no rows without a file.
+    Parameters
+    ----------
+    scenario, A, B
+        The scene, its transport matrix, (M, N), and its prototypes of ambient light, (M, L).
+    images
+        Hidden images, (R, C, 3) in [0, 1], for the errors; without any, the bound is alone.
+    snr, sbr
+        Ratios of each photograph, the SNR in dB; an infinite SBR is no ambient light.
+    pixels
+        Pixels of a photograph with this SNR, which others share the electrons of; None for M.
 
-    An `OutputError` says that it is damaged.
+    Raises
+    ------
+    ValueError
+        If no pixel is left, or B explains all of A.
     """
+    shapes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
+    observed = observation_of(A, *shapes)
+    B = B if np.isfinite(sbr) else np.zeros((len(A), 0))
+    ambient = _ambient_light(B)[:, None] * observed.channel_gain
+    finer = np.sqrt(len(A) / (pixels or len(A)))
+
+    def exposed(image: Array) -> tuple[Array, float]:
+        """Return an image's photograph, (M, 3), and the standard deviation of its noise."""
+        signal = (A @ image.reshape(-1, 3)) * observed.channel_gain
+        photograph = signal + ambient * (signal.mean() / sbr)
+        return photograph, noise_level(photograph, snr) * finer
+
+    _, σ = exposed(np.ones((*scenario.hidden_shape, 3)))
+    grey = σ * np.sqrt(np.mean(1 / observed.used_gain**2))  # each channel divided by its gain
+    bound = float(grey * _unit_bound(Fit(observed, A, B, RANK_TOLERANCE)))
+    if not images:
+        return {"bound": bound}
+    squares = []
+    with warnings.catch_warnings(action="ignore"):  # a weak scene shows in its errors
+        method = NoiseAware.for_scene(scenario, A, B)
+        for seed, image in enumerate(images):
+            noisy = np.random.default_rng([0, seed]).normal(*exposed(image))
+            solution = method.solve(noisy.reshape(*scenario.photograph_shape, 3))
+            errors = method.standard_errors(solution), solution.image - image
+            squares.append([np.mean(each**2) for each in errors])
+    told_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()
+    return {"bound": bound, "told_error": told_error, "error": error}
+
+
+def _unit_bound(fit: Fit) -> float:
+    """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
+    curvatures = np.linalg.eigvalsh(fit.gram)
+    light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
+    return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > VISIBLE * light else np.inf
+
+
+def _ambient_light(B: Image) -> Array:
+    """Return the light of all prototypes together, each of norm 1, (M,) of mean 1; 0 of none."""
+    norms = np.linalg.norm(B, axis=0)
+    light = np.asarray(B @ (1 / np.where(norms > 0, norms, np.inf)), np.float64)
+    return np.asarray(light / (light.mean() or 1.0))
+
+
+def values_of(row: Row) -> dict[str, str]:
+    """Return the values of a row's parameters, by name."""
+    return {name: each for name, each in row.items() if name not in FIXED}
+
+
+def run_design(
+    points: Sequence[Mapping[str, str]],
+    errors: Callable[[Mapping[str, str]], Mapping[str, float]],
+    table: Path,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> list[Row]:
+    """Assess points, the scene as it stands first; resume from the rows that a table holds.
+
+    `errors` returns the `NUMBERS` of a point's values; a ValueError of any but the first point is
+    its failure. The table is a CSV file of a row for each point, renewed after each; `progress` is
+    called with how many points are done, and of how many. An `OutputError` says that the table
+    cannot be read or written, or is of other points.
+    """
+    rows = _read_table(table)
+    if list(map(values_of, rows)) != list(points[: len(rows)]):
+        raise OutputError(f"{table} holds points of another design; name another folder")
+    for number in range(len(rows), len(points)):
+        progress(number, len(points))
+        numbers, failure = dict[str, float | None].fromkeys(NUMBERS), ""
+        try:
+            numbers |= errors(points[number])
+        except ValueError as error:  # a SceneError too
+            if number == 0:
+                raise
+            failure = " ".join(str(error).split())
+        rows.append({"point": number, **points[number], **numbers, "failure": failure})
+        with staged_file(table) as staged, staged.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.DictWriter(stream, rows[0], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    return rows
+
+
+def _read_table(path: Path) -> list[Row]:
+    """Read the rows of a table; none without a file. An `OutputError` says that it is damaged."""
     if not path.is_file():
         return []
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            return [
-                {
-                    "point": int(record["point"]),
-                    "values": {name: record[name] for name in names},
-                    **{name: float(record[name]) if record[name] else None for name in NUMBERS},
-                    "failure": record["failure"],
-                    "remark": record["remark"],
-                }
-                for record in csv.DictReader(stream, strict=True)
-            ]
+            rows: list[Row] = list(csv.DictReader(stream, strict=True))
+        for row in rows:
+            row["point"] = int(row["point"])
+            row |= {name: float(row[name]) if row[name] else None for name in NUMBERS}
     except (OSError, ValueError, KeyError, TypeError, csv.Error):
         raise OutputError(f"{path}: is damaged; remove it to start anew") from None
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """A scene file, what of it varies, and how its points are compared.
-
-    Attributes
-    ----------
-    path
-        The scene file.
-    hidden
-        (R, C) of the hidden image.
-    parameters
-        Values of its ``<default>``s as it stands.
-    points
-        Values of the parameters that vary, as `points_of` returns them.
-    comparison
-        Noise and ambient light.
-    transport, prototypes
-        Return A, (M, N), and B, (M, L), of a scenario.
-    images
-        Hidden images, (R, C, 3), by name, for the errors.
-    """
-
-    path: Path
-    hidden: tuple[int, int]
-    parameters: Mapping[str, str]
-    points: Sequence[Mapping[str, str]]
-    comparison: Comparison
-    transport: Callable[[Scenario], Image]
-    prototypes: Callable[[Scenario], Image]
-    images: Mapping[str, Array]
-
-    def row(
-        self, number: int, values: Mapping[str, str], reference: Reference | None = None
-    ) -> tuple[Row, Reference | None]:
-        """Return a point's row, given the reference of the scene as it stands, and its own.
-
-        A point that makes no scene has the reason as its failure, and no reference.
-        """
-        merit, own, remarks, failure = None, None, "", ""
-        try:
-            scenario = self.scenario(values)
-            light = self.transport(scenario), self.prototypes(scenario)
-            merit, own = merit_of(
-                scenario, *light, self.comparison, self.images, reference=reference
-            )
-            remarks = "; ".join(filter(None, (shadow_doubt(scenario), merit.remark)))
-        except (OutputError, VariantError):  # not the point's fault
-            raise
-        except ValueError as error:  # a SceneError too
-            if reference is None:
-                raise
-            failure = " ".join(str(error).replace(f"scene '{self.path}': ", "").split())
-        numbers = {name: getattr(merit, name, None) for name in NUMBERS}
-        row = {"point": number, "values": values, **numbers, "failure": failure, "remark": remarks}
-        return row, own
-
-    def scenario(self, values: Mapping[str, str]) -> Scenario:
-        """Return the scene of a point; a SceneError says that it is none."""
-        return load_scenario(self.path, self.hidden, {**self.parameters, **values})
-
-    def as_it_stands(self) -> dict[str, str]:
-        """Return the values of what varies in the scene as it stands."""
-        values = {**read_document(self.path).defaults, **self.parameters}
-        return {name: as_text(float(values[name])) for name in self.points[0]}
-
-
-def run_design(
-    design: Design, table: Path, progress: Callable[[int, int], None] = lambda *_: None
-) -> list[Row]:
-    """Assess a scene as it stands and at each point; go on from the rows that a table holds.
-
-    The table is a CSV file of a row for each point, the scene as it stands first, renewed after
-    each; `progress` is called with how many points are done, and of how many.
-
-    Raises
-    ------
-    SceneError
-        If the scene as it stands is none.
-    OutputError
-        If the table cannot be read or written, or is of other or more points.
-    """
-    points = [design.as_it_stands(), *design.points]
-    rows = read_table(table, points[0])
-    if [row["values"] for row in rows] != points[: len(rows)]:
-        raise OutputError(
-            f"{table} holds {len(rows) - 1} points, which this design does not begin with; ask for "
-            "as many or more, or name another folder"
-        )
-    if len(rows) == len(points):
-        return rows
-    first, reference = design.row(0, points[0])
-    rows = rows or [first]
-    for number in range(len(rows), len(points)):
-        progress(number, len(points))
-        rows.append(design.row(number, points[number], reference)[0])
-        write_table(table, rows)
-    progress(len(points), len(points))
-    return read_table(table, points[0])  # the same digits, however often it stopped
+    return rows
 
 
 def ranked(rows: Sequence[Row], number: str) -> list[Row]:

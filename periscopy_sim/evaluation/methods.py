@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import inspect
 import re
+import runpy
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,17 +37,6 @@ gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photograp
 off, which are columns of B for other methods; with a keyword `colour_matrix` a `ColourMatrix`."""
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
-
-
-@dataclass(frozen=True)
-class Unfit:
-    """Replaces a method that cannot be fitted: every reconstruction raises the reason."""
-
-    reason: str
-
-    def reconstruct(self, _: Any) -> NDArray[np.float64]:
-        """Raise the reason."""
-        raise PeriscopyError(self.reason)
 
 
 def find_method(name: str) -> Factory:
@@ -75,7 +63,7 @@ def find_method(name: str) -> Factory:
         return METHODS[name]
     attribute = name.rpartition(":")[2]
     try:
-        factory = reduce(getattr, attribute.split("."), _module(name))
+        factory = reduce(getattr, attribute.split("."), SimpleNamespace(**_definitions(name)))
         inspect.signature(factory).bind(None, None, None)  # type: ignore[arg-type]
     except AttributeError as error:
         raise PeriscopyError(f"method '{name}': {error}; check the name") from error
@@ -160,34 +148,6 @@ def fit_method(
     return method
 
 
-def fit_methods(
-    names: Sequence[str],
-    scenario: Scenario,
-    A: Matrix,
-    B: Matrix,
-    mask: Mask | None = None,
-    backgrounds: Backgrounds | None = None,
-) -> dict[str, Method]:
-    """Fit methods to a scene, each as `fit_method` does; return them by name, in order.
-
-    It warns of a method that cannot be fitted and returns an `Unfit` for it; if none can be fitted,
-    it raises the first error.
-    """
-    methods: dict[str, Method] = {}
-    errors: list[ValueError] = []
-    for name in names:
-        try:
-            methods[name] = fit_method(name, scenario, A, B, mask, backgrounds)
-        except ValueError as error:  # a PeriscopyError too
-            methods[name] = Unfit(without_addresses(str(error)))
-            errors.append(error)
-    if len(errors) == len(names):
-        raise errors[0]
-    for unfit in errors:
-        warnings.warn(f"{unfit}; the other methods go on", stacklevel=2)
-    return methods
-
-
 def without_addresses(message: str) -> str:
     """Return a message on one line, without addresses of objects, which differ from run to run."""
     return " ".join(re.sub(r"0x[0-9a-f]{6,}", "0x...", message).split())
@@ -263,38 +223,27 @@ def _place(name: str) -> str:
 def _file(name: str) -> Path | None:
     """Find the file of a user's own method, where its module has one."""
     place = _place(name)
-    file = place if place.endswith(".py") else getattr(_module(name), "__file__", None)
+    file = place if place.endswith(".py") else _definitions(name).get("__file__")
     return Path(file) if file else None
 
 
-def _module(name: str) -> ModuleType:
-    """Import the module, or run the file, of a user's own method."""
+def _definitions(name: str) -> dict[str, Any]:
+    """Return what the module, or the file, of a user's own method defines.
+
+    No other code can import what a file defines, so that pickle sends its definitions along with
+    its objects, to workers that have no such file.
+    """
     place = _place(name)
-    is_file = place.endswith(".py")
-    folder = Path(place).resolve().parent if is_file else Path.cwd()
-    sys.path.insert(0, str(folder))
+    path = Path(place).resolve()
+    is_file = path.suffix == ".py"
+    sys.path.insert(0, str(path.parent))
     try:
-        return _module_of_file(Path(place)) if is_file else import_module(place)
+        if is_file:
+            return runpy.run_path(place, run_name=f"{path.stem} of {path}")
+        return vars(import_module(place))
     except MethodError as error:  # whatever the user's own code raises
         raise PeriscopyError(
             f"method '{name}' cannot be imported: {type(error).__name__}: {error}"
         ) from error
     finally:
-        sys.path.remove(str(folder))
-
-
-def _module_of_file(path: Path) -> ModuleType:
-    """Run a Python file as a module that no other code can import.
-
-    Pickle then sends its definitions along with its objects, to workers that have no such file.
-    """
-    name = f"{path.stem} of {path.resolve()}"
-    spec = spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None  # it ends in .py
-    module = module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look there while it runs
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        del sys.modules[name]
-    return module
+        sys.path.remove(str(path.parent))

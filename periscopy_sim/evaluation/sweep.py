@@ -6,10 +6,8 @@ sweep goes on where it stopped, and ends in the same bytes as one without interr
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +20,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import MethodError, image_by, without_addresses
 from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
 from periscopy_sim.evaluation.sweep_store import (
-    LABELS,
     METRICS,
     Outcome,
     SweepStore,
@@ -33,7 +30,6 @@ from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photograph import used_pixels
 from periscopy_sim.reconstruction.method import Method
-from periscopy_sim.storage.outputs.staging import out_of_space_reported
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,23 +87,17 @@ class Sweep:
 
     def __post_init__(self) -> None:
         """Reject what cannot be swept."""
-        mask = np.ones(self.signal.shape[:2], bool) if self.mask is None else self.mask
-        if mask.dtype != np.bool_ or mask.shape != self.signal.shape[:2] or not mask.any():
-            raise PeriscopyError(
-                f"the mask has shape {mask.shape} and type {mask.dtype}; give truth values, True "
-                f"somewhere, of shape {self.signal.shape[:2]}"
-            )
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         for name, image in {"signal": self.signal, **self.backgrounds}.items():
-            fits = image.shape == self.signal.shape
-            if not (fits and np.isfinite(image[mask]).all() and image[mask].mean() > 0):
+            used = (
+                used_pixels(image, self.mask) if image.shape == self.signal.shape else np.zeros(1)
+            )
+            if not (np.isfinite(used).all() and used.sum() > 0):
                 raise PeriscopyError(
                     f"'{name}': give finite values of shape {self.signal.shape} and positive mean"
                 )
-        if self.truth.ndim != 3 or self.truth.shape[2] != 3:
-            raise PeriscopyError(f"the truth has shape {self.truth.shape}; give (R, C, 3)")
         if not (np.isfinite([*self.sbrs, self.snr]).all() and min(self.sbrs) > 0):
             raise PeriscopyError(
                 f"SBR {list(self.sbrs)}, SNR {self.snr}: give positive SBRs and an SNR in dB"
@@ -197,8 +187,7 @@ def run_sweep(
     sweep
         Methods, photographs and what varies.
     folder
-        Gets ``sweep.zarr``, ``sweep.csv`` (a row for each method and measurement) and
-        ``seconds.csv``, measured times, which differ from run to run.
+        Gets ``sweep.zarr`` and ``sweep.csv``, a row for each method and measurement.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
     progress
@@ -227,9 +216,8 @@ def run_sweep(
     if missing := store.missing():
         with connect(scheduler) as client:
             evaluated = compute(client, _evaluate, sweep, missing)
-            for finished, (trial, (outcomes, seconds)) in enumerate(evaluated, 1):
+            for finished, (trial, outcomes) in enumerate(evaluated, 1):
                 store.write(trial, outcomes)
-                _append_seconds(folder / "seconds.csv", sweep, trial, seconds)
                 if progress is not None:
                     progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
@@ -237,12 +225,11 @@ def run_sweep(
     return results
 
 
-def _evaluate(sweep: Sweep, trial: Trial) -> tuple[list[Outcome], list[float]]:
-    """Reconstruct one photograph by every method; also the seconds of each."""
+def _evaluate(sweep: Sweep, trial: Trial) -> list[Outcome]:
+    """Reconstruct one photograph by every method."""
     y, truth = sweep.photograph(*trial), np.ascontiguousarray(sweep.truth)
-    outcomes, seconds = [], []
+    outcomes = []
     for method in sweep.methods.values():
-        start = time.perf_counter()
         try:
             image, failure = image_by(method, y.copy(), truth.shape[:2]), ""
         except MemoryError:  # says more about the worker than about the method
@@ -250,21 +237,9 @@ def _evaluate(sweep: Sweep, trial: Trial) -> tuple[list[Outcome], list[float]]:
         except MethodError as error:  # whatever a user's own method raises
             image = np.full(truth.shape, np.nan, np.float32)
             failure = without_addresses(f"{type(error).__name__}: {error}")
-        seconds.append(time.perf_counter() - start)
         values = (np.nan,) * len(METRICS)
         if not failure:
             best = registered(image, truth).psnr
             values = mean_squared_error(image, truth), psnr(image, truth), best
         outcomes.append(Outcome(image, values, failure))
-    return outcomes, seconds
-
-
-def _append_seconds(path: Path, sweep: Sweep, trial: Trial, seconds: Sequence[float]) -> None:
-    is_new = not path.exists()
-    with out_of_space_reported(path), path.open("a", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        if is_new:
-            stream.write("# measured run times: they differ from run to run\n")
-            table.writerow((*LABELS, "seconds"))
-        for name, elapsed in zip(sweep.methods, seconds, strict=True):
-            table.writerow((name, *trial, f"{elapsed:.6f}"))
+    return outcomes

@@ -17,15 +17,12 @@ from periscopy_sim.reconstruction.video_method import FrameByFrame
 Image = NDArray[np.floating[Any]]
 Record = dict[str, Any]
 
-LIVE_FRAMES = 16
-"""Most frames on which the rate of frames that come one at a time is measured."""
 
-
-def live_rate(video: FrameByFrame[Any, Any], photographs: Image) -> float:
-    """Measure frames a second when they come one at a time and the compiled code is loaded."""
+def live_rate(video: FrameByFrame[Any, Any], photographs: Image, most: int = 16) -> float:
+    """Measure frames a second, of at most so many that come one at a time, code compiled."""
     for photograph in photographs[:2]:  # a first frame and one that follows
         video.next_frame(photograph)
-    shown = photographs[:LIVE_FRAMES]
+    shown = photographs[:most]
     start = time.perf_counter()
     for photograph in shown:
         video.next_frame(photograph)

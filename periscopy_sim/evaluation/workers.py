@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib import metadata
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from periscopy_sim.errors import PeriscopyError
 
@@ -54,29 +54,20 @@ def connect(scheduler: str | None) -> Iterator[Client]:
                 "give the address that it prints, such as tcp://host:8786"
             ) from error
         with client:
-            if not client.nthreads():
+            here, there = _versions(), client.run(_versions, on_error="return")
+            if not there or any(each != here for each in there.values()):
                 raise PeriscopyError(
-                    f"the Dask scheduler at '{scheduler}' has no workers; start some by "
-                    f"`dask worker {scheduler}`"
+                    f"the Dask scheduler at '{scheduler}' has no workers of {here} alone, but "
+                    f"{there}; start some by `dask worker {scheduler}`"
                 )
-            _check_versions(client)
             yield client
     finally:
         logging.disable(disabled)
 
 
-def _check_versions(client: Client) -> None:
-    """Raise unless all workers have the versions of this process, on which results depend."""
-
-    def versions() -> dict[str, str]:
-        return {package: metadata.version(package) for package in ("periscopy-sim", "mitsuba")}
-
-    here = versions()
-    for worker, there in client.run(versions, on_error="return").items():
-        if there != here:
-            raise PeriscopyError(
-                f"the Dask worker at '{worker}' has {there}, this process {here}; install the same"
-            )
+def _versions() -> dict[str, str]:
+    """Return the versions on which results depend."""
+    return {package: metadata.version(package) for package in ("periscopy-sim", "mitsuba")}
 
 
 def compute(
@@ -108,14 +99,14 @@ def compute(
         ) from error
 
 
-class _Parcel(Generic[Shared]):
+class _Parcel:
     """Carries what tasks share to other processes.
 
     Left to itself Dask would lay arrays at any address there. Sums over arrays that are not aligned
     run in another order, and every product would copy them first.
     """
 
-    def __init__(self, content: Shared) -> None:
+    def __init__(self, content: Any) -> None:
         self.content = content
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -124,12 +115,12 @@ class _Parcel(Generic[Shared]):
         return _unpacked, (cloudpickle.dumps(self.content),)
 
 
-def _unpacked(content: bytes) -> _Parcel[Any]:
+def _unpacked(content: bytes) -> _Parcel:
     return _Parcel(pickle.loads(content))
 
 
 def _on_one_thread(
-    task: Callable[[Shared, Item], Result], parcel: _Parcel[Shared], item: Item
+    task: Callable[[Any, Item], Result], parcel: _Parcel, item: Item
 ) -> tuple[Item, Result]:
     from threadpoolctl import threadpool_limits
 

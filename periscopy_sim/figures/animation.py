@@ -7,8 +7,9 @@ the others as they come.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +25,11 @@ from periscopy_sim.storage.pictures import area_average
 
 Pixels = NDArray[np.uint8]
 
-PANEL = (240, 480)
-"""Rows that a panel has about, and columns that it has at most, unless patches are smaller."""
-
-MARGINS = {"title": 34, "gap": 12}
-"""Pixels above the panels, and between and below them."""
-
 ENCODINGS = {
     "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
     "webm": ("libvpx-vp9", {"crf": "20", "b": "0", "deadline": "good", "cpu-used": "4"}),
 }
 """Encoder and its settings, which keep the patches' borders, by the ending of the file's name."""
-
-COLOURS = {"color_primaries": 1, "colorspace": 1, "color_trc": 13}
-"""BT.709's primaries and matrix, and sRGB's transfer, by their numbers in ITU-T H.273."""
 
 
 def draw_animation(
@@ -48,123 +40,91 @@ def draw_animation(
     rate: float,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw linear images side by side as an animated PNG that repeats for ever.
+    """Draw linear images side by side in time, complete or not at all.
 
     For each moment, `frames` gives a (rows, columns, 3) linear image in [0, 1] for each panel, of
-    constant sizes. `rate` is in frames a second. Viewers without animation show the first frame.
+    constant sizes. `rate` is in frames a second. The path's ending sets the format: an animated PNG
+    that repeats for ever, or one of `ENCODINGS`, whose metadata are a JSON comment.
     """
-    from PIL import Image as Pillow
-    from PIL.PngImagePlugin import PngInfo
-
-    text = PngInfo()
-    for name, value in (metadata or {}).items():
-        text.add_itxt(name, value)
-    first, *others = (Pillow.fromarray(side_by_side(titles, images)) for images in frames)
+    pictures = (side_by_side(titles, images) for images in frames)
+    write = _write_png if path.suffix == ".png" else _write_movie
     with staged_file(path) as staged:
-        first.save(
-            staged, save_all=True, append_images=others, duration=1000 / rate, loop=0, pnginfo=text
-        )
+        write(staged, pictures, rate, dict(metadata or {}))
 
 
 def require_encoder(ending: str) -> None:
-    """Raise a PeriscopyError unless this format can be written here."""
+    """Raise a PeriscopyError unless this format of a video can be written here."""
     if ending not in ENCODINGS:
         raise OutputError(f"no video format '{ending}'; use {' or '.join(ENCODINGS)}")
     av, encoder = require("av"), ENCODINGS[ending][0]
-    try:
-        av.codec.Codec(encoder, "w")
-    except ValueError:  # PyAV's error of a missing encoder
-        raise OutputError(
-            f"PyAV {av.__version__} has no encoder {encoder}; install it from its wheel: "
-            "pip install --force-reinstall --only-binary av av"
-        ) from None
+    if encoder not in av.codecs_available:
+        raise OutputError(f"PyAV has no encoder {encoder}; install its wheel: pip install av")
 
 
-def draw_movie(
-    path: Path,
-    titles: Sequence[str],
-    frames: Iterable[Sequence[Image]],
-    *,
-    rate: float,
-    metadata: Mapping[str, str] | None = None,
-) -> None:
-    """Draw linear images side by side as a video, complete or not at all.
+def _write_png(path: Path, pictures: Iterator[Pixels], rate: float, text: dict[str, str]) -> None:
+    from PIL import Image as Pillow
+    from PIL.PngImagePlugin import PngInfo
 
-    Frames and titles are those of `draw_animation`, encoded as they come; `rate` is in frames a
-    second. The path's ending, of `ENCODINGS`, sets the format; the metadata are a JSON comment. A
-    PeriscopyError says that the format cannot be written here, a ValueError that there is no frame.
-    """
-    ending = path.suffix.removeprefix(".")
-    require_encoder(ending)
+    chunks = PngInfo()
+    for name, value in text.items():
+        chunks.add_itxt(name, value)
+    first, *others = map(Pillow.fromarray, pictures)
+    more: dict[str, Any] = {"save_all": True, "append_images": others, "pnginfo": chunks}
+    first.save(path, duration=1000 / rate, loop=0, **more)
+
+
+def _write_movie(path: Path, pictures: Iterator[Pixels], rate: float, text: dict[str, str]) -> None:
     av: Any = require("av")
-    stream = None
+    encoder, settings = ENCODINGS[path.suffix.removeprefix(".")]
+    first = next(pictures)
+    rows, columns = (size // 2 * 2 for size in first.shape[:2])  # even, as halved colours need
     reproducible = {"fflags": "+bitexact"}  # no random numbers of tracks
-    with (
-        staged_file(path) as staged,
-        av.open(str(staged), "w", container_options=reproducible) as container,
-    ):
-        container.metadata["comment"] = json.dumps(dict(metadata or {}))
-        for images in frames:
-            picture = side_by_side(titles, images)
-            rows, columns, _ = picture.shape  # even sides, as halved colours need: white is added
-            margins = (0, rows % 2), (0, columns % 2), (0, 0)
-            picture = np.pad(picture, margins, constant_values=255)
-            if stream is None:
-                stream = _stream(container, ending, picture.shape[:2], rate)
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-                format="yuv420p", dst_colorspace=COLOURS["colorspace"], dst_color_range=1
+    with av.open(str(path), "w", container_options=reproducible) as container:
+        container.metadata["comment"] = json.dumps(text)
+        stream = container.add_stream(
+            encoder, Fraction(rate).limit_denominator(1000), options=dict(settings)
+        )
+        stream.height, stream.width, stream.pix_fmt = rows, columns, "yuv420p"
+        context = stream.codec_context
+        context.thread_count = 1  # the same bytes on every machine
+        # BT.709's primaries and matrix, and sRGB's transfer, by their numbers in ITU-T H.273.
+        context.color_primaries, context.colorspace, context.color_trc = 1, 1, 13
+        for picture in chain([first], pictures):
+            frame = av.VideoFrame.from_ndarray(
+                np.ascontiguousarray(picture[:rows, :columns]), format="rgb24"
             )
+            frame = frame.reformat(format="yuv420p", dst_colorspace=1, dst_color_range=1)
             container.mux(stream.encode(frame))
-        if stream is None:
-            raise ValueError("a video of no frames: give at least one")
         container.mux(stream.encode(None))
 
 
-def _stream(container: Any, ending: str, size: tuple[int, ...], rate: float) -> Any:
-    """Return the stream that pictures of a size are encoded to."""
-    encoder, settings = ENCODINGS[ending]
-    exact = Fraction(rate).limit_denominator(1000)
-    stream = container.add_stream(encoder, exact, options=dict(settings))
-    stream.height, stream.width = size
-    stream.pix_fmt = "yuv420p"  # what every player takes
-    for name, number in COLOURS.items():
-        setattr(stream.codec_context, name, number)
-    stream.codec_context.thread_count = 1  # the same bytes on every machine
-    return stream
-
-
-def _panel(image: Image) -> Pixels:
-    """Return 8-bit sRGB pixels of an image at about a panel's size, its patches square."""
-    rows, columns, _ = image.shape
-    factor = max(1, min(round(PANEL[0] / rows), PANEL[1] // columns))
-    if rows > 1.5 * PANEL[0]:
-        image = area_average(image, (PANEL[0], max(1, round(columns * PANEL[0] / rows))))
-    encoded = srgb_bytes(image)
-    return np.repeat(np.repeat(encoded, factor, axis=0), factor, axis=1)
-
-
-def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
+def side_by_side(
+    titles: Sequence[str], images: Sequence[Image], height: int = 240, gap: int = 8
+) -> Pixels:
     """Return panels of linear images on white, (rows, columns, 3), each centred under its title.
 
-    Columns hold both. The images are (rows, columns, 3) in [0, 1].
+    The images are (rows, columns, 3) in [0, 1]. A panel has about `height` rows, and at most twice
+    as many columns unless patches are smaller; a title stands in 4 gaps.
     """
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
     font = ImageFont.load_default(20)
-    panels = [_panel(image) for image in images]
-    widths = [
-        max(panel.shape[1], int(np.ceil(font.getlength(title))))
-        for title, panel in zip(titles, panels, strict=True)
-    ]
-    top, gap = MARGINS["title"], MARGINS["gap"]
-    rows = max(panel.shape[0] for panel in panels)
-    picture = Pillow.new("RGB", (sum(widths) + gap * (len(widths) + 1), top + rows + gap), "white")
-    draw = ImageDraw.Draw(picture)
-    left = gap
-    for title, panel, width in zip(titles, panels, widths, strict=True):
-        draw.text((left + width / 2, top / 2), title, "black", font, anchor="mm")
-        corner = (left + (width - panel.shape[1]) // 2, top + (rows - panel.shape[0]) // 2)
-        picture.paste(Pillow.fromarray(panel), corner)
-        left += width + gap
-    return np.asarray(picture)
+    panels = [Pillow.fromarray(_panel(image, height)) for image in images]
+    rows, columns = max(panel.height for panel in panels), []
+    for title, panel in zip(titles, panels, strict=True):
+        width = max(panel.width, int(np.ceil(font.getlength(title)))) + 2 * gap
+        column = Pillow.new("RGB", (width, rows + 5 * gap), "white")
+        ImageDraw.Draw(column).text((width / 2, 2 * gap), title, "black", font, anchor="mm")
+        column.paste(panel, ((width - panel.width) // 2, 4 * gap + (rows - panel.height) // 2))
+        columns.append(column)
+    return np.hstack([np.asarray(column) for column in columns])
+
+
+def _panel(image: Image, height: int) -> Pixels:
+    """Return 8-bit sRGB pixels of an image at about a panel's height, its patches square."""
+    rows, columns, _ = image.shape
+    factor = max(1, min(round(height / rows), 2 * height // columns))
+    if rows > 1.5 * height:
+        image = area_average(image, (height, max(1, round(columns * height / rows))))
+    return srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)

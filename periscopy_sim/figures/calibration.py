@@ -1,4 +1,4 @@
-"""A calibration: its residual of the photograph, and where each parameter ended."""
+"""A calibration, its residual and where each parameter ended; a silhouette and its image."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.figures.panels import show_light, show_signed
+from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.calibration.silhouette.result import Silhouette
 
 
 def draw_calibration(
@@ -89,3 +90,31 @@ def _draw_parameters(ax: Any, calibration: Calibration) -> None:
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlabel("value − measured value, over the measured value's standard error")
     ax.figure.legend(loc="outside upper center", ncols=4)
+
+
+def draw_silhouette(
+    path: Path,
+    photograph: Array,
+    solution: Silhouette,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
+
+    The photograph is (rows, columns, 3), linear.
+    """
+    residual = 100 * solution.residual.mean(axis=2)
+    bound = float(np.percentile(np.abs(residual), 99)) or 1.0
+    with drawn(path, metadata) as figure:
+        figure.set_size_inches(12, 3.4)
+        axes = figure.subplots(1, 4)
+        show_light(axes[0], "photograph", photograph)
+        cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
+        height, width = solution.plane.sides
+        title = "silhouette of {}, {} x {}".format(solution.name, *solution.opaque.shape)
+        show(axes[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
+        axes[1].set_axis_on()
+        axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
+        show_light(axes[2], "image with this silhouette", solution.image)
+        title = f"unexplained: {100 * solution.unexplained:.2f} %"
+        show_signed(axes[3:], {title: residual}, bound, "% of the photograph's rms")
+        figure.suptitle("\n".join(solution.doubts), color="#cb181d")

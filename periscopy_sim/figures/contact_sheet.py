@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from periscopy_sim.figures.panels import Image
 from periscopy_sim.figures.style import drawn
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
 
 def evenly_chosen(count: int, most: int) -> list[int]:
-    """Return at most so many of the numbers below `count`, the first and the last among them.
-
-    They ascend, and no two gaps are more than 1 apart. `most` is at least 2.
-    """
-    if count <= most:
-        return list(range(count))
-    return [round(k * (count - 1) / (most - 1)) for k in range(most)]
+    """Return at most so many of the numbers below `count`, the first and the last among them."""
+    return [int(k) for k in np.linspace(0, count - 1, min(count, most)).round()]
 
 
 def draw_contact_sheet(

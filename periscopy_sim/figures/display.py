@@ -33,7 +33,7 @@ def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If it is no such image, holds no finite number, or white is not positive.
+        If it is no such image, or holds no finite number.
     """
     return srgb_encode(_exposed(image, white))
 
@@ -63,7 +63,7 @@ def show(
     *images
         As for `to_srgb`.
     titles
-        One for each; None names what the images are and their sizes.
+        One for each; None for their sizes.
     white
         As for `to_srgb`: one number for all, or None to expose each by itself.
 
@@ -80,7 +80,7 @@ def show(
     if not images or (titles is not None and len(titles) != len(images)):
         raise ValueError(f"{len(images)} images and {len(titles or ())} titles: give one for each")
     pictures = [to_srgb(image, white) for image in images]
-    names = titles or list(map(_title, images, pictures))
+    names = titles or ["{} x {}".format(*picture.shape) for picture in pictures]
     from matplotlib import pyplot as plt
 
     figure = plt.figure(layout="constrained")
@@ -92,32 +92,12 @@ def show(
 
 def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
     """Return an image scaled to [0, 1], still linear, (rows, columns, 3)."""
-    values = np.asarray(_array_of(image))
-    values = values[..., None] if values.ndim == 2 else values
-    is_shaped = values.ndim == 3 and values.shape[2] in (1, 3) and values.size > 0
-    if not is_shaped or values.dtype.kind not in "fiub":
-        raise ValueError(
-            f"{values.dtype} of shape {values.shape} is no image; give numbers, (rows, columns, 3) "
-            "or (rows, columns)"
-        )
-    if white is not None and not 0 < white < np.inf:
-        raise ValueError(f"white is {white}: give a positive number")
-    values = np.broadcast_to(values.astype(np.float64), (*values.shape[:2], 3))
-    finite = np.isfinite(values)
-    if not finite.any():
-        raise ValueError("the image holds no finite number")
-    if white is None:  # NaN is what a mask leaves out
-        white = float(np.percentile(values[finite], 99.5))
-    return displayable(np.where(finite, values, 0), white)
-
-
-def _array_of(image: Any) -> Any:
-    """Return the array of a solution, a background or a photograph, or what was given."""
     held = (getattr(image, name, None) for name in ("image", "photograph", "values"))
-    return next((each for each in held if isinstance(each, np.ndarray)), image)
-
-
-def _title(image: Any, picture: NDArray[np.float64]) -> str:
-    """Return what an image is, and its size."""
-    what = "" if isinstance(image, np.ndarray) else f"{type(image).__name__}, "
-    return "{}{} x {}".format(what, *picture.shape[:2])
+    values = np.asarray(next((each for each in held if isinstance(each, np.ndarray)), image))
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in (1, 3) or not np.isfinite(values).any():
+        raise ValueError(
+            f"{values.dtype} of shape {values.shape} is no image; give finite numbers, "
+            "(rows, columns, 3) or (rows, columns)"
+        )
+    return displayable(np.broadcast_to(values, (*values.shape[:2], 3)), white)

@@ -22,13 +22,14 @@ Image = NDArray[np.floating[Any]]
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
-    """Scale a linear image for display: negatives black, `white` white.
+    """Scale a linear image for display: negatives and NaN black, `white` white.
 
     Return (rows, columns, 3) in [0, 1], still linear. A `white` of None is the 99.5th percentile.
     One factor serves all channels, so that colours stay.
     """
-    level = float(np.percentile(image, 99.5)) if white is None else white
-    return np.clip(np.asarray(image, np.float64) / (level if level > 0 else 1.0), 0, 1)
+    values = np.asarray(image, np.float64)
+    level = float(np.nanpercentile(values, 99.5)) if white is None else white
+    return np.nan_to_num(np.clip(values / (level if level > 0 else 1.0), 0, 1))
 
 
 def enlarged(image: Image, width: int = 720) -> Image:
@@ -163,22 +164,19 @@ def draw_sweep(
     The results are `run_sweep`'s. Lines are means over backgrounds and seeds, bands reach from
     their 10th to their 90th percentile. Where a method failed it is left out.
     """
-    labels = ("algorithm", "sbr", "background", "seed")
-    errors = results["mean_squared_error"].sortby("sbr").transpose(*labels)
+    errors = results["mean_squared_error"].sortby("sbr").stack(draw=("background", "seed"))
     looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
     with drawn(path, metadata) as figure:
         ax = figure.subplots()
         for method, (colour, dashes) in zip(errors, looks, strict=False):
-            finite = {float(e["sbr"]): e.values[np.isfinite(e.values)] for e in method}
-            finite = {sbr: e for sbr, e in finite.items() if e.size}
-            if not finite:
+            finite = method.dropna("sbr", how="all")
+            if not finite.size:
                 continue
-            means = [e.mean() for e in finite.values()]
-            low, high = np.transpose([np.percentile(e, (10, 90)) for e in finite.values()])
-            name = method["algorithm"].item()
-            ax.plot([*finite], means, "o", ls=dashes, ms=2.6, color=colour, label=name)
+            low, high = finite.quantile((0.1, 0.9), "draw").values
+            look: dict[str, Any] = {"color": colour, "label": method["algorithm"].item()}
+            ax.plot(finite["sbr"], finite.mean("draw"), "o", ls=dashes, ms=2.6, **look)
             # The edge keeps the band of a single SBR in sight.
-            ax.fill_between([*finite], low, high, color=colour, alpha=0.18, linewidth=0.8)
+            ax.fill_between(finite["sbr"], low, high, color=colour, alpha=0.18, linewidth=0.8)
         ax.set(
             xscale="log", yscale="log",
             xlabel="signal-to-background ratio", ylabel="mean squared error",

@@ -15,9 +15,6 @@ from periscopy_sim.scenario import Array
 if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
 
-LEAST_RANGE = 4.0
-"""Standard deviations of noise that the colours reach at least: noise alone then looks pale."""
-
 
 def draw_residual(
     path: Path,
@@ -36,17 +33,17 @@ def draw_residual(
         figure.supxlabel(caption)
 
 
-def residual_map(residual: Residual) -> tuple[Array, float, str]:
+def residual_map(residual: Residual, least: float = 4.0) -> tuple[Array, float, str]:
     """Return the map of a residual, (rows, columns), the bound of its colours, and its unit.
 
     The map is the mean over the channels, divided by the standard deviation of its noise, or, if
-    noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN.
+    noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN. The
+    colours reach at least so many deviations: noise alone then looks pale.
     """
     level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1) or 1.0
     mean = residual.light.mean(axis=2) / level
     if residual.noise_alone:
         values, unit = mean * np.sqrt(3) / residual.noise_alone, "standard deviations of noise"
-        least = LEAST_RANGE
     else:
         values, unit, least = 100 * mean, "% of the photograph's root mean square", 0.0
     return values, max(least, float(np.nanpercentile(np.abs(values), 99))) or 1.0, unit

@@ -9,14 +9,8 @@ import numpy as np
 
 from periscopy_sim.evaluation.metrics import gain_matched
 from periscopy_sim.figures import contact_sheet
-from periscopy_sim.figures.animation import draw_animation, draw_movie
+from periscopy_sim.figures.animation import draw_animation
 from periscopy_sim.figures.panels import Image, displayable, write_enlarged
-
-SHEET_COLUMNS = 8
-"""Most frames on the contact sheet."""
-
-MOST_VALUES = 2**24
-"""Most values that the white of a sequence is taken from."""
 
 
 def picture_names(count: int) -> list[str]:
@@ -25,12 +19,11 @@ def picture_names(count: int) -> list[str]:
     return [f"{k:0{digits}}.png" for k in range(count)]
 
 
-def white_of(frames: Image) -> float:
+def white_of(frames: Image, most: int = 1000) -> float:
     """Choose one white for a whole sequence, so that its brightness does not flicker.
 
-    The 99.5th percentile; of a long sequence, that of frames evenly chosen.
+    The 99.5th percentile; of a long sequence, that of `most` frames evenly chosen.
     """
-    most = max(2, MOST_VALUES // frames[0].size)
     return float(np.percentile(frames[contact_sheet.evenly_chosen(len(frames), most)], 99.5))
 
 
@@ -56,12 +49,13 @@ def draw_sheet(
     images: Image,
     errors: Sequence[float],
     text: dict[str, str],
+    most: int = 8,
 ) -> None:
     """Draw photograph, hidden image and gain-matched image of evenly chosen frames (Fig. 7).
 
     The frames' mean squared errors, `errors`, stand beneath.
     """
-    chosen = contact_sheet.evenly_chosen(len(errors), SHEET_COLUMNS)
+    chosen = contact_sheet.evenly_chosen(len(errors), most)
     white = white_of(photographs)
     rows = [
         ("photograph", [displayable(photographs[k], white) for k in chosen]),
@@ -84,7 +78,7 @@ def draw_video(
 ) -> None:
     """Draw photograph, reconstruction and, if it is known, the truth side by side in time.
 
-    By the path's ending an animated PNG, or a video of `animation.ENCODINGS`.
+    The path's ending sets the format, see `draw_animation`.
     """
     panels = {
         "photograph": (photographs, white_of(photographs)),
@@ -97,5 +91,4 @@ def draw_video(
             yield [displayable(shown[k], level) for shown, level in panels.values()]
             progress((k + 1) / len(images))
 
-    draw = draw_animation if path.suffix == ".png" else draw_movie
-    draw(path, list(panels), moments(), rate=rate, metadata=text)
+    draw_animation(path, list(panels), moments(), rate=rate, metadata=text)

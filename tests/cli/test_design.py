@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.evaluation.design import Design
+from periscopy_sim.evaluation import design as designs
 
 SMALL = ("--hidden", "3x4", "-D", "resolution=12", "--samples", "4", "--images", "bars")
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -38,7 +38,7 @@ def test_curve_of_one_parameter_and_the_best_scene(succeeds, tmp_path):
     assert record["provenance"]["scene_sha256"]
     scene = tmp_path / "out" / "best.xml"
     defaults = {e.get("name"): e.get("value") for e in ET.parse(scene).getroot().iter("default")}
-    assert defaults["occluder_dx"] == best["values"]["occluder_dx"]
+    assert defaults["occluder_dx"] == best["occluder_dx"]
     assert ps.load_scenario(scene, (3, 4)).photograph_shape == (12, 12)
 
 
@@ -53,17 +53,8 @@ def test_point_that_makes_no_scene_fails_by_name_and_the_rest_go_on(periscopy, t
 
 
 @pytest.mark.usefixtures("drawings")
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--vary", "occluder_dx=-0.05:0.05,occluder_dz=0:0.05", "--grid", "2"),
-        ("--vary", "occluder_dx=-0.05:0.05,occluder_dz=0:0.05,seat_width=0.05:0.09",
-         "--draws", "4", "--by", "told", "--equal", "time"),
-    ],
-    ids=["map", "ranking"],
-)  # fmt: skip
-def test_map_and_ranking_are_drawn(options, succeeds, tmp_path):
-    succeeds(*design(*options))
+def test_map_is_drawn(succeeds, tmp_path):
+    succeeds(*design("--vary", "occluder_dx=-0.05:0.05,occluder_dz=0:0.05", "--grid", "2"))
     assert len(rows_of(tmp_path / "out")) == 5
     assert (tmp_path / "out" / "design.png").stat().st_size > 10_000
 
@@ -71,23 +62,23 @@ def test_map_and_ranking_are_drawn(options, succeeds, tmp_path):
 def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
     periscopy, succeeds, refused, tmp_path, monkeypatch
 ):
-    asked = ("--vary", "occluder_dx=-0.05:0.05", "--draws", "4")
+    asked = ("--vary", "occluder_dx=-0.05:0.05", "--grid", "4", "--by", "told")
     succeeds(*design(*asked, out="whole"))
-    row, count = Design.row, 0
+    errors_of, count = designs.errors_of, 0
 
-    def stops(self, *point):
+    def stops(*arguments, **more):
         nonlocal count
         count += 1
         if count == 4:  # the first is the scene as it stands
             raise KeyboardInterrupt
-        return row(self, *point)
+        return errors_of(*arguments, **more)
 
-    monkeypatch.setattr(Design, "row", stops)
+    monkeypatch.setattr(designs, "errors_of", stops)
     assert periscopy(*design(*asked)).code == 130
     assert len(rows_of(tmp_path / "out")) == 3
     assert "snr" in refused(*design(*asked, "--snr", "50"))
     succeeds(*design(*asked))
-    assert count == 4 + 1 + 2
+    assert count == 4 + 2
     for name in ("design.csv", "best.xml", "design.json"):
         whole, resumed = ((tmp_path / each / name).read_bytes() for each in ("whole", "out"))
         assert whole == resumed, name
@@ -98,6 +89,8 @@ def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
     [
         (("--vary", "occluder_dx=1:0"), "occluder_dx=1:0"),
         (("--vary", "occluder_dx=0:1,occluder_dy=0:1", "--grid", "1000"), "--grid"),
+        (("--vary", "occluder_dx=0:1,occluder_dy=0:1,occluder_dz=0:1"), "one or two"),
+        (("--vary", "occluder_dx=0:1", "--sbr", "0"), "--sbr"),
         (("--vary", "ocluder_dx=0:1"), "'occluder_dx'"),
         (("--vary", "occluder_dx_error=0:1"), "occluder_dx_error"),
         (("--vary", "occluder_dx=0:1", "--images", "none", "--by", "told"), "--by told"),
@@ -110,7 +103,7 @@ def test_what_a_user_can_fix_is_one_line(refused, arguments, offender):
 
 
 def test_scene_that_determines_nothing_has_no_best(periscopy, tmp_path):
-    ended = periscopy(*design("--vary", "occluder_dz=0:0.01", "--draws", "1", "--images", "none",
+    ended = periscopy(*design("--vary", "occluder_dz=0:0.01", "--grid", "2", "--images", "none",
                               "-D", "occluder_dy=-2"))  # fmt: skip
     assert ended.code == 0 and ended.err
     assert record_of(tmp_path / "out")["best"] is None

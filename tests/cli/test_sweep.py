@@ -72,7 +72,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     out = folder / "out"
     assert {path.name for path in out.iterdir()} == {
         ".lock", "settings.json", "A.npy", "A.json",
-        "sweep.zarr", "sweep.csv", "sweep.png", "seconds.csv",
+        "sweep.zarr", "sweep.csv", "sweep.png",
     }  # fmt: skip
     scenario = ps.load_scenario(ps.find_scene("plate"), (4, 5), {"resolution": "21"})
     A = ps.render_transport(scenario, samples=4, seed=3)

@@ -12,10 +12,8 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import (
     METHODS,
-    Unfit,
     find_method,
     fit_method,
-    fit_methods,
     image_by,
     source_sha256,
 )
@@ -82,7 +80,7 @@ def photograph(background=0.0):
 
 
 def test_the_methods_of_the_paper_and_its_comparisons_are_there():
-    fitted = fit_methods(ALONE, Scene(), A, B)
+    fitted = {name: fit_method(name, Scene(), A, B) for name in ALONE}
     kinds = {name: type(method) for name, method in fitted.items()}
     assert kinds == {
         "preconditioned": Periscope,
@@ -93,7 +91,6 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
         "iterative": IterativePeriscope,
         "noise-aware": NoiseAware,
     }
-    assert list(fitted) == ALONE
     converged, published = fitted["differencing"], fitted["differencing-published"]
     assert (converged.stop, published.stop) == ("converged", "published")
     assert converged.wrap and published.wrap
@@ -103,16 +100,15 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
 
 
 def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
-    fitted = fit_methods(["preconditioned", "pseudoinverse"], Scene(), A, B)
-    for method in fitted.values():
-        method.tv_weight, method.repair_threshold = 0, np.inf
     for name, background, recovered in [
         ("preconditioned", 0, True),
         ("preconditioned", 5, True),
         ("pseudoinverse", 0, True),
         ("pseudoinverse", 5, False),
     ]:
-        image = image_by(fitted[name], photograph(background), (2, 3))
+        method = fit_method(name, Scene(), A, B)
+        method.tv_weight, method.repair_threshold = 0, np.inf
+        image = image_by(method, photograph(background), (2, 3))
         assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
 
 
@@ -123,24 +119,24 @@ MASK = np.random.default_rng(6).random((8, 6)) > 0.2
 def test_mask_reaches_every_method_of_the_package(name):
     y = photograph(background=0.3)
     spoilt = np.where(MASK[..., None], y, np.nan)
-    method = fit_methods([name], Scene(), A, B, MASK)[name]
+    method = fit_method(name, Scene(), A, B, MASK)
     assert np.array_equal(method.reconstruct(spoilt), method.reconstruct(y))
     with pytest.raises(ValueError, match="must be finite"):
-        fit_methods([name], Scene(), A, B)[name].reconstruct(spoilt)
+        fit_method(name, Scene(), A, B).reconstruct(spoilt)
 
 
 @pytest.mark.usefixtures("mine")
 @pytest.mark.parametrize("name", ["mine.py:Masked", "mine.py:open_to_all"])
 def test_own_method_that_takes_a_mask_is_given_it(name):
-    assert fit_methods([name], Scene(), A, B, MASK)[name].mask is MASK
-    assert fit_methods([name], Scene(), A, B)[name].mask is None
+    assert fit_method(name, Scene(), A, B, MASK).mask is MASK
+    assert fit_method(name, Scene(), A, B).mask is None
 
 
 @pytest.mark.usefixtures("mine")
 def test_own_method_that_takes_no_mask_is_fitted_without_and_the_user_told():
     with pytest.warns(UserWarning, match=r"'mine\.py:Mine' takes no keyword mask: .* as black"):
-        fitted = fit_methods(["mine.py:Mine"], Scene(), A, B, MASK)
-    assert fitted["mine.py:Mine"].A is A
+        fitted = fit_method("mine.py:Mine", Scene(), A, B, MASK)
+    assert fitted.A is A
 
 
 def test_unknown_name_is_refused_with_the_known_ones():
@@ -158,7 +154,7 @@ def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     name = name.format(mine)
     path = list(sys.path)
-    method = fit_methods([name], Scene(), A, B)[name]
+    method = fit_method(name, Scene(), A, B)
     assert sys.path == path
     assert method.scenario == Scene() and method.A is A and method.B is B
     assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0), (2, 3)), 2)
@@ -166,7 +162,7 @@ def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
 
 
 def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
-    method = fit_methods(["mine.py:Mine"], Scene(hidden_shape=(2, 3)), A, B)["mine.py:Mine"]
+    method = fit_method("mine.py:Mine", Scene(hidden_shape=(2, 3)), A, B)
     method.scenario = None  # a class of this test, which the other process does not know
     content = cloudpickle.dumps(method)
     mine.unlink()
@@ -228,10 +224,6 @@ class Refusing:
 class Leaving:
     def __init__(self, scenario, A, B):
         sys.exit(0)
-
-class Greedy:
-    def __init__(self, scenario, A, B):
-        raise MemoryError("too much")
 """
 
 
@@ -260,25 +252,6 @@ def test_whatever_an_own_method_raises_while_it_is_fitted_names_it_and_its_line(
     assert said.endswith(f"({file}:{number})")
 
 
-def test_of_many_methods_one_that_cannot_be_fitted_fails_alone(mine):
-    mine.write_text(BROKEN)
-    names = ["mine.py:Leaving", "pseudoinverse", "preconditioned"]
-    with pytest.warns(UserWarning, match=r"mine\.py:Leaving"):
-        fitted = fit_methods(names, Scene(), A, B)
-    assert [type(method) for method in fitted.values()] == [Unfit, Periscope, Periscope]
-    with pytest.raises(PeriscopyError, match=r"mine\.py:Leaving"):
-        fitted["mine.py:Leaving"].reconstruct(photograph())
-    # Of rank 1, so that the package's own methods cannot be fitted either: nothing would go on.
-    with pytest.raises(PeriscopyError, match=r"mine\.py:Leaving"):
-        fit_methods(names, Scene(), np.ones((48, 6)), B)
-
-
-def test_a_lack_of_memory_is_not_put_on_the_method(mine):
-    mine.write_text(BROKEN)
-    with pytest.raises(MemoryError, match="too much"):
-        fit_methods(["mine.py:Greedy"], Scene(), A, B)
-
-
 def test_a_scene_that_a_built_in_method_cannot_take_stays_a_plain_value_error():
     with pytest.raises(ValueError, match="full column rank") as caught:
         fit_method("pseudoinverse", Scene(), np.ones((48, 6)), B)
@@ -289,7 +262,7 @@ def test_the_documentations_own_method_is_blind_to_ambient_light(mine):
     page = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
     code = page.split("```python file=my_method.py\n")[1].split("```")[0]
     (mine.parent / "my_method.py").write_text(code)
-    method = fit_methods(["my_method.py:MyMethod"], Scene(), A, B)["my_method.py:MyMethod"]
+    method = fit_method("my_method.py:MyMethod", Scene(), A, B)
     for background in (0, 5):
         assert np.allclose(image_by(method, photograph(background), (2, 3)), TRUTH, rtol=1e-5)
     # With noise: the hidden part of the joint least squares problem.

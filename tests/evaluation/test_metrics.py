@@ -76,13 +76,6 @@ def test_gain_of_each_channel_fits_the_truth_best(seed):
     assert matched.max() == 1 and matched.min() == 0
 
 
-def test_gain_is_fitted_before_values_above_one_are_clipped():
-    truth = np.array([1.0, 0.5]).reshape(1, 2, 1)
-    estimate = np.array([10.0, 1.0]).reshape(1, 2, 1)
-    gain = 10.5 / 101
-    np.testing.assert_allclose(gain_matched(estimate, truth).ravel(), [1.0, gain], rtol=1e-14)
-
-
 @settings(deadline=None, max_examples=50)
 @given(exponents=st.tuples(*[st.floats(-9, 9)] * 3))
 def test_gains_of_the_estimates_channels_do_not_matter(exponents):
@@ -103,39 +96,12 @@ def test_channel_without_light_stays_black(level):
     np.testing.assert_array_equal(matched[..., [0, 2]], whole[..., [0, 2]])
 
 
-def test_matching_takes_integers_and_leaves_its_inputs():
-    estimate = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
-    truth = estimate.astype(np.float32) / 23
-    kept = estimate.copy(), truth.copy()
-    np.testing.assert_allclose(gain_matched(estimate, truth), truth, atol=1e-6)
-    np.testing.assert_array_equal(estimate, kept[0])
-    np.testing.assert_array_equal(truth, kept[1])
-
-
-@pytest.mark.parametrize("metric", [gain_matched, mean_squared_error, psnr])
-def test_images_of_different_shapes_are_refused(metric):
-    estimate, truth = images()
-    with pytest.raises(ValueError, match=r"estimate \(6, 8, 3\) and truth \(6, 8, 2\)"):
-        metric(estimate, truth[..., :2])
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_errors_equal_those_of_a_search_for_the_gain(seed):
     estimate, truth = images(seed)
     expected = loop_psnr(estimate, truth)
     assert psnr(estimate, truth) == pytest.approx(expected, abs=1e-6)
     assert mean_squared_error(estimate, truth) == pytest.approx(10 ** (-expected / 10), rel=1e-6)
-
-
-def test_black_estimate_has_the_error_of_black():
-    truth = np.full(SHAPE, 0.1)
-    assert psnr(np.zeros(SHAPE), truth) == pytest.approx(20)
-
-
-def test_perfect_estimate_has_a_finite_psnr():
-    truth = images()[1]
-    assert mean_squared_error(7 * truth, truth) < 1e-30
-    assert 290 < psnr(7 * truth, truth) <= 300 + 1e-9
 
 
 @pytest.mark.parametrize("down", [-2.0, -0.5, 0.0, 0.25, 1.0, 9.0])
@@ -191,21 +157,3 @@ def test_registration_is_the_best_of_the_whole_grid():
     assert result.psnr == pytest.approx(scores[best], abs=1e-6)
     error = np.mean((result.image - truth) ** 2)
     assert result.psnr == pytest.approx(-10 * math.log10(error), abs=1e-9)
-
-
-def test_registration_stays_within_its_reach():
-    truth = framed()
-    assert registered(moved_by_patches(truth, 2, 0), truth, reach=1.0).shift[0] >= -1
-    # Steps of 0.4 end at 1.2, not at 1.6.
-    result = registered(loop_shift(truth, 1.6, 0), truth, reach=1.5, step=0.4)
-    assert result.shift == pytest.approx((-1.2, 0)) and result.at_limit
-    # Though 0.3 / 0.1 is less than 3 in floating point, the last step counts.
-    estimate = framed(1)
-    result = registered(estimate, loop_shift(estimate, 0.3, 0), reach=0.3, step=0.1)
-    assert result.shift == pytest.approx((0.3, 0)) and result.at_limit
-
-
-def test_registration_of_a_black_image_stays_in_place():
-    result = registered(np.zeros(SHAPE), images()[1])
-    assert result.shift == (0, 0) and not result.at_limit
-    np.testing.assert_array_equal(result.image, 0)

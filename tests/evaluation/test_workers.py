@@ -1,4 +1,3 @@
-import socket
 import time
 
 import numpy as np
@@ -15,17 +14,6 @@ def test_scheduler_that_does_not_answer_is_one_line(capfd):
         pass
     assert "\n" not in str(error.value)
     assert capfd.readouterr() == ("", "")
-
-
-def test_scheduler_without_workers_is_one_line():
-    from distributed import LocalCluster
-
-    with (
-        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as cluster,
-        pytest.raises(PeriscopyError, match="has no workers"),
-        connect(cluster.scheduler_address),
-    ):
-        pass
 
 
 def test_workers_of_another_version_are_refused(monkeypatch):
@@ -94,14 +82,3 @@ def test_what_a_task_raises_is_raised_in_silence(caplog, capfd):
     with pytest.raises(ValueError, match="no 3"), connect(None) as client:
         list(compute(client, fail, "no", [3]))
     assert capfd.readouterr() == ("", "") and caplog.records == []
-
-
-def test_workers_of_this_process_start_beside_another_dask():
-    with socket.socket() as held:
-        try:
-            held.bind(("127.0.0.1", 8787))  # Dask's own port
-            held.listen()
-        except OSError:
-            pass  # another holds it, as the test wants
-        with connect(None) as client:  # any warning is an error here
-            assert client.nthreads()

@@ -63,23 +63,6 @@ def test_panel_of_any_shape_is_legible(shape, size, tmp_path):
     assert (bottom - top + 1, right - left + 1) == size
 
 
-def test_large_image_is_averaged_down(tmp_path):
-    checker = np.indices((960, 960)).sum(axis=0)[..., None] % 2 * np.ones(3)
-    shown, _, _ = draw(tmp_path / "a.png", [[checker]], titles=[""])
-    grey = 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)  # half the light
-    assert covers(shown[0], grey).sum() == 240 * 240
-
-
-def test_long_title_has_room(tmp_path):
-    titles = ["a title far longer than this picture is wide, by all means", "b"]
-    pictures = [plain(COLOURS[0], (24, 2)), plain(COLOURS[1], (24, 2))]
-    shown, _, _ = draw(tmp_path / "a.png", [pictures], titles=titles)
-    dark = np.nonzero((shown[0][:34] < 128).all(axis=2).any(axis=0))[0]
-    assert dark.min() >= 5 and dark.max() < shown[0].shape[1] - 5
-    assert np.diff(dark).max() > 15  # between the two titles
-    assert dark.max() - dark.min() > 400
-
-
 @pytest.mark.parametrize("rate", [0.1, 16, 24, 29.97, 1000])
 def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_path):
     _, durations, picture = draw(tmp_path / "a.png", moments, rate)

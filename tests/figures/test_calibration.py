@@ -75,10 +75,3 @@ def test_parameters_are_shown_over_the_errors_of_their_measured_values(draw: Dra
         points, _, (lines,) = bars.lines
         np.testing.assert_allclose(points.get_xydata(), [[value, row]])
         np.testing.assert_allclose(lines.get_segments()[0][:, 0], [value - error, value + error])
-
-
-def test_doubts_stand_above_all(draw: Draw) -> None:
-    above, _ = draw(calibration()).subfigs
-    assert above.get_suptitle() == ""
-    above, _ = draw(calibration(("dx ended far off",))).subfigs
-    assert "dx ended far off" in above.get_suptitle()

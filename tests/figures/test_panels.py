@@ -9,11 +9,8 @@ from periscopy_sim.figures.panels import (
     draw_maps,
     draw_panels,
     draw_sweep,
-    enlarged,
-    write_enlarged,
 )
 from periscopy_sim.figures.style import OKABE_ITO
-from periscopy_sim.storage.pictures import write_png
 from tests.figures.conftest import covers, read
 
 METADATA = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
@@ -41,29 +38,6 @@ def test_displayable_keeps_colours_by_one_factor():
     np.testing.assert_allclose(displayable(1e-9 * image), displayable(image))
 
 
-@pytest.mark.parametrize("value", [0.0, -3.0])
-@pytest.mark.parametrize("white", [None, 0.0])
-def test_displayable_of_an_image_without_light_is_black(value, white):
-    np.testing.assert_array_equal(displayable(np.full((4, 5, 3), value), white), 0)
-
-
-@pytest.mark.parametrize(("columns", "width", "factor"), [(36, 720, 20), (7, 20, 2), (9, 4, 1)])
-def test_enlarged_repeats_each_patch(columns, width, factor):
-    image = gradient_image(2, columns)
-    large = enlarged(image, width)
-    assert large.shape == (2 * factor, columns * factor, 3)
-    for i in range(factor):
-        for j in range(factor):
-            np.testing.assert_array_equal(large[i::factor, j::factor], image)
-
-
-def test_an_image_is_written_as_it_is_enlarged(tmp_path):
-    image = gradient_image(3, 7)
-    write_enlarged(tmp_path / "at_once.png", image, METADATA, 50)
-    write_png(tmp_path / "before.png", enlarged(image, 50), METADATA)
-    assert (tmp_path / "at_once.png").read_bytes() == (tmp_path / "before.png").read_bytes()
-
-
 def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
     path = tmp_path / "panels.png"
     # Linear 0.2140 is 0.5 in sRGB, 1 is 1, 0.0513 is 0.25.
@@ -82,20 +56,6 @@ def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
         heights.append(height)
     assert heights[0] == pytest.approx(heights[1], rel=0.05)
     assert np.nonzero(first)[1].max() < np.nonzero(second)[1].min()
-
-
-def test_panels_keep_row_0_at_the_top_and_do_not_smooth(tmp_path):
-    image = np.array([[[1, 0, 0], [1, 0, 1]], [[0, 1, 1], [0, 1, 0]]], float)
-    draw_panels(tmp_path / "panels.png", [("", image)])
-    pixels = read(tmp_path / "panels.png")[1]
-    corners = [covers(pixels, 255 * colour) for colour in image.reshape(4, 3)]
-    top_left, bottom_right = np.nonzero(corners[0]), np.nonzero(corners[3])
-    for axis in (0, 1):
-        assert top_left[axis].max() < bottom_right[axis].min()
-    rows, columns = np.nonzero(np.any(corners, axis=0))
-    area = (np.ptp(rows) + 1) * (np.ptp(columns) + 1)
-    for corner in corners:
-        assert corner.sum() == pytest.approx(area / 4, rel=0.05)
 
 
 def test_maps_share_one_logarithmic_scale(tmp_path, saved):
@@ -144,35 +104,6 @@ def test_sweep_shows_means_and_bands_of_each_method_in_its_colour(tmp_path, save
         assert covers(pixels, 255 * np.array(to_rgb(OKABE_ITO[k]))).sum() > 500
     for one, other in zip(ax.lines, saved[1].axes[0].lines, strict=True):
         np.testing.assert_allclose(one.get_xydata(), other.get_xydata())
-
-
-def test_sweep_leaves_out_a_method_that_failed(tmp_path, saved):
-    errors = np.full((2, 3, 1, 1), 0.02)
-    errors[0] = np.nan
-    draw_sweep(tmp_path / "one.png", sweep_results(errors, (0.5,)))
-    draw_sweep(tmp_path / "none.png", sweep_results(errors[:1], (0.5,)))
-    assert [[str(line.get_label()) for line in each.axes[0].lines] for each in saved] == [
-        ["second"], []
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("a", "b"),
-        ("preconditioned", "differencing", "truncated-svd", "deep/my_method.py:MyOwnMethod", "e"),
-    ],
-)
-def test_legend_of_a_sweep_stands_outside_the_axes_and_inside_the_picture(names, tmp_path, saved):
-    errors = np.random.default_rng(3).uniform(0.01, 0.1, (len(names), 5, 3, 2))
-    draw_sweep(tmp_path / "sweep.png", sweep_results(errors, methods=names))
-    (figure,) = saved
-    (ax,), (legend,) = figure.axes, figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == list(names)
-    place, axes = legend.get_window_extent(), ax.get_window_extent()
-    assert place.y0 >= axes.y1
-    assert place.x0 >= 0 and place.x1 <= figure.bbox.x1 and place.y1 <= figure.bbox.y1
-    assert axes.height > 0.6 * axes.width  # the curves keep their room
 
 
 @pytest.mark.parametrize("shape", [(15, 18), (30, 5)])

@@ -37,7 +37,7 @@ def find_silhouette(
     from periscopy_sim.calibration.silhouette.plane import MaskPlane
     from periscopy_sim.calibration.silhouette.recover import recover_silhouette
     from periscopy_sim.calibration.silhouette.scene import local_coordinates, write_masked_scene
-    from periscopy_sim.figures.silhouette import draw_silhouette
+    from periscopy_sim.figures.calibration import draw_silhouette
 
     path, given = session.path, session.definitions
     size = None if cells is None else arguments.parse_size(cells)

@@ -33,8 +33,7 @@ def draw(
     with staged_file(out) as staged:
         require_vectorized("a drawing")
         given = options.parse_definitions(define)
-        points = 18, 24  # of the monitor, for its shadows
-        scenario = ps.load_scenario(find_scene(scene), points, given, photograph=PIXELS)
+        scenario = ps.load_scenario(find_scene(scene), PATCHES, given, photograph=PIXELS)
         with progress("drawing"):
             draw_laboratory(staged, scenario, metadata=as_text(provenance_of(scenario)))
     say_written(out)

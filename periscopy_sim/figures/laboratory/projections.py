@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from periscopy_sim.figures.laboratory.geometry import (
     extremes,
     groups_of,
     hull,
-    in_words,
 )
 from periscopy_sim.figures.laboratory.labels import Labels
 from periscopy_sim.figures.style import OKABE_ITO
@@ -30,9 +28,6 @@ LINES = (
 )
 """Meaning of the lines without a label."""
 
-DARKEST = -0.5
-"""Share of the monitor that would be drawn black: full shadow stays grey, lines on it legible."""
-
 
 def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
@@ -45,8 +40,8 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     z = np.linspace(bottom, top, max(2, round(GRID * (top - bottom) / (right - left))))
     share = _share(layout, x, z)
     ax.imshow(
-        share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=DARKEST, vmax=1,
-        interpolation="bilinear", zorder=0,
+        share, origin="lower", extent=(left, right, bottom, top), cmap="gray", vmin=0, vmax=1,
+        interpolation="bilinear", zorder=0, alpha=2 / 3,  # full shadow stays grey, lines legible
     )  # fmt: skip
     if np.ptp(share) > 0.05:
         ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
@@ -105,8 +100,6 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
-    if shown != (0, 1):
-        _draw_distances(ax, layout)
     ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
@@ -154,25 +147,3 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
         for extreme in (np.argmin(along), np.argmax(along)) if len(along) else ():
             ray = np.stack([end, hits[extreme]])
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
-
-
-def _draw_distances(ax: Any, layout: RoomPlan) -> None:
-    """Draw dimension lines along the depth: from the monitor to each thing and to the wall."""
-    depth = layout.axes[1]
-    monitor, wall = layout.scenario.patch_centers.mean(axis=0)[depth], layout.middle[depth]
-    bottom, top = ax.get_ylim()
-    groups = groups_of(layout.standing()).values()
-    between = sorted({round(float(points.mean(axis=0)[depth]), 2) for points in groups})
-    inside = [y for y in between if min(monitor, wall) + 0.02 < y < max(monitor, wall) - 0.02]
-    stops = [monitor, *(inside if len(inside) < 3 else [float(np.mean(inside))]), wall]
-    level = bottom + 0.07 * (top - bottom)
-    for start, end in pairwise(stops):
-        look = {"arrowstyle": "<->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", (start, level), (end, level), arrowprops=look, zorder=6)
-        text = ax.text(
-            (start + end) / 2, level, in_words(abs(end - start)), ha="center",
-            va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8}, zorder=7,
-        )  # fmt: skip
-        room = abs(np.diff(ax.transData.transform([(start, level), (end, level)])[:, 0])[0])
-        if text.get_window_extent().width > 0.6 * room:  # too long to stand within its arrows
-            text.set(y=level + 0.02 * (top - bottom), va="bottom")

@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 
 from experiments.paper import fig4
-from experiments.report import Verdict
 from experiments.sweeps import errors_of
 
 SBRS = np.array(fig4.SBRS)
@@ -37,19 +36,3 @@ def test_errors_are_those_of_the_method_by_sbr_background_and_draw():
     assert error.shape == (len(SBRS), len(LIGHTS), 1)
     np.testing.assert_array_equal(error[..., 0], by_light)
     np.testing.assert_allclose(errors_of(data, "preconditioned", registered=True), error / 2)
-
-
-def test_verdicts_follow_the_growth_of_the_errors():
-    one_grows = np.outer(FLAT, np.ones(len(LIGHTS)))
-    one_grows[fig4.SBRS.index(0.2), 3] *= 1.5
-    exact = results(
-        preconditioned=FLAT, differencing=STEEP, noise_aware=FLAT, without_repair=2 * STEEP
-    )
-    agrees, differs = Verdict.AGREES, Verdict.DIFFERS
-    for preconditioned, differencing, verdicts in (
-        (FLAT, STEEP, [agrees, agrees, differs]),
-        (one_grows, 2.5 * FLAT, [differs, differs, agrees]),
-    ):
-        main = results(preconditioned=preconditioned, differencing=differencing, noise_aware=FLAT)
-        claims = fig4._claims({"path-traced": main, fig4.EXACT: exact}, BOUND)
-        assert [claim.verdict for claim in claims[:3]] == verdicts

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.paper.ambient_model import outside
 from experiments.paper.fig10 import radial_spectrum, row_statistics
+from experiments.published.ambient import outside
 
 
 def test_difference_filter_ignores_uniform_light_and_opposes_its_neighbour():

@@ -14,8 +14,7 @@ from experiments.published import (
     single_pixels,
     stills,
 )
-from experiments.published.__main__ import PAGE, main
-from experiments.published.setting import PublishedSetting
+from experiments.published.__main__ import main
 from experiments.report import Verdict
 
 pytestmark = pytest.mark.thorough  # to render the stand-in takes 20 s
@@ -109,18 +108,6 @@ def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
     laws = table(section, "Laws")
     spreads = [float(row["its spread"]) for row in laws]
     assert spreads[0] == min(spreads) and spreads[2] > 5 * spreads[0]
-
-
-@pytest.mark.parametrize("name", PAGE.names)
-def test_a_set_of_one_capture_is_a_page_of_what_it_shows(tmp_path, name, published):
-    data = tmp_path / "data"
-    published.RenderedSet(data).write([f"{layout.PLATE}/image_test_bur"])
-    alone = PublishedSetting(
-        tmp_path / "out", data, hidden=published.HIDDEN, photograph=published.PHOTOGRAPH
-    )
-    section = PAGE.load(name)(alone)
-    assert not section.failure
-    assert len(section.pictures) == (name == "stills")
 
 
 def run(*arguments):

@@ -107,7 +107,7 @@ def test_labels_name_everything_and_do_not_overlap(figure, panels):
             assert not any(box.overlaps(other) for other in boxes[:k])
 
 
-def test_distances_are_those_of_the_scene(figure, scenario, panels):
+def test_distances_are_those_of_the_scene(figure, scenario):
     """The camera stands 1.26 m from the wall, by Pythagoras, 45.7 degrees off its normal."""
     (text,) = [text.get_text().replace(NO_BREAK, " ") for text in figure.texts]
     assert "Camera: 1.26 m from the wall along its line of sight, 46° off its normal" in text
@@ -116,8 +116,6 @@ def test_distances_are_those_of_the_scene(figure, scenario, panels):
     assert "off its normal (turned 45.3°, tilted -6.8°); sees" in text
     assert "1.03 m before the wall, turned -12°, tilted 0° from facing it squarely" in text
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
-    told = {text.get_text() for text in panels["from the side"].texts}
-    assert {"58 cm", "45 cm"} <= told
     lines = " ".join([LINES, *facts(RoomPlan(scenario))])
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
 
