@@ -14,11 +14,11 @@ Offered = Mapping[str, tuple[Option, ...]]
 """The options that each method takes, by the method's name."""
 
 FOR_STILLS: Offered = {name: entry.options for name, entry in METHODS.items()}
-_COUPLINGS = {name: entry.video.couplings for name, entry in METHODS.items() if entry.video}
+_VIDEOS = {name: entry.video for name, entry in METHODS.items() if entry.video}
 FOR_VIDEOS: Offered = {
-    name: (*entry.options, *entry.video.options) for name, entry in METHODS.items() if entry.video
+    name: (*METHODS[name].options, *video.options) for name, video in _VIDEOS.items()
 }
-COUPLINGS = tuple(dict.fromkeys(each for taken in _COUPLINGS.values() for each in taken))
+COUPLINGS = tuple(dict.fromkeys(each for video in _VIDEOS.values() for each in video.couplings))
 
 
 def _one_of(words: str, names: Collection[str]) -> Any:
@@ -28,13 +28,12 @@ def _one_of(words: str, names: Collection[str]) -> Any:
 
 def _listed(offered: Offered) -> str:
     """Return each method's help, with its certainty for stills."""
-    words = []
-    for name in offered:
-        certainty = METHODS[name].certainty if offered is FOR_STILLS else ""
-        words.append(
-            f"{name}: {METHODS[name].help}" + (f" (with {certainty})" if certainty else "")
-        )
-    return "; ".join(words)
+    entries = [METHODS[name] for name in offered]
+    certain = [f" (with {each.certainty})" if each.certainty else "" for each in entries]
+    certain = certain if offered is FOR_STILLS else [""] * len(entries)
+    return "; ".join(
+        f"{e.name}: {e.help}{known}" for e, known in zip(entries, certain, strict=True)
+    )
 
 
 _OWN = "yours as module:callable or file.py:callable"
@@ -50,43 +49,26 @@ def settings_for(
 ) -> dict[str, float]:
     """Return the values of a method's options: the user's, else the defaults.
 
-    A user's own method has no options. A PeriscopyError names an option that belongs to another
-    method or coupling of a video's frames, or is out of bounds.
+    A user's own method has no options. A PeriscopyError names an option that the method, with this
+    coupling of a video's frames, does not take, or not of this value.
     """
     taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
-        flag = f"--{name.replace('_', '-')}"
-        if name not in taken:
-            owners = _by_name(offered)[name]
-            belongs = next(iter(owners.values())).coupling
-            other = f"--coupling {belongs}" if belongs else f"--method {' or '.join(owners)}"
-            raise PeriscopyError(f"{flag} belongs to {other}; leave it out")
-        if not taken[name].least <= value <= taken[name].most:
+        if name not in taken or not taken[name].least <= value <= taken[name].most:
             raise PeriscopyError(
-                f"{flag} {value:g}: --method {method} takes {taken[name].least:g} to "
-                f"{taken[name].most:g}"
+                f"--{name.replace('_', '-')} {value:g}: --method {method} {coupling} takes "
+                + (f"{taken[name].least:g} to {taken[name].most:g}" if name in taken else "none")
             )
     return {name: values.get(name, each.default) for name, each in taken.items()}
 
 
 def check_coupling(method: str, coupling: str) -> None:
     """Check that a method recovers videos and knows a coupling."""
-    if method not in _COUPLINGS:
-        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(_COUPLINGS)}")
-    if coupling not in _COUPLINGS[method]:
-        raise PeriscopyError(
-            f"--coupling {coupling}: method {method} takes {' or '.join(_COUPLINGS[method])}"
-        )
-
-
-def _by_name(offered: Offered) -> dict[str, dict[str, Option]]:
-    """Return, for each option's name, the methods that take it and its entry there."""
-    taken: dict[str, dict[str, Option]] = {}
-    for method, options in offered.items():
-        for each in options:
-            taken.setdefault(each.name, {})[method] = each
-    return taken
+    if method not in _VIDEOS:
+        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(_VIDEOS)}")
+    if coupling not in (known := _VIDEOS[method].couplings):
+        raise PeriscopyError(f"--coupling {coupling}: method {method} takes {' or '.join(known)}")
 
 
 def _argument(taken: Mapping[str, Option]) -> Any:
@@ -109,10 +91,14 @@ def _argument(taken: Mapping[str, Option]) -> Any:
 
 def _signature(offered: Offered) -> inspect.Signature:
     """Return the signature of a group of the options of some methods."""
+    by_name: dict[str, dict[str, Option]] = {}
+    for method, options in offered.items():
+        for each in options:
+            by_name.setdefault(each.name, {})[method] = each
     kind = inspect.Parameter.KEYWORD_ONLY
     return inspect.Signature([
         inspect.Parameter(name, kind, default=None, annotation=_argument(taken))
-        for name, taken in _by_name(offered).items()
+        for name, taken in by_name.items()
     ])  # fmt: skip
 
 

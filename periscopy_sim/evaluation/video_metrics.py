@@ -1,4 +1,4 @@
-"""Metrics of each frame of a recovered video, and the rate of frames."""
+"""Metrics of each frame of a recovered video, and its time."""
 
 from __future__ import annotations
 
@@ -17,25 +17,9 @@ from periscopy_sim.reconstruction.video_method import FrameByFrame
 Image = NDArray[np.floating[Any]]
 Record = dict[str, Any]
 
-LIVE_FRAMES = 16
-"""Most frames on which the rate of frames that come one at a time is measured."""
-
-
-def live_rate(video: FrameByFrame[Any, Any], photographs: Image) -> float:
-    """Measure frames a second when they come one at a time and the compiled code is loaded."""
-    for photograph in photographs[:2]:  # a first frame and one that follows
-        video.next_frame(photograph)
-    shown = photographs[:LIVE_FRAMES]
-    start = time.perf_counter()
-    for photograph in shown:
-        video.next_frame(photograph)
-    seconds = time.perf_counter() - start
-    video.restart()
-    return len(shown) / seconds
-
 
 def timed_solutions(
-    video: FrameByFrame[Any, Any], photographs: Image, batch: int
+    video: FrameByFrame[Any, Any], photographs: Image, batch: int = 16
 ) -> Iterator[tuple[Any, float]]:
     """Yield solutions in turn, and the seconds of each: its own and its share of its batch's."""
     for start in range(0, len(photographs), batch):

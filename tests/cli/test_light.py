@@ -76,7 +76,7 @@ def test_matrix_without_a_record_is_taken_with_a_warning(session, transport, tmp
     assert len(session.warnings) == 1 and "A.npy" in session.warnings[0]
 
 
-@pytest.mark.parametrize("method", [None, "noise-aware", "iterative", "mine.py:Mine"])
+@pytest.mark.parametrize("method", ["", "noise-aware", "iterative", "mine.py:Mine"])
 def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):

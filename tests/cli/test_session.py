@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.session import Session, pixel_record
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError, PhotographError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -51,21 +51,6 @@ def test_scene_is_loaded_once_with_its_parameters():
     assert "load the scene" in session.timed.seconds
 
 
-@pytest.mark.parametrize(
-    ("arguments", "offender"),
-    [
-        (("sofa", "4x5"), "'sofa'"),
-        (("chair", "4"), "'4'"),
-        (("chair", "20x29", ["resolution=24"]), "20x29"),
-        (("chair", "4x5", ["resolutio=24"]), "did you mean 'resolution'?"),
-    ],
-)
-def test_scene_that_cannot_be_is_refused_by_name(arguments, offender):
-    with pytest.raises(PeriscopyError) as error:
-        _ = Session(*arguments).scenario
-    assert offender in str(error.value)
-
-
 def test_scene_without_shadows_is_warned_of(capfd):
     session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
@@ -82,31 +67,25 @@ def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photog
     wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)), tmp_path / "mask.png")
     np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
     np.testing.assert_array_equal(wall.mask, MASK)
-    assert (
-        pixel_record(None, wall.mask, {})["pixels_left_out"] == LEFT_OUT and session.warnings == []
-    )
+    assert session.record["pixels_left_out"] == LEFT_OUT and session.warnings == []
 
 
-def test_defects_are_warned_of_and_a_mask_is_suggested(session, saved, photographs, tmp_path):
+def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_path):
     y = photographs[0].copy()
     y[11, 3], y[17, 20, 1] = 0, 0
     y[20, 5] *= 100
     path = saved(y=y, mask=MASK)
     for given, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
         session.warnings.clear()
-        session.wall(path, given)
+        wall = session.wall(path, given)
         assert len(session.warnings) == 1 and "y.npy" in session.warnings[0]
-        session.suggest_mask(tmp_path)
         expected = used.copy()
         expected[[11, 17, 20], [3, 20, 5]] = False
-        np.testing.assert_array_equal(ps.read_mask(tmp_path / "mask.png", (24, 24)), expected)
-    session.warnings.clear()
-    session.wall(path, tmp_path / "mask.png")
-    assert session.warnings == []
+        np.testing.assert_array_equal(wall.mask, expected)
+        assert session.record["pixels_left_out"] == np.count_nonzero(~expected)
 
 
-@pytest.mark.parametrize("maskable", [True, False])
-def test_border_that_stands_out_is_left_out_by_methods_that_take_masks(maskable, saved):
+def test_border_that_stands_out_is_left_out(saved):
     session = Session("chair", "4x5", ["resolution=40"])
     A = ps.analytic_transport(session.scenario)
     signal = (A @ np.random.default_rng(1).uniform(0.1, 1, (20, 3))).reshape(40, 40, 3)
@@ -115,13 +94,9 @@ def test_border_that_stands_out_is_left_out_by_methods_that_take_masks(maskable,
     y[:, 0] *= 1.5
     inside = np.ones((40, 40), bool)
     inside[0] = inside[:, 0] = False
-    wall = session.wall(saved(y=y), maskable=maskable)
+    wall = session.wall(saved(y=y))
     assert len(session.warnings) == 1
-    if maskable:
-        np.testing.assert_array_equal(wall.mask, inside)
-    else:
-        assert wall.mask is None
-        np.testing.assert_array_equal(session.suggestion, inside)
+    np.testing.assert_array_equal(wall.mask, inside)
 
 
 def test_8_bit_photograph_is_decoded_with_a_warning(session, tmp_path):
@@ -151,12 +126,6 @@ def test_photograph_that_cannot_be_is_refused_by_name(session, saved, values, tm
     for photograph, off in ((path, None), (tmp_path / "sound.npy", [path])):
         with pytest.raises(PhotographError, match=r"wrong\.npy: "):
             session.wall(photograph, None, off)
-
-
-def test_monitor_off_photograph_given_twice_is_refused(session, saved):
-    path = saved(y=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
-    with pytest.raises(PhotographError, match="--monitor-off"):
-        session.wall(path, None, [path, path])
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def view(
     hidden: options.Hidden = "29x36",
     photo: Annotated[
         Path | None,
-        typer.Argument(metavar="PHOTO", help="A photograph. [default: synthetic photographs]"),
+        typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
     ] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
@@ -75,7 +75,7 @@ def view(
     session = Session(scene, hidden, define)
     image = image or ("mushroom" if photo is None else "")
     first = Choice({}, image, ambient or "", sbr, snr, method)
-    with progress("loading the scene", lines=False):
+    with progress("loading the scene"):
         from periscopy_sim.live.page import Offered
         from periscopy_sim.live.session import LiveSession
 
