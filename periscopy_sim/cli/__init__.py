@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from periscopy_sim.cli.options import RENAMED, with_options_of_groups
-from periscopy_sim.cli.output import complain, interrupt, warn
+from periscopy_sim.cli.output import interrupt, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
 
@@ -84,11 +84,11 @@ def main() -> None:
         code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
     except (Exception, KeyboardInterrupt) as error:
         if _is_interrupt(error):
-            complain("interrupted; no file is half-written")
+            warn("interrupted; no file is half-written", "error")
             os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
         if not (reason := _reason(error)):
             raise
-        complain(reason)
+        warn(str(PeriscopyError(reason)), "error")
         raise SystemExit(2) from None
     raise SystemExit(code if isinstance(code, int) else 0)
 

@@ -35,9 +35,9 @@ def say_written(*paths: Path) -> None:
     say(f"wrote {', '.join(map(str, paths))}")
 
 
-def warn(message: str) -> None:
-    """Print one warning line."""
-    print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
+def warn(message: str, kind: str = "warning") -> None:
+    """Print one line of a warning, or of an error."""
+    print(f"periscopy: {kind}: {message}", file=sys.stderr, flush=True)
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
@@ -48,11 +48,6 @@ def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
 
     text = Text("\n".join([*(f"- {reason}" for reason in reasons), "", advice]))
     Console(stderr=True).print(Panel(text, title=title.upper()))
-
-
-def complain(message: str) -> None:
-    """Print an error on one line."""
-    print(f"periscopy: error: {PeriscopyError(message)}", file=sys.stderr, flush=True)
 
 
 _INTERRUPTS: list[int] = []

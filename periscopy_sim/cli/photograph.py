@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -12,14 +11,10 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import LIGHT, option
 from periscopy_sim.cli.output import fixable, say
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
-
-if TYPE_CHECKING:
-    from periscopy_sim.scenario import Array
 
 
 def photograph(
@@ -54,7 +49,7 @@ def photograph(
     }  # fmt: skip
     with staged_file(out) as file:
         shown = session.hidden_image(image)
-        background = None if ambient is None else _ambient_light(ambient, session)
+        background = None if ambient is None else session.ambient_light(ambient)
         y = session.synthetic_photograph(shown, samples)
         with fixable("photograph"):
             if background is not None and sbr is not None:
@@ -63,14 +58,3 @@ def photograph(
             y = y if snr is None else ps.add_noise(y, snr, session.seed)
         write_exr(file, y, as_text({**settings, **session.provenance}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
-
-
-def _ambient_light(name: str, session: Session) -> Array:
-    """Return ambient light, (rows, columns, 3), of a file or of a shipped condition."""
-    shipped = (*REALISTIC, *ADVERSARIAL)
-    if Path(name).is_file():
-        return session.photograph(Path(name)).values
-    if name not in shipped:
-        guess = did_you_mean(name, shipped)
-        raise PhotographError(f"--ambient {name}: no such file or shipped condition; {guess}")
-    return session.ambient_light(name)

@@ -9,7 +9,6 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import SAMPLES, Light
-from periscopy_sim.cli.method_options import FOR_STILLS, StillMethod, StillNumbers, settings_for
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
@@ -21,9 +20,6 @@ OPTIONAL = (
     "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
 )  # fmt: skip
 """Files that depend on the method and the options."""
-
-NOTHING = "none"
-"""Value of --uncertain for a scene without uncertain parameters."""
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,8 +35,8 @@ def reconstruct(
     light: Light,
     matrix: options.MatrixOption = None,
     out: options.Out,
-    method: StillMethod = DEFAULT,
-    numbers: StillNumbers,
+    method: options.StillMethod = DEFAULT,
+    numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
         options.option("IMAGE", "The hidden image, if known: adds metrics and a picture."),
@@ -58,8 +54,8 @@ def reconstruct(
     from periscopy_sim.reconstruction.report import Report
 
     find_method(method)
-    settings = settings_for(method, numbers.values, FOR_STILLS)
-    text = "" if uncertain in (None, NOTHING) else str(uncertain)
+    settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
+    text = "" if uncertain in (None, "none") else str(uncertain)
     named = options.known_errors(text, session.path, session.definitions)
     counts_errors = method in METHODS and METHODS[method].uncertain
     if named and not counts_errors:

@@ -126,7 +126,12 @@ class Session(options.OptionGroup):
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Path trace ambient light, (rows, columns, 3), to a relative error of a pixel."""
+        """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
+
+        The relative error of a pixel that is path traced is the target.
+        """
+        if Path(name).is_file():
+            return self.photograph(Path(name)).values
         with progress("path tracing the ambient light") as report:
             seed = self.seed + 1  # other paths than the photograph's
             light = ps.render_background(

@@ -12,7 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.cli import messages, method_options, options
+from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, number, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
@@ -41,9 +41,9 @@ def video(
     light: Light,
     matrix: options.MatrixOption = None,
     out: options.Out,
-    method: method_options.VideoMethod = DEFAULT,
-    coupling: method_options.Coupling = "l1",
-    numbers: method_options.VideoNumbers,
+    method: options.VideoMethod = DEFAULT,
+    coupling: options.Coupling = "l1",
+    numbers: options.VideoNumbers,
     truth: Annotated[
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
@@ -63,10 +63,8 @@ def video(
     for ending in also or ():
         require_encoder(ending)
     formats = ["png", *dict.fromkeys(also or ())]
-    method_options.check_coupling(method, coupling)
-    settings = method_options.settings_for(
-        method, numbers.values, method_options.FOR_VIDEOS, coupling
-    )
+    options.check_coupling(method, coupling)
+    settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
     of_still = {option.name for option in entry.options}
     weights = {name: settings[name] for name in settings if name not in of_still}

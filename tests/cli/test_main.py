@@ -11,7 +11,6 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.cli.light import Light
-from periscopy_sim.errors import PeriscopyError
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
@@ -108,12 +107,6 @@ def test_what_a_user_can_fix_is_one_short_line(arguments, offender, refused):
     assert offender in line and len(line) < 1200
 
 
-@pytest.mark.parametrize("error", [PeriscopyError("no\n  such\nthing"), MemoryError("no such")])
-def test_error_of_a_user_is_one_line(error, monkeypatch, refused):
-    monkeypatch.setattr(ps, "load_scenario", failing(error))
-    assert "no such" in refused(*TRANSPORT)
-
-
 def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
     monkeypatch.setattr(ps, "load_scenario", failing(RuntimeError("a defect")))
     with pytest.raises(RuntimeError, match="a defect"):
@@ -180,12 +173,6 @@ def test_termination_leaves_nothing_half_written(tmp_path):
     )
     ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True)
     assert ended.returncode == 130 and list(tmp_path.iterdir()) == []
-
-
-def test_module_runs_as_the_command_does():
-    ended = run("-m", "periscopy_sim", "transport", "chair")
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert "'--hidden'" in ended.stderr and ended.stderr.count("\n") == 1
 
 
 @pytest.mark.usefixtures("jit")

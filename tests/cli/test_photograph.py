@@ -66,7 +66,7 @@ def test_shipped_ambient_light_is_path_traced_by_its_name(shoot, monkeypatch):
     ("options", "offender"),
     [
         (("--ambient", "ambient.npy"), "--sbr"),
-        (("--ambient", "overcas", "--sbr", "1"), "'overcast'"),
+        (("--ambient", "overcas", "--sbr", "1"), "overcast'"),
         (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy"),
         (("--ambient", "small.npy", "--sbr", "1"), "12 x 12"),
     ],

@@ -6,7 +6,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.errors import PeriscopyError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -99,41 +99,13 @@ def test_border_that_stands_out_is_left_out(saved):
     np.testing.assert_array_equal(wall.mask, inside)
 
 
-def test_8_bit_photograph_is_decoded_with_a_warning(session, tmp_path):
-    codes = np.random.default_rng(0).integers(99, 256, (24, 24, 3)).astype(np.uint8)
-    Image.fromarray(codes).save(tmp_path / "y.png")
-    wall = session.wall(tmp_path / "y.png")
-    linear = (codes / 255 + 0.055) / 1.055
-    np.testing.assert_allclose(wall.values / wall.values.max(), linear**2.4, rtol=1e-3)
-    assert "8-bit" in session.warnings[0]
-
-
-ROW = np.arange(24)[:, None, None]
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.ones((24, 23, 3)),
-        np.where(ROW == 7, np.nan, 1.0) * np.ones((24, 24, 3)),
-        np.ones((24, 24, 2)),
-        np.full((24, 24, 3), "x"),
-    ],
-    ids=["size", "NaN", "channels", "text"],
-)
-def test_photograph_that_cannot_be_is_refused_by_name(session, saved, values, tmp_path):
-    path = saved(wrong=values, sound=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
-    for photograph, off in ((path, None), (tmp_path / "sound.npy", [path])):
-        with pytest.raises(PhotographError, match=r"wrong\.npy: "):
-            session.wall(photograph, None, off)
-
-
-@pytest.mark.parametrize(
-    "mask", [np.ones((24, 23), bool), np.zeros((24, 24))], ids=["size", "empty"]
-)
-def test_mask_that_cannot_be_is_refused_by_name(session, saved, mask):
-    with pytest.raises(PeriscopyError, match=r"mask\.npy: "):
-        session.wall(saved(y=np.ones((24, 24, 3))), saved(mask=mask))
+@pytest.mark.parametrize("place", ["photograph", "mask", "monitor_off"])
+def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
+    right, wrong = saved(right=np.ones((24, 24, 3))), saved(wrong=np.ones((24, 23)) > 0)
+    given = {"photograph": right, "mask": None, "monitor_off": []}
+    given[place] = [wrong] if place == "monitor_off" else wrong
+    with pytest.raises(PeriscopyError, match=r"wrong\.npy: "):
+        session.wall(*given.values())
 
 
 # -- through the commands ------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.method_options import StillNumbers
 from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.cli.photograph import photograph
 from periscopy_sim.cli.reconstruct import reconstruct
@@ -58,8 +57,8 @@ def demo(
     shown.append(("photograph of the wall", panels.displayable(scene.photograph(photo).values)))
     for method, title in METHODS.items():
         reconstruct(
-            photo=photo, session=PhotoSession(*named), light=Light(), out=out / method, method=method,
-            numbers=StillNumbers(), truth=image,
+            photo=photo, session=PhotoSession(*named), light=Light(), out=out / method,
+            method=method, numbers=options.StillNumbers(), truth=image,
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
