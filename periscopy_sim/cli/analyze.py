@@ -10,7 +10,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, left_out
 from periscopy_sim.figures import panels
 from periscopy_sim.model.observation import observation_of
 
@@ -74,7 +74,7 @@ def analyze(
             {
                 **light.origin(),
                 "rank_tolerance": rank_tolerance,
-                "pixels_left_out": 0 if used is None else np.count_nonzero(~used),
+                **left_out(used),
                 **numbers,
             },
         )

@@ -174,8 +174,11 @@ def settings_for(
     """Return the values of a method's options: the user's, else the defaults.
 
     A user's own method has no options. A PeriscopyError names an option that the method, with this
-    coupling of a video's frames, does not take, or not of this value.
+    coupling of a video's frames, does not take, or not of this value; or an unknown coupling.
     """
+    if coupling and not (method in _VIDEOS and coupling in _VIDEOS[method].couplings):
+        known = "; ".join(f"{name}: {', '.join(v.couplings)}" for name, v in _VIDEOS.items())
+        raise PeriscopyError(f"--method {method} --coupling {coupling}: videos have {known}")
     taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
@@ -185,14 +188,6 @@ def settings_for(
                 + (f"{taken[name].least:g} to {taken[name].most:g}" if name in taken else "none")
             )
     return {name: values.get(name, each.default) for name, each in taken.items()}
-
-
-def check_coupling(method: str, coupling: str) -> None:
-    """Check that a method recovers videos and knows a coupling."""
-    if method not in _VIDEOS:
-        raise PeriscopyError(f"no method '{method}' for videos; use {' or '.join(_VIDEOS)}")
-    if coupling not in (known := _VIDEOS[method].couplings):
-        raise PeriscopyError(f"--coupling {coupling}: method {method} takes {' or '.join(known)}")
 
 
 def _argument(taken: Mapping[str, Option]) -> Any:

@@ -66,7 +66,8 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
         )
 
 
-def _left_out(mask: Mask | None) -> dict[str, Any]:
+def left_out(mask: Mask | None) -> dict[str, Any]:
+    """Return a summary's entry about a mask."""
     return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
 
 
@@ -163,7 +164,7 @@ class Session(options.OptionGroup):
                 given = read_mask(mask, self.scenario.photograph_shape)
                 used = checked_mask(given, self.scenario.transport_shape)
         off = {str(file): self.photograph(file, used).values for file in monitor_off or []}
-        self.record |= {"mask": mask, **_left_out(used), "backgrounds": list(off)}
+        self.record |= {"mask": mask, **left_out(used), "backgrounds": list(off)}
         return used, off
 
     def wall(
@@ -188,7 +189,7 @@ class Session(options.OptionGroup):
             found = [str(border)] * bool(border) + [str(defects)] * bool(wrong.any())
             self.warn(sentence("defects", name=name, defects="; ".join(found)))
             used = ~wrong if used is None else used & ~wrong
-            self.record |= _left_out(used)
+            self.record |= left_out(used)
         return replace(photograph, values=blackened(values, used), mask=used)
 
     # -- fitting and writing ---------------------------------------------------------------------

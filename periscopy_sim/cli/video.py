@@ -63,7 +63,6 @@ def video(
     for ending in also or ():
         require_encoder(ending)
     formats = ["png", *dict.fromkeys(also or ())]
-    options.check_coupling(method, coupling)
     settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
     of_still = {option.name for option in entry.options}

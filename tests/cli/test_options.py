@@ -10,7 +10,6 @@ import pytest
 from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
-    check_coupling,
     known_errors,
     parse_ambient,
     parse_definitions,
@@ -149,11 +148,10 @@ def test_option_of_another_method_is_refused(method, given):
 def test_weights_of_another_coupling_are_left_out():
     for method in FOR_VIDEOS:
         for coupling in METHODS[method].video.couplings:
-            check_coupling(method, coupling)
             settings = settings_for(method, {}, FOR_VIDEOS, coupling)
             assert ("l1_weight" in settings) == (coupling == "l1")
     with pytest.raises(PeriscopyError, match="--l1-weight"):
         settings_for("preconditioned", {"l1_weight": 1.0}, FOR_VIDEOS, "none")
     for method, coupling in (("magic", "l1"), ("noise-aware", "total-variation")):
         with pytest.raises(PeriscopyError, match=method):
-            check_coupling(method, coupling)
+            settings_for(method, {}, FOR_VIDEOS, coupling)
