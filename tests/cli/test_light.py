@@ -58,12 +58,6 @@ def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
     assert refused(*given, "--out", "r").startswith("A.json: ")
 
 
-def test_matrix_without_a_record_is_taken_with_a_warning(session, transport, tmp_path):
-    np.save(tmp_path / "A.npy", transport)
-    np.testing.assert_array_equal(session.transport(Light(), tmp_path / "A.npy"), transport)
-    assert len(session.warnings) == 1 and "A.npy" in session.warnings[0]
-
-
 @pytest.mark.parametrize("method", ["", "noise-aware", "iterative", "mine.py:Mine"])
 def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)

@@ -41,16 +41,6 @@ def saved(tmp_path):
 # -- the scene -----------------------------------------------------------------------------------
 
 
-def test_scene_is_loaded_once_with_its_parameters():
-    session = Session(*CHAIR, seed=7)
-    assert session.scenario is session.scenario
-    assert session.scenario.transport_shape == (576, 20)
-    record = session.provenance
-    assert record["seed"] == 7 and record["parameters"] == {"resolution": "24"}
-    assert len(session.metadata["scene_sha256"]) == 64
-    assert "load the scene" in session.timed.seconds
-
-
 def test_scene_without_shadows_is_warned_of(capfd):
     session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
