@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-_ALIKE = 0.6
-"""Likeness of two names, 0 to 1, from which one may be a slip of the pen for the other."""
-
 _LONGEST = 900
 """Characters of a message; it may quote what a damaged or hostile file holds."""
 
@@ -54,11 +51,7 @@ class DatasetError(PeriscopyError):
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the question for what is most like an unknown name; empty where nothing is."""
-    from difflib import SequenceMatcher
+    from difflib import get_close_matches
 
-    alike = {each: SequenceMatcher(None, each.lower(), name.lower()).ratio() for each in known}
-    best = max(alike.values(), default=0.0)
-    if best < _ALIKE:
-        return ""
-    near = " or ".join(f"'{each}'" for each in alike if alike[each] == best)
-    return f"did you mean {near}?"
+    near = get_close_matches(name.lower(), names := {each.lower(): each for each in known}, 1)
+    return f"did you mean '{names[near[0]]}'?" if near else ""

@@ -64,12 +64,6 @@ def find_image(name: str | Path) -> Path:
     return _find(Path(name), "images", ".png", "image", PhotographError)
 
 
-def shipped_image(name: str) -> Path | None:
-    """Return the shipped hidden image of a name; None where there is none."""
-    file = scenes_folder() / "images" / f"{name}.png"
-    return file if name and file.is_file() else None
-
-
 def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
     if path.is_file():
         return path

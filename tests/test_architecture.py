@@ -14,7 +14,7 @@ import pytest
 import typer
 
 import periscopy_sim
-from periscopy_sim.cli import app
+from periscopy_sim.cli import MODULES, app
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "periscopy_sim"
@@ -197,7 +197,8 @@ def test_only_the_rendering_and_the_variants_name_need_mitsuba():
 
 def test_only_the_command_line_writes_of_its_options():
     """Other rooms state facts; `cli.messages` gives advice about options."""
-    commands = typer.main.get_command(app).commands.values()
+    parser = typer.main.get_command(app)
+    commands = [parser.get_command(None, name) for name in MODULES]
     names = {name for each in commands for option in each.params for name in option.opts}
     flags = re.compile(rf"(^|[\s('])({'|'.join(n for n in names if n.startswith('--'))})\b")
     mentions = [

@@ -31,7 +31,7 @@ def test_long_message_keeps_its_start_and_its_end():
     [
         ("lamp_turm", "did you mean 'lamp_turn'?"),
         ("LAMP_TURN", "did you mean 'lamp_turn'?"),
-        ("lamp_y", "did you mean 'lamp_x' or 'lamp_z'?"),
+        ("lamp_y", "did you mean 'lamp_z'?"),
         ("sofa", ""),
         ("", ""),
     ],

@@ -5,25 +5,24 @@ Exit codes: 0; 2 with one line for an error that a user can fix; 130 after Ctrl-
 
 from __future__ import annotations
 
-import _thread
 import io
 import os
 import signal
 import sys
-import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import RENAMED, GroupedCommand, with_options_of_groups
-from periscopy_sim.cli.output import INTERRUPTED, fail, interrupt, warn
+from periscopy_sim.cli.options import RENAMED, with_options_of_groups
+from periscopy_sim.cli.output import interrupt, warn
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import EXTRA_OF, missing
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
 
 MODULES = {
     "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial",
@@ -35,38 +34,29 @@ MODULES = {
 """The module of each command: a function of its name, or the Typer `app` of a group."""
 
 
-class _Commands(Mapping[str, Any]):
-    """The commands' parsers by name, each imported when it is first needed."""
+class _Periscopy(TyperGroup):
+    """The group of all commands, each imported when it is first needed."""
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(MODULES)
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        """Return the commands' names, in the order of `MODULES`."""
+        return list(MODULES)
 
-    def __len__(self) -> int:
-        return len(MODULES)
-
-    def __getitem__(self, name: str) -> Any:
-        module = import_module(f"periscopy_sim.cli.{MODULES[name]}")
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Return a command's parser; None for an unknown name."""
+        if cmd_name not in MODULES:
+            return None
+        module = import_module(f"periscopy_sim.cli.{MODULES[cmd_name]}")
         commands = getattr(module, "app", None)
         if commands is None:
-            commands = typer.Typer(add_completion=False, rich_markup_mode=None)
-            command = with_options_of_groups(getattr(module, name))
-            commands.command(name, cls=GroupedCommand)(command)
+            commands = typer.Typer(add_completion=False)
+            commands.command(cmd_name)(with_options_of_groups(getattr(module, cmd_name)))
         return typer.main.get_command(commands)
-
-
-class _Periscopy(TyperGroup):
-    """The group of all commands."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.commands: Any = _Commands()
 
 
 app = typer.Typer(
     cls=_Periscopy,
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
     context_settings={"token_normalize_func": lambda token: RENAMED.get(token, token)},
-    rich_markup_mode=None,
     invoke_without_command=True,
     pretty_exceptions_enable=False,
 )
@@ -90,20 +80,16 @@ def main() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
     for number in (signal.SIGINT, signal.SIGTERM):  # batch queues send SIGTERM
         signal.signal(number, interrupt)
-    sys.unraisablehook = partial(_keep_interrupts, sys.unraisablehook)
     try:
-        try:
-            code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
-        except (Exception, KeyboardInterrupt) as error:
-            if _is_interrupt(error):
-                fail("interrupted; no file is half-written", INTERRUPTED)
-            if not (reason := _reason(error)):
-                raise
-            fail(reason, 2)
-    except SystemExit as end:
-        code = end.code
-    if code == INTERRUPTED:
-        os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
+        code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
+    except (Exception, KeyboardInterrupt) as error:
+        if _is_interrupt(error):
+            warn("interrupted; no file is half-written", "error")
+            os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
+        if not (reason := _reason(error)):
+            raise
+        warn(str(PeriscopyError(reason)), "error")
+        raise SystemExit(2) from None
     raise SystemExit(code if isinstance(code, int) else 0)
 
 
@@ -122,14 +108,6 @@ def _reason(error: BaseException) -> str:
     context = getattr(error, "ctx", None)
     more = f" Try '{context.command_path} --help'." if context else ""
     return f"{message()}{more}" if message else ""
-
-
-def _keep_interrupts(otherwise: Callable[[Any], object], lost: sys.UnraisableHookArgs) -> None:
-    """Interrupt again where a callback from compiled code, such as numba's compiler, ignored it."""
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        threading.Timer(0.2, _thread.interrupt_main).start()
-    else:
-        otherwise(lost)
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from periscopy_sim.cli.options import Define, ResumedFolder, SceneOption, Seed, option
+from periscopy_sim.cli import options
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -17,17 +17,17 @@ from periscopy_sim.storage.formats.exr import read_exr
 
 
 def ambient(
-    scene: SceneOption,
-    out: ResumedFolder,
+    scene: options.SceneOption,
+    out: options.ResumedFolder,
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Scene files or shipped conditions."),
+        typer.Argument(metavar="NAME", help="Scene files or shipped conditions."),
     ] = None,
     target: Annotated[
-        float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
+        float, options.option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
     ] = 3e-4,
-    seed: Seed = 0,
-    define: Define = None,
+    seed: options.Seed = 0,
+    define: options.Define = None,
 ) -> None:
     """Photograph the wall of a scene under ambient light.
 

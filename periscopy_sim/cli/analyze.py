@@ -10,11 +10,9 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import Session, check_memory, pixel_record
+from periscopy_sim.cli.session import Session, left_out
 from periscopy_sim.figures import panels
 from periscopy_sim.model.observation import observation_of
-
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
@@ -50,16 +48,14 @@ def analyze(
         scenario = session.scenario
         light = light.resolved(scenario)
         used, off = session.companions(mask, monitor_off)
-        check_memory(scenario)
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
-        with fixable(f"scene '{scenario.path}'", off), progress("analyzing"):
+        with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
             observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
             B = observed.joined(B)
             used = observed.mask
             result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
-            seen, modelled = observed.used(A), observed.used(B)
-            table = [diagnostics.rank_row(seen, modelled, each) for each in TOLERANCES]
+            seen = observed.used(A)
         np.save(folder / "bounds.npy", result.bounds)
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
@@ -78,9 +74,8 @@ def analyze(
             {
                 **light.origin(),
                 "rank_tolerance": rank_tolerance,
-                **pixel_record(mask, used, off),
+                **left_out(used),
                 **numbers,
-                "rank_table": table,
             },
         )
     for name, value in numbers.items():

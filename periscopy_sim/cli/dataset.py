@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 
 import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import OUTPUT, GroupedCommand, Out, Scheduler, option, parse_indices
+from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices
 from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.export import export_samples
 from periscopy_sim.dataset.reading import describe, open_dataset, verify_dataset
@@ -35,14 +35,14 @@ class _MakesByDefault(TyperGroup):
 
 
 app = typer.Typer(
+    name="dataset",
     cls=_MakesByDefault,
     help="Make, check and export a data set of photographs.",
-    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 
-@app.command("make", cls=GroupedCommand)
+@app.command("make")
 def make(
     configuration: Annotated[
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
@@ -85,7 +85,7 @@ def make(
     )
 
 
-@app.command("info", cls=GroupedCommand)
+@app.command("info")
 def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
@@ -99,7 +99,7 @@ def info(
         say(f"{name.replace('_', ' '):13} {value}")
 
 
-@app.command("verify", cls=GroupedCommand)
+@app.command("verify")
 def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
     with progress("verifying", "blocks") as report:
@@ -113,7 +113,7 @@ def verify(data: Archive) -> None:
     say(f"{data}: all samples are whole")
 
 
-@app.command("export", cls=GroupedCommand)
+@app.command("export")
 def export(
     data: Archive,
     out: Out,

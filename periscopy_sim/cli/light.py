@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli.options import (
-    BouncesOption,
-    ClosedOption,
-    LightModelOption,
-    Model,
-    OptionGroup,
-    RaysOption,
-)
+from periscopy_sim.cli import options
+from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -26,38 +20,70 @@ if TYPE_CHECKING:
     from periscopy_sim.storage.transport_matrix import Transport
 
 SAMPLES = 16
-"""Rays to a patch where A has no closed form."""
+"""Rays to a patch where A has no closed form, as of `render_transport`."""
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
 
 
 @dataclass(frozen=True)
-class Light(OptionGroup):
+class MonitorLight(options.OptionGroup):
+    """The options of A, checked before anything is rendered."""
+
+    samples: options.Samples = None
+    model: options.ModelOption = None
+    bounces: options.BouncesOption = "direct"
+
+    def __post_init__(self) -> None:
+        _ = self.most_bounces
+
+    @property
+    def most_bounces(self) -> int | None:
+        """The most reflections of a path: 1 of direct light, None of any number."""
+        if self.bounces == "direct":
+            return 1
+        from periscopy_sim.rendering.transport.bounced import bounces_of_words
+
+        with fixable("--bounces"):
+            return bounces_of_words(self.bounces)
+
+    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
+        """Compute A, (M, N), with a progress bar.
+
+        Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
+        """
+        bounces = self.most_bounces
+        with progress("rendering the transport matrix") as report:
+            if self.model is Model.analytic:
+                from periscopy_sim.analytic.area_transport import pixel_transport
+
+                A = pixel_transport(scenario)
+            else:
+                samples = self.samples or SAMPLES
+                A = ps.render_transport(
+                    scenario, samples=samples, strata=strata, seed=seed, progress=report
+                )
+        if bounces == 1:
+            return A
+        with progress("tracing light that bounces") as report:
+            return ps.add_bounces(scenario, A, bounces, seed=seed, progress=report)
+
+
+@dataclass(frozen=True)
+class Light(MonitorLight):
     """The options of A and B, checked before anything is rendered.
 
     Without samples and model, A has its closed form where there is one; see `resolved`. B has the
     columns of all sources that `light_model` names, in this order.
     """
 
-    samples: RaysOption = None
-    model: ClosedOption = None
-    bounces: BouncesOption = "direct"
-    light_model: LightModelOption = None
+    light_model: options.LightModelOption = None
 
     def __post_init__(self) -> None:
-        _ = self.most_bounces
+        super().__post_init__()
         for source in self.sources:
             if source != GRID and not source.lower().endswith(".npy"):
                 raise PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
-
-    @property
-    def most_bounces(self) -> int | None:
-        """The most reflections of a path: 1 of direct light, None of any number."""
-        from periscopy_sim.rendering.transport.bounced import bounces_of_words
-
-        with fixable("--bounces"):
-            return bounces_of_words(self.bounces)
 
     @property
     def sources(self) -> list[str]:
@@ -76,13 +102,11 @@ class Light(OptionGroup):
 
     def origin(self, matrix: Path | None = None) -> dict[str, Any]:
         """Return the entries of a summary, where a file may hold A."""
-        from periscopy_sim.rendering.transport.bounced import bounces_in_words
-
         return {
             "model": "file" if matrix or self.model is None else self.model.value,
             "transport": matrix,
             "samples": None if matrix else self.samples,
-            "bounces": bounces_in_words(self.most_bounces),
+            "bounces": {1: "direct", None: "all"}.get(self.most_bounces, str(self.most_bounces)),
             "ambient_prototypes": self.sources,
         }
 
@@ -93,31 +117,6 @@ class Light(OptionGroup):
                 raise PeriscopyError(
                     f"--light-model: the method {name} models no ambient light; leave one out"
                 )
-
-    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
-        """Compute A, (M, N), with a progress bar.
-
-        Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
-        """
-        from periscopy_sim.rendering.transport import bounced
-        from periscopy_sim.rendering.transport.shadow_rays import require_light
-
-        bounces = self.most_bounces
-        if self.model is Model.analytic:
-            from periscopy_sim.analytic.area_transport import pixel_transport
-
-            A = pixel_transport(scenario)
-            require_light(A, scenario)
-        else:
-            samples = self.samples or SAMPLES
-            with progress("rendering the transport matrix") as report:
-                A = ps.render_transport(
-                    scenario, samples=samples, strata=strata, seed=seed, progress=report
-                )
-        if bounces == bounced.DIRECT:
-            return A
-        with progress("tracing light that bounces") as report:
-            return bounced.add_bounces(scenario, A, bounces, seed=seed, progress=report)
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.numerics.percentages import percentages
@@ -35,15 +35,11 @@ SENTENCES = {
         "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
         "much better. Export linear values from the camera's raw file"
     ),
-    "defects": "{name}: {defects}; leave them out by --mask, such as mask.png beside the results",
+    "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
-    "grainy": (
-        "{file}: the path tracing's own noise is {own:.2g} % of the photograph, more than the "
-        "{added:.2g} % added; take more --samples"
-    ),
-    "no_silhouette": "{scene}: its silhouette did not converge, so the image is unreliable",
     "uncounted": (
-        "{scene}: the standard errors ignore the calibration's ({reason}); pass --uncertain"
+        "{scene}: the standard errors ignore the calibration's ({names} changed since); pass "
+        "--uncertain"
     ),
     "untrusted": (
         "{scene}: its calibration is unreliable, and so are the image's place and its standard "
@@ -86,3 +82,13 @@ def assumptions(uncertain: Iterable[str]) -> str:
     names = ", ".join(uncertain)
     scene = f"the scene is right but for {names}" if names else "the scene is right"
     return f"{scene}, and that unseen details vary like seen ones"
+
+
+def comparison(compared: Mapping[str, Any]) -> str:
+    """Return metrics against the truth."""
+    limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
+    return (
+        f"against the truth: PSNR {compared['psnr']:.2f} dB, {compared['psnr_registered']:.2f} dB "
+        f"after the best shift (patches down, right: {compared['shift']}{limit}), "
+        f"{compared['psnr_colour_matched']:.2f} dB after the matrix of colours that fits it best"
+    )

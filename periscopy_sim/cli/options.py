@@ -5,16 +5,16 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
-from typer.core import TyperCommand
 
 from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -25,26 +25,15 @@ RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
 
 
-class GroupedCommand(TyperCommand):
-    """A command whose ``--help`` lists arguments and options by group."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write each group that has an entry; options without a group come last."""
-        titles = (SCENE, PHOTOGRAPH, LIGHT, SOLVER, OUTPUT, EXPERT, "Options")
-        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in titles}
-        for parameter in self.get_params(ctx):
-            if (record := parameter.get_help_record(ctx)) is not None:
-                title = getattr(parameter, "rich_help_panel", None) or "Options"
-                groups.setdefault(title, []).append(record)
-        for title, records in groups.items():
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
-
-
 def option(form: str, words: str, *names: str, group: str | None = None, **more: Any) -> Any:
     """Return an option: the form of its value, its help in words, the rest as typer takes it."""
+    words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
+
+
+def number(words: str, *, form: str = "NUMBER", **more: Any) -> Any:
+    """Return an option that takes a number; its bounds are ``min`` and ``max``."""
+    return option(form, words, **more)
 
 
 class OptionGroup:
@@ -82,41 +71,7 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def number(words: str, *, form: str = "NUMBER", group: str | None = None, **more: Any) -> Any:
-    """Return an option that takes a number, never NaN; its bounds are ``min`` and ``max``."""
-
-    def checked(value: float | None) -> float | None:
-        if value is not None and math.isnan(value):  # the parser takes it to be within any bounds
-            raise typer.BadParameter("nan is not a number")
-        return value
-
-    return option(form, words, group=group, callback=checked, **more)
-
-
-# -- scene, photograph ---------------------------------------------------------------------------
-
-_SCENE = "A Mitsuba XML file, or the name of a shipped scene."
-_PATCHES = "Patches of the hidden image, such as 29x36."
-_SET = "Set one of the scene's <default>s; repeatable."
-_PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
-_MASK = "A picture of the photograph's size, black where the wall is not used."
-_OFF = "A photograph of the wall with the monitor off; repeatable."
-_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
-
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE, rich_help_panel=SCENE)]
-SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
-Hidden = Annotated[str, option("ROWSxCOLUMNS", _PATCHES, group=SCENE)]
-Define = Annotated[list[str] | None, option("NAME=VALUE", _SET, "-D", group=SCENE)]
-PhotoArgument = Annotated[
-    Path, typer.Argument(metavar="PHOTO", help=_PHOTO, rich_help_panel=PHOTOGRAPH)
-]
-MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
-MonitorOffOption = Annotated[
-    list[Path] | None, option("FILE", _OFF, "--monitor-off", group=PHOTOGRAPH)
-]
-ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
-
-# -- light ---------------------------------------------------------------------------------------
+# -- the options ---------------------------------------------------------------------------------
 
 
 class Model(StrEnum):
@@ -126,48 +81,158 @@ class Model(StrEnum):
     analytic = "analytic"
 
 
-_SAMPLES = "Shadow rays to a patch from each wall point."
-_MODEL = "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles)."
-_IF_RAYS = f"{_SAMPLES} [default: see --model; then 16]"
-_IF_CLOSED = f"{_MODEL} [default: closed form where there is one, but for preconditioned, unrolled]"
+_SCENE = "A Mitsuba XML file, or the name of a shipped scene."
+_PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+_MASK = "A picture of the photograph's size, black where the wall is not used."
+_OFF = "A photograph of the wall with the monitor off; repeatable."
+_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
+_SAMPLES = "Shadow rays to a patch from each wall point, where rays render A (16)."
+_MODEL = (
+    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles); unless "
+    "given, in closed form where there is one, but for preconditioned and unrolled."
+)
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
-_MATRIX = "NPY file of A, instead of a rendering."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4's grid, columns of a file; repeatable."
-
-# More samples would be hours in one kernel, which nothing can interrupt.
-Samples = Annotated[int, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
-ModelOption = Annotated[Model, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
-RaysOption = Annotated[
-    int | None, option("NUMBER", _IF_RAYS, "--samples", group=LIGHT, min=1, max=65536)
-]
-ClosedOption = Annotated[
-    Model | None, typer.Option("--model", help=_IF_CLOSED, rich_help_panel=LIGHT)
-]
-BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
-MatrixOption = Annotated[Path | None, option("FILE", _MATRIX, "--transport", group=LIGHT)]
-LightModelOption = Annotated[
-    list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, "--light-model", group=LIGHT)
-]
-
-# -- output, noise -------------------------------------------------------------------------------
-
 _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
+SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
+Hidden = Annotated[
+    str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.", group=SCENE)
+]
+Define = Annotated[
+    list[str] | None,
+    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
+]
+PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO)]
+MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
+MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH)]
+ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
+# More samples would be hours in one kernel, which nothing can interrupt.
+Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
+ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
+BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
+MatrixOption = Annotated[
+    Path | None,
+    option("FILE", "NPY file of A, instead of a rendering.", "--transport", group=LIGHT),
+]
+LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
-Seed = Annotated[
-    int, option("NUMBER", "Seed of every random draw.", group=EXPERT, min=0, max=2**31 - 1)
-]
+Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
 Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
 OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
-
 Scheduler = Annotated[
-    str | None, option("ADDRESS", "A Dask scheduler. [default: this machine]", group=EXPERT)
+    str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
+
+# -- the options of the methods ------------------------------------------------------------------
+
+Offered = Mapping[str, tuple[Option, ...]]
+"""The options that each method takes, by the method's name."""
+
+FOR_STILLS: Offered = {name: entry.options for name, entry in METHODS.items()}
+_VIDEOS = {name: entry.video for name, entry in METHODS.items() if entry.video}
+FOR_VIDEOS: Offered = {
+    name: (*METHODS[name].options, *video.options) for name, video in _VIDEOS.items()
+}
+COUPLINGS = tuple(dict.fromkeys(each for video in _VIDEOS.values() for each in video.couplings))
+
+
+def _one_of(words: str, names: Collection[str]) -> Any:
+    """Return an option that takes one of some names, which the shell completes."""
+    return option("NAME", f"{words}.", group=SOLVER, autocompletion=lambda: list(names))
+
+
+def _listed(offered: Offered) -> str:
+    """Return each method's help, with its certainty for stills."""
+    entries = [METHODS[name] for name in offered]
+    certain = [f" (with {each.certainty})" if each.certainty else "" for each in entries]
+    certain = certain if offered is FOR_STILLS else [""] * len(entries)
+    return "; ".join(
+        f"{e.name}: {e.help}{known}" for e, known in zip(entries, certain, strict=True)
+    )
+
+
+_OWN = "yours as module:callable or file.py:callable"
+StillMethod = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+VideoMethod = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
+Coupling = Annotated[
+    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
+]
+
+
+def settings_for(
+    method: str, given: Mapping[str, float | None], offered: Offered, coupling: str = ""
+) -> dict[str, float]:
+    """Return the values of a method's options: the user's, else the defaults.
+
+    A user's own method has no options. A PeriscopyError names an option that the method, with this
+    coupling of a video's frames, does not take, or not of this value; or an unknown coupling.
+    """
+    if coupling and not (method in _VIDEOS and coupling in _VIDEOS[method].couplings):
+        known = "; ".join(f"{name}: {', '.join(v.couplings)}" for name, v in _VIDEOS.items())
+        raise PeriscopyError(f"--method {method} --coupling {coupling}: videos have {known}")
+    taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
+    values = {name: value for name, value in given.items() if value is not None}
+    for name, value in values.items():
+        if name not in taken or not taken[name].least <= value <= taken[name].most:
+            raise PeriscopyError(
+                f"--{name.replace('_', '-')} {value:g}: --method {method} {coupling} takes "
+                + (f"{taken[name].least:g} to {taken[name].most:g}" if name in taken else "none")
+            )
+    return {name: values.get(name, each.default) for name, each in taken.items()}
+
+
+def _argument(taken: Mapping[str, Option]) -> Any:
+    """Return the annotation of an option that some methods take."""
+    first = next(iter(taken.values()))
+    defaults: dict[str, list[str]] = {}
+    for method, each in taken.items():
+        unit = f" ({each.unit})" if each.unit else ""
+        defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
+    listed = "; ".join(f"{default} by {', '.join(names)}" for default, names in defaults.items())
+    words = number(
+        f"{first.help} Default: {listed}.",
+        group=SOLVER if first.name.endswith("weight") else EXPERT,
+        min=min(entry.least for entry in taken.values()),
+        max=max(entry.most for entry in taken.values()),
+        show_default=False,
+    )
+    return Annotated[float | None, words]
+
+
+def _signature(offered: Offered) -> inspect.Signature:
+    """Return the signature of a group of the options of some methods."""
+    by_name: dict[str, dict[str, Option]] = {}
+    for method, options in offered.items():
+        for each in options:
+            by_name.setdefault(each.name, {})[method] = each
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Signature([
+        inspect.Parameter(name, kind, default=None, annotation=_argument(taken))
+        for name, taken in by_name.items()
+    ])  # fmt: skip
+
+
+class StillNumbers(OptionGroup):
+    """The values of the options of methods for stills, None where the user gave none."""
+
+    __signature__ = _signature(FOR_STILLS)
+
+    def __init__(self, **values: float | None) -> None:
+        self.values = values
+
+
+class VideoNumbers(StillNumbers):
+    """The values of the options of methods for videos."""
+
+    __signature__ = _signature(FOR_VIDEOS)
+
 
 # -- forms of values -----------------------------------------------------------------------------
 
@@ -180,61 +245,52 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
+def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:
+    """Read ``NAME=VALUE`` or ``NAME`` entries, of an empty value; each name once."""
+    parts = [entry.partition("=") for entry in entries]
+    pairs = {name.strip(): value.strip() for name, _, value in parts}
+    if not all(pairs) or len(pairs) < len(parts):
+        raise PeriscopyError(f"{flag} {','.join(pairs)}: name each once, separated by one comma")
+    return pairs
+
+
 def parse_list(flag: str, text: str) -> list[str]:
     """Read names separated by commas, each once."""
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise PeriscopyError(f"{flag} '{text}' has an empty name; separate names by one comma")
-    return _without_doubles(flag, names)
+    return list(_pairs(flag, text.split(",")))
 
 
-def _without_doubles(flag: str, names: list[str]) -> list[str]:
-    if doubles := {name for name in names if names.count(name) > 1}:
-        raise PeriscopyError(f"{flag} has {', '.join(sorted(doubles))} twice; name each once")
-    return names
-
-
-def parse_definitions(definitions: list[str] | None, flag: str = "-D") -> dict[str, str]:
+def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> dict[str, str]:
     """Read ``-D name=value`` options, or those of another name; each name once."""
-    pairs = [each.partition("=") for each in definitions or []]
-    for name, equals, value in pairs:
-        if not (name and value):
-            raise PeriscopyError(f"{flag} '{name}{equals}' is not of the form name=value")
-    _without_doubles(flag, [name for name, _, _ in pairs])
-    return {name: value for name, _, value in pairs}
+    given = _pairs(flag, definitions or ())
+    if empty := [name for name, value in given.items() if not value]:
+        raise PeriscopyError(f"{flag} '{empty[0]}=' is not of the form name=value")
+    return given
 
 
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
-    pairs = [each.partition("=") for each in text.split(",") if each.strip()]
-    _without_doubles(flag, [name.strip() for name, _, _ in pairs])
+    given = _pairs(flag, text.split(",") if text else ())
     try:
-        return {name.strip(): float(error) if equals else None for name, equals, error in pairs}
+        return {name: float(error) if error else None for name, error in given.items()}
     except ValueError:
         raise PeriscopyError(f"{flag} {text}: write NAME or NAME=ERROR, by comma") from None
 
 
-def known_errors(
-    named: Mapping[str, float | None], path: Path, given: Mapping[str, str]
-) -> dict[str, float]:
-    """Return the errors of ``--uncertain``: those given, else those that the scene declares.
+def known_errors(text: str, path: Path, given: Mapping[str, str]) -> dict[str, float]:
+    """Read the errors of ``--uncertain``: those given, else those that the scene declares.
 
     A PeriscopyError names a parameter whose error is unknown or not positive.
     """
+    if not text:
+        return {}
     from periscopy_sim.calibration.prior import declared_errors, start_values
 
-    if named:
-        start_values(path, list(named), given)
-    declared = declared_errors(path, given)
-    errors = {
-        name: declared.get(name, math.nan) if error is None else error
-        for name, error in named.items()
-    }
+    named, declared = parse_errors(text, "--uncertain"), declared_errors(path, given)
+    start_values(path, list(named), given)
+    errors = {name: error or declared.get(name, 0.0) for name, error in named.items()}
     for name, error in errors.items():
         if not 0 < error < math.inf:
-            raise PeriscopyError(
-                f"--uncertain {name}: give its error, a positive number: {name}=ERROR"
-            )
+            raise PeriscopyError(f"--uncertain {name}: give a positive error, {name}=ERROR")
     return errors
 
 
@@ -247,7 +303,7 @@ def require_suffix(out: Path, suffix: str, what: str) -> None:
 def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     """Read ``NAME=LOW:HIGH,...``, each name once."""
     ranges = {}
-    for name, ends in parse_definitions([each.strip() for each in text.split(",")], flag).items():
+    for name, ends in parse_definitions(text.split(","), flag).items():
         try:
             low, high = map(float, ends.split(":"))
         except ValueError:
@@ -263,18 +319,17 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
 def parse_indices(text: str, count: int) -> list[int]:
     """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
     indices: list[int] = []
-    for part in text.split(","):
-        numbers = re.fullmatch("([0-9]{1,12})(?:-([0-9]{1,12}))?", part.strip())
-        if not numbers:
-            raise PeriscopyError(f"'{text}': write numbers and ranges of samples, such as 0,5,8-11")
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        indices += range(first, min(last, count - 1) + 1) if numbers[2] else [first]
-    if not indices:
-        raise PeriscopyError(f"'{text}' holds no sample; the data set has {count}")
+    parts = [
+        re.fullmatch(r"([0-9]{1,12})(-[0-9]{1,12})?", each.strip()) for each in text.split(",")
+    ]
+    for part in filter(None, parts):
+        first = int(part[1])
+        indices += range(first, min(int(part[2][1:]) + 1, count)) if part[2] else [first]
+    if not (indices and all(parts)):
+        raise PeriscopyError(
+            f"'{text}': write numbers and ranges of the {count} samples, such as 0,5,8-11"
+        )
     return list(dict.fromkeys(indices))
-
-
-MOST_RATIOS = 1000
 
 
 def parse_ratios(text: str) -> list[float]:
@@ -282,18 +337,16 @@ def parse_ratios(text: str) -> list[float]:
     try:
         if ":" in text:
             first, last, spacing, count = text.split(":")
-            ends, number = (float(first), float(last)), int(count)
             space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
-            inner = 0 < min(ends) <= max(ends) < math.inf and number <= MOST_RATIOS
-            ratios = [float(f"{each:.6g}") for each in space(*ends, number)] if inner else []
+            with np.errstate(all="ignore"):
+                ratios = [float(f"{r:.6g}") for r in space(float(first), float(last), int(count))]
         else:
             ratios = [float(ratio) for ratio in text.split(",")]
     except (ValueError, KeyError):
         ratios = []
     if not ratios or not all(0 < r < math.inf for r in ratios) or len({*ratios}) < len(ratios):
         raise PeriscopyError(
-            f"--sbr '{text[:80]}' is no list of different positive ratios; write 0.1,1,10 or "
-            "0.1:10:log:9"
+            f"--sbr '{text}': write different positive ratios, as 0.1,1,10 or 0.1:10:log:9"
         )
     return ratios
 
@@ -303,20 +356,21 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
 
     Return the EXR file of each name; None for a shipped condition.
     """
-    lights: list[tuple[str, Path | None]] = []
-    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL}
+    shipped = *REALISTIC, *ADVERSARIAL
+    groups = {name: [name] for name in shipped} | {
+        "all": [*REALISTIC],
+        "adversarial": [*ADVERSARIAL],
+    }
+    lights: dict[str, Path | None] = {}
     for entry in parse_list("--ambient", text):
         path = Path(entry)
-        if entry in groups or entry in (*REALISTIC, *ADVERSARIAL):
-            lights += [(name, None) for name in groups.get(entry, [entry])]
-        elif path.is_dir() and (files := sorted(path.glob("*.exr"))):
-            lights += [(file.stem, file) for file in files]
-        elif path.suffix == ".exr":
-            lights.append((path.stem, path))
-        else:
+        files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
+        added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
+        added = dict.fromkeys(groups[entry]) if entry in groups else added
+        if not added or added.keys() & lights.keys():
             raise PeriscopyError(
                 f"--ambient '{entry}': write an EXR file, a folder of EXR files, all, adversarial, "
-                f"{', '.join((*REALISTIC, *ADVERSARIAL))}"
+                f"{', '.join(shipped)}; each light once"
             )
-    _without_doubles("--ambient", [name for name, _ in lights])
-    return dict(lights)
+        lights |= added
+    return lights

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,35 +11,18 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.outputs.resume import (
-    alone_in,
-    check_settings,
-    read_settings,
-    refuse_results,
-    write_settings,
-)
 from periscopy_sim.storage.outputs.staging import staged_folder
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
-
-BETWEEN_LINES = 20.0
-"""Seconds between two lines of progress where there is no terminal."""
 
 
 @contextmanager
-def fixable(what: str, files: Iterable[str] = ()) -> Iterator[None]:
-    """Turn a ValueError about the user's data into a PeriscopyError that names `what`.
-
-    A message about one of the `files` begins with that file's name.
-    """
+def fixable(what: str) -> Iterator[None]:
+    """Turn a ValueError about the user's data into a PeriscopyError that names `what`."""
     try:
         yield
     except PeriscopyError:
         raise
     except ValueError as error:
-        of_file = any(str(error).startswith(f"{file}: ") for file in files)
-        raise PeriscopyError(f"{error} ({what})" if of_file else f"{what}: {error}") from error
+        raise PeriscopyError(f"{what}: {error}") from error
 
 
 def say(message: str) -> None:
@@ -53,23 +35,19 @@ def say_written(*paths: Path) -> None:
     say(f"wrote {', '.join(map(str, paths))}")
 
 
-def warn(message: str) -> None:
-    """Print one warning line."""
-    print(f"periscopy: warning: {message}", file=sys.stderr, flush=True)
+def warn(message: str, kind: str = "warning") -> None:
+    """Print one line of a warning, or of an error."""
+    print(f"periscopy: {kind}: {message}", file=sys.stderr, flush=True)
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
     """Print a boxed warning with its reasons and advice."""
-    bullets = [textwrap.fill(f"- {reason}", 92, subsequent_indent="  ") for reason in reasons]
-    text = "\n".join([title.upper(), "", *bullets, "", textwrap.fill(advice, 92)])
-    box = "\n".join(f"# {line:92} #" for line in text.splitlines())
-    print("#" * 96, box, "#" * 96, sep="\n", file=sys.stderr, flush=True)
+    from rich.console import Console
+    from rich.panel import Panel
+    from rich.text import Text
 
-
-def fail(message: str, code: int) -> NoReturn:
-    """Print an error on one line, and exit with a code."""
-    print(f"periscopy: error: {PeriscopyError(message)}", file=sys.stderr, flush=True)
-    raise SystemExit(code)
+    text = Text("\n".join([*(f"- {reason}" for reason in reasons), "", advice]))
+    Console(stderr=True).print(Panel(text, title=title.upper()))
 
 
 _INTERRUPTS: list[int] = []
@@ -84,16 +62,18 @@ def interrupt(number: int, _frame: object) -> NoReturn:
 
 @contextmanager
 def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
-    """Yield a staged folder; print the path of each of its files when all are complete.
+    """Yield a staged folder; print the path of each of its entries when all are complete.
 
-    The `optional` files that this run did not write are removed: they belong to a former run.
+    Files of the `optional` patterns that this run did not write are removed: they belong to a
+    former run.
     """
     with staged_folder(out) as folder:
         yield folder
-        names = sorted(entry.name for entry in folder.iterdir())
-    for name in set(optional).difference(names):
-        (out / name).unlink(missing_ok=True)
-    say_written(*(out / name for name in names))
+        written = {entry.relative_to(folder) for entry in folder.rglob("*")}
+    for file in (file for pattern in optional for file in out.glob(pattern)):
+        if file.relative_to(out) not in written:
+            file.unlink()
+    say_written(*(out / path for path in sorted(written) if len(path.parts) == 1))
 
 
 @contextmanager
@@ -109,21 +89,21 @@ def resumed_folder(
     A folder of other settings, or with `files` of unknown settings, is an OutputError. Until the
     first of its files exists, the `varied` settings may differ; all of them by default.
     """
+    from periscopy_sim.storage.outputs import resume
 
     def check() -> None:
-        held = read_settings(out)
-        if held is None:
-            refuse_results(out, files)
+        if (held := resume.read_settings(out)) is None:
+            resume.refuse_results(out, files)
             return
         if not (out / files[0]).exists():
             held |= {name: settings[name] for name in varied or settings}
-        check_settings(held, settings, str(out), what)
+        resume.check_settings(held, settings, str(out), what)
 
     check()  # before the folder is made
-    with alone_in(out):
+    with resume.alone_in(out):
         check()
         if not (out / files[0]).exists():
-            write_settings(out, settings)
+            resume.write_settings(out, settings)
         yield
 
 
@@ -132,38 +112,29 @@ _AT_WORK: list[str] = []
 
 
 @contextmanager
-def progress(label: str, unit: str = "", *, lines: bool = True) -> Iterator[Callable[..., None]]:
-    """Show the progress of a long computation: a bar on a terminal, else a line now and then.
+def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
+    """Show the progress of a long computation: a bar on a terminal, elsewhere a line at its start.
 
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
-    Within the progress of another computation, nothing is shown; without `lines`, only a bar.
+    Within the progress of another computation, nothing is shown.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress
 
     console = Console(stderr=True)
-    shown, last = not _AT_WORK, time.monotonic()
-    bars, lines = shown and console.is_terminal, shown and lines and not console.is_terminal
-
-    def print_line(text: str) -> None:
-        if lines:
-            print(f"periscopy: {text}", file=sys.stderr, flush=True)
+    if not (_AT_WORK or console.is_terminal):
+        print(f"periscopy: {label}", file=sys.stderr, flush=True)
 
     def update(done: float, total: float = 1.0) -> None:
-        nonlocal last
         if _INTERRUPTS:
             raise KeyboardInterrupt
-        text = f"{label}: " + (f"{done} of {total} {unit}" if unit else f"{100 * done:.0f} %")
+        text = f"{label}: {done} of {total} {unit}" if unit else label
         bar.update(task, description=text, completed=done, total=total or 1)
-        if time.monotonic() - last > BETWEEN_LINES:
-            last = time.monotonic()
-            print_line(text)
 
-    print_line(label)
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    disable = bool(_AT_WORK) or not console.is_terminal
     _AT_WORK.append(label)
     try:
-        with Progress(*columns, console=console, transient=True, disable=not bars) as bar:
+        with Progress(console=console, transient=True, disable=disable) as bar:
             task = bar.add_task(label, total=None)
             yield update
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,20 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import (
-    Define,
-    Hidden,
-    OptionGroup,
-    SceneArgument,
-    SceneOption,
-    Seed,
-    parse_definitions,
-    parse_size,
-)
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
 from periscopy_sim.photograph import Mask, blackened
@@ -35,7 +26,7 @@ from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
-from periscopy_sim.storage.pictures import read_hidden_image, write_png
+from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
@@ -55,17 +46,17 @@ def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
     """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
     from periscopy_sim.rendering.survey import shadow_doubt
 
-    if not (doubt := shadow_doubt(scenario)):
-        return []
-    warn(f"{name}: {doubt}")
-    return [f"{name}: {doubt}"]
+    lines = [f"{name}: {doubt}"] if (doubt := shadow_doubt(scenario)) else []
+    for line in lines:
+        warn(line)
+    return lines
 
 
-def check_memory(scenario: ps.Scenario, method: str | None = None) -> None:
-    """Reject a scene whose A and method need more memory than there is."""
+def check_memory(scenario: ps.Scenario, method: str = "") -> None:
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
     pixels, patches = scenario.transport_shape
-    entry = METHODS.get(method or DEFAULT, METHODS[DEFAULT])
-    needed = transport_memory(pixels, patches, 4 if method is None else entry.bytes_per_entry)
+    fitted = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry
+    needed = transport_memory(pixels, patches, fitted if method else 4)  # bytes of an entry
     if not has_memory(needed):
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
@@ -74,34 +65,30 @@ def check_memory(scenario: ps.Scenario, method: str | None = None) -> None:
         )
 
 
-def pixel_record(
-    mask_file: Path | None, mask: Mask | None, monitor_off: Mapping[str, Array]
-) -> dict[str, Any]:
-    """Return a summary's entries about the mask and the monitor-off photographs."""
-    return {
-        "mask": mask_file,
-        "pixels_left_out": 0 if mask is None else np.count_nonzero(~mask),
-        "backgrounds": list(monitor_off),
-    }
+def left_out(mask: Mask | None) -> dict[str, Any]:
+    """Return a summary's entry about a mask."""
+    return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
 
 
-class Session(OptionGroup):
+@dataclass(eq=False)
+class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
-    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, and
-    `suggestion` the pixels, (rows, columns) bool, without the defects that `without_defects` found.
+    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, `record`
+    its entries about what was read and fitted.
     """
 
-    suggestion: Mask | None = None
+    scene: options.SceneArgument
+    hidden: options.Hidden
+    define: options.Define = None
+    seed: options.Seed = 0
 
-    def __init__(
-        self, scene: SceneArgument, hidden: Hidden, define: Define = None, seed: Seed = 0
-    ) -> None:
-        self.name, self.hidden, self.seed = scene, hidden, seed
-        self.size, self.path = parse_size(hidden), find_scene(scene)
-        self.definitions = parse_definitions(define)
+    def __post_init__(self) -> None:
+        self.size, self.path = options.parse_size(self.hidden), find_scene(self.scene)
+        self.definitions = options.parse_definitions(self.define)
         self.timed = Stopwatch()
         self.warnings: list[str] = []
+        self.record: dict[str, Any] = {}
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -119,13 +106,13 @@ class Session(OptionGroup):
         """The provenance as text, for the metadata of pictures."""
         return as_text(self.provenance)
 
-    def check_scene(self, method: str | None = None) -> None:
-        """Reject a scene that a method cannot use; warn without shadows."""
-        if method is not None:
-            from periscopy_sim.evaluation.methods import check_able
+    def check_scene(self, method: str = "") -> None:
+        """Reject a scene that a method, or the memory, cannot take; warn without shadows."""
+        from periscopy_sim.evaluation.methods import check_able
 
-            check_able(method, self.scenario.hidden_shape)
-        self.warnings += warn_without_shadows(self.scenario, self.name)
+        check_able(method, self.scenario.hidden_shape)
+        check_memory(self.scenario, method)
+        self.warnings += warn_without_shadows(self.scenario, self.scene)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
@@ -139,7 +126,12 @@ class Session(OptionGroup):
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Path trace ambient light, (rows, columns, 3), to a relative error of a pixel."""
+        """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
+
+        The relative error of a pixel that is path traced is the target.
+        """
+        if Path(name).is_file():
+            return self.photograph(Path(name)).values
         with progress("path tracing the ambient light") as report:
             seed = self.seed + 1  # other paths than the photograph's
             light = ps.render_background(
@@ -170,16 +162,12 @@ class Session(OptionGroup):
             with fixable(str(mask)):
                 given = read_mask(mask, self.scenario.photograph_shape)
                 used = checked_mask(given, self.scenario.transport_shape)
-        files = list(map(str, monitor_off or []))
-        if len(set(files)) < len(files):
-            raise PhotographError(f"--monitor-off {', '.join(files)}: name each photograph once")
-        return used, {file: self.photograph(Path(file), used).values for file in files}
+        off = {str(file): self.photograph(file, used).values for file in monitor_off or []}
+        self.record |= {"mask": mask, **left_out(used), "backgrounds": list(off)}
+        return used, off
 
     def wall(
-        self,
-        path: Path,
-        mask: Path | None = None,
-        monitor_off: list[Path] | None = None,
+        self, path: Path, mask: Path | None = None, monitor_off: list[Path] | None = None
     ) -> ps.Photograph:
         """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
         used, off = self.companions(mask, monitor_off)
@@ -187,19 +175,14 @@ class Session(OptionGroup):
         return self.without_defects(photograph, str(path))
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
-        """Warn of a photograph's defective pixels; return it black outside of its mask."""
+        """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
         values, used = photograph.values, photograph.mask
         defects = defective_pixels(values, used)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
-            self.suggestion = ~defects.any_kind if used is None else used & ~defects.any_kind
-        return replace(photograph, values=blackened(values, used))
-
-    def suggest_mask(self, folder: Path) -> None:
-        """Write a mask that leaves out the defects of `without_defects`, if there are any."""
-        if self.suggestion is not None:
-            mask = np.repeat(self.suggestion[..., np.newaxis], 3, axis=2)
-            write_png(folder / "mask.png", mask, self.metadata)
+            used = ~defects.any_kind if used is None else used & ~defects.any_kind
+            self.record |= left_out(used)
+        return replace(photograph, values=blackened(values, used), mask=used)
 
     # -- fitting and writing ---------------------------------------------------------------------
 
@@ -207,15 +190,16 @@ class Session(OptionGroup):
         self, light: Light, matrix: Path | None = None, strata: Strata = "jittered"
     ) -> NDArray[np.float32]:
         """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
-        from periscopy_sim.rendering.transport.bounced import channels_mean
-        from periscopy_sim.storage.transport_matrix import read_transport, record_of
-
+        A: Any
         if matrix is None:
-            return channels_mean(light.transport(self.scenario, self.seed, strata))
-        A = read_transport(matrix, self.scenario, light.most_bounces)
-        if not record_of(matrix).is_file():
-            self.warn(sentence("no_record", file=matrix))
-        return channels_mean(A)
+            A = light.transport(self.scenario, self.seed, strata)
+        else:
+            from periscopy_sim.storage.transport_matrix import read_transport, record_of
+
+            A = read_transport(matrix, self.scenario, light.most_bounces)
+            if not record_of(matrix).is_file():
+                self.warn(sentence("no_record", file=matrix))
+        return np.asarray(A if light.most_bounces == 1 else A.mean)
 
     def fit(
         self,
@@ -230,17 +214,15 @@ class Session(OptionGroup):
         """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import fit_method
 
+        colours = None if colour_matrix is None else colour_matrix.matrix
+        self.record |= {**light.origin(matrix), "method": method, **settings}
+        self.record["colour_matrix"] = colours
         with self.timed("transport matrix"):
-            check_memory(self.scenario, method)
             A = self.transport(light, matrix)
         with self.timed("prototype backgrounds"):
             B = light.backgrounds(self.scenario)
-        place = str(matrix or f"scene '{self.path}'")
-        with (
-            self.timed("fit the method"),
-            progress(f"fitting {method}"),
-            fixable(place, wall.monitor_off),
-        ):
+        place = fixable(str(matrix or f"scene '{self.path}'"))
+        with self.timed("fit the method"), progress(f"fitting {method}"), place:
             return fit_method(
                 method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
                 **settings,
@@ -251,6 +233,7 @@ class Session(OptionGroup):
         summary = {
             "photograph_shape": self.scenario.photograph_shape,
             "hidden_shape": self.scenario.hidden_shape,
+            **self.record,
             **values,
             "warnings": self.warnings,
             "seconds": self.timed.seconds,
@@ -259,10 +242,8 @@ class Session(OptionGroup):
         write_json(file, summary)
 
 
+@dataclass(eq=False)
 class PhotoSession(Session):
     """A session of a command whose argument is a photograph: ``--scene`` names the scene."""
 
-    def __init__(
-        self, scene: SceneOption, hidden: Hidden, define: Define = None, seed: Seed = 0
-    ) -> None:
-        super().__init__(scene, hidden, define, seed)
+    scene: options.SceneOption

@@ -83,9 +83,8 @@ def sweep(
     used, off = session.companions(mask, monitor_off)
     signal = None
     if photograph is not None:
-        given = session.photograph(photograph, used)
-        signal = given.values
-        session.without_defects(given, str(photograph))
+        wall = session.without_defects(session.photograph(photograph, used), str(photograph))
+        signal, used = wall.values, wall.mask
     ambience = {
         name: session.photograph(path, used).values if path else None
         for name, path in lights.items()
@@ -118,7 +117,7 @@ def sweep(
             write_transport(session, light, matrix)
         A = session.transport(light, matrix)
         B = light.backgrounds(scenario)
-        with fixable(f"scene '{scenario.path}'", off):
+        with fixable(f"scene '{scenario.path}'"):
             fitted = {name: fit_method(name, scenario, A, B, used, off) for name in names}
         if signal is None:
             file = out / "photograph.exr"

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import SAMPLES, MonitorLight
 from periscopy_sim.cli.output import as_json, say
 from periscopy_sim.cli.session import Session, check_memory
 
 
 def transport(
     session: Session,
+    light: Annotated[MonitorLight, {"samples": SAMPLES, "model": options.Model.rendered}],
     out: options.OutFile,
-    samples: options.Samples = 16,
-    model: options.ModelOption = options.Model.rendered,
-    bounces: options.BouncesOption = "direct",
 ) -> None:
     """Render the light transport matrix A of a scene.
 
@@ -24,10 +23,10 @@ def transport(
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
     options.require_suffix(out, ".npy", "the matrix")
-    write_transport(session, Light(samples, model, bounces), out)
+    write_transport(session, light, out)
 
 
-def write_transport(session: Session, light: Light, out: Path) -> None:
+def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
     """Compute A; write it with the files beside it, and print their names."""
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,50 +12,38 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.cli import options
+from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.messages import residual_summary, sentences
-from periscopy_sim.cli.method_options import (
-    FOR_VIDEOS,
-    Coupling,
-    VideoMethod,
-    VideoNumbers,
-    check_coupling,
-    settings_for,
-)
-from periscopy_sim.cli.options import EXPERT, OUTPUT, PHOTOGRAPH, number, option
+from periscopy_sim.cli.options import OUTPUT, number, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import PhotoSession, Session, pixel_record
-from periscopy_sim.errors import OutputError
+from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import video as drawing
 from periscopy_sim.figures.animation import require_encoder
 from periscopy_sim.figures.residual import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
-from periscopy_sim.storage.formats.arrays import mapped_stack
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.report import Report
 
+OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
+"""Files that depend on the options and on the number of frames."""
+
+Image = NDArray[np.floating[Any]]
+_FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack."
+
 
 def video(
     *,
-    frames: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FRAMES",
-            help="Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack.",
-            rich_help_panel=PHOTOGRAPH,
-        ),
-    ],
+    frames: Annotated[Path, typer.Argument(metavar="FRAMES", help=_FRAMES)],
     session: PhotoSession,
     light: Light,
     matrix: options.MatrixOption = None,
     out: options.Out,
-    method: VideoMethod = DEFAULT,
-    coupling: Coupling = "l1",
-    numbers: VideoNumbers,
+    method: options.VideoMethod = DEFAULT,
+    coupling: options.Coupling = "l1",
+    numbers: options.VideoNumbers,
     truth: Annotated[
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
@@ -66,9 +53,6 @@ def video(
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
     ] = None,
-    batch: Annotated[
-        int, option("NUMBER", "Photographs in one product.", group=EXPERT, min=1, max=4096)
-    ] = 16,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,
     colour_matrix: options.ColourMatrixOption = None,
@@ -79,153 +63,107 @@ def video(
     for ending in also or ():
         require_encoder(ending)
     formats = ["png", *dict.fromkeys(also or ())]
-    check_coupling(method, coupling)
-    settings = settings_for(method, numbers.values, FOR_VIDEOS, coupling)
+    settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
     of_still = {option.name for option in entry.options}
-    for_stills = {name: value for name, value in settings.items() if name in of_still}
-    weights = {name: value for name, value in settings.items() if name not in of_still}
+    weights = {name: settings[name] for name in settings if name not in of_still}
     light.check_methods(method)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
-    with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with output_folder(out, OPTIONAL) as folder, TemporaryDirectory(dir=folder) as scratch:
         session.check_scene(method)
         light = light.resolved(session.scenario, method)
-        clip = _read_clip(session, frames, mask, monitor_off, truth, Path(scratch))
-        _check_former(out, len(clip.names))
-        still = session.fit(method, for_stills, light, matrix, clip.wall, colour_matrix=colours)
+        names, photographs, wall = _read(session, frames, mask, monitor_off, Path(scratch))
+        known = None
+        if truth is not None:
+            path = Path(truth) if Path(truth).is_dir() else find_image(truth)
+            known = sequences.decoded_truth(
+                path, session.scenario.hidden_shape, len(names), Path(scratch) / "truth.npy"
+            )
+        for_still = {name: settings[name] for name in settings if name in of_still}
+        still = session.fit(method, for_still, light, matrix, wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
-        images, records, report, rates = _recover(
-            session, recovery, still, clip, folder / "frames.npy", batch
-        )
-        text = session.metadata
+        with fixable(f"{frames}, first frame"):
+            images, records, report = _recover(session, recovery, still, names, photographs)
+        np.save(folder / "frames.npy", images)
+        for line in messages.sentences(report.warnings):
+            session.warn(f"{frames}, first frame: {line}")
+        text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
-            white = drawing.white_of(images)
-            if clip.truth is not None:
-                video_metrics.compare(records, images, clip.truth)
+            if known is not None:
+                video_metrics.compare(records, images, known)
                 errors = [record["mean_squared_error"] for record in records]
-                sheet = clip.photographs, clip.truth, images, errors, text
-                drawing.draw_sheet(folder / "frames_sheet.png", *sheet)
+                sheet = folder / "frames_sheet.png"
+                drawing.draw_sheet(sheet, photographs, known, images, errors, text)
             with progress("drawing the frames") as drawn:
                 drawing.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
-                    shown = clip.photographs, images, clip.truth, white, rate, text, drawn
-                    drawing.draw_video(folder / f"video.{ending}", *shown)
+                    file = folder / f"video.{ending}"
+                    drawing.draw_video(file, photographs, images, known, white, rate, text, drawn)
         if report.residual is not None:
-            caption = residual_summary(report.residual)
-            file = folder / "residual.png"
-            draw_residual(file, clip.photographs[0], report.residual, caption, text)
-        session.suggest_mask(folder)
+            caption = messages.residual_summary(report.residual)
+            draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
-        summary = {
-            "photographs": str(frames),
-            "frames": len(clip.names),
-            **light.origin(matrix),
-            "method": method,
-            **settings,
-            "first_frame": report.numbers,
-            "coupling": coupling,
-            "batch": batch,
-            "rate": rate,
-            "formats": formats,
-            "white": white,
-            **pixel_record(mask, clip.wall.mask, clip.wall.monitor_off),
-            "colour_matrix": None if colours is None else colours.matrix,
-            "truth": truth,
-            "median": medians,
-            "frames_per_second": rates,
-        }
-        session.write_summary(folder / "summary.json", summary)
+        session.write_summary(
+            folder / "summary.json",
+            {
+                "photographs": str(frames),
+                "frames": len(names),
+                **weights,
+                "first_frame": report.numbers,
+                "coupling": coupling,
+                "rate": rate,
+                "formats": formats,
+                "white": white,
+                "truth": truth,
+                "median": medians,
+                "frames_per_second": 1 / medians["seconds"],
+            },
+        )
     if report.residual is not None:
-        say(f"first frame, {residual_summary(report.residual)}")
-    say(
-        f"{len(clip.names)} frames, {rates['batch']:.1f} a second in batches of {batch}, "
-        f"{rates['live']:.1f} one at a time"
-    )
+        say(f"first frame, {messages.residual_summary(report.residual)}")
+    say(f"{len(names)} frames, {1 / medians['seconds']:.1f} a second")
     if truth is not None:
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
 
 
-@dataclass(frozen=True, eq=False)
-class _Clip:
-    """The photographs of a video, (frames, rows, columns, 3), and their companions."""
-
-    name: str
-    names: Sequence[str]  # of the frames
-    photographs: NDArray[np.floating[Any]]
-    wall: ps.Photograph  # of the first frame
-    truth: NDArray[np.floating[Any]] | None  # (frames, R, C, 3)
-
-
-def _read_clip(
-    session: Session,
-    frames: Path,
-    mask: Path | None,
-    monitor_off: list[Path] | None,
-    truth: str | None,
-    scratch: Path,
-) -> _Clip:
-    """Read and check the photographs and the hidden images, into files of a scratch folder."""
-    shape, hidden = session.scenario.photograph_shape, session.scenario.hidden_shape
+def _read(
+    session: Session, frames: Path, mask: Path | None, monitor_off: list[Path] | None, scratch: Path
+) -> tuple[Sequence[str], Image, ps.Photograph]:
+    """Return the frames' names, (frames, rows, columns, 3) values in a file, and the first one."""
+    shape = session.scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions(mask, monitor_off)
         sequence = sequences.open_frames(frames, shape, used)
         photographs, warnings = sequences.decoded_photographs(
             sequence, shape, used, scratch / "y.npy", report
         )
-        for warning in warnings:
-            session.warn(warning)
-        name = f"{frames}, first frame"
-        wall = session.without_defects(ps.Photograph(photographs[0], used, off), name)
-        known = None
-        if truth is not None:
-            path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            known = sequences.decoded_truth(path, hidden, len(sequence), scratch / "truth.npy")
-    return _Clip(name, sequence.names, photographs, wall, known)
-
-
-def _check_former(out: Path, count: int) -> None:
-    """Reject a folder with pictures of a longer video, which would stay beside the new ones."""
-    held = {file.name for file in (out / "frames").glob("*.png")}
-    if held - set(drawing.picture_names(count)):
-        raise OutputError(f"{out}: holds a longer video; name another folder")
+    for warning in warnings:
+        session.warn(warning)
+    first = ps.Photograph(photographs[0], used, off)
+    return sequence.names, photographs, session.without_defects(first, f"{frames}, first frame")
 
 
 def _recover(
-    session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
-) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
-    """Recover the frames into an NPY file; print the warnings of the first.
-
-    Return the frames, (frames, R, C, 3), their rows of the table, the first one's report, and rates
-    in frames a second.
-    """
+    session: Session, recovery: Any, still: Any, names: Sequence[str], photographs: Image
+) -> tuple[Image, list[dict[str, Any]], Report]:
+    """Return the frames, (frames, R, C, 3), their rows of the table, and the first one's report."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
-    from periscopy_sim.reconstruction.report import Report
 
-    count, shape = len(clip.names), session.scenario.hidden_shape
+    images: list[Image] = []
     records: list[dict[str, Any]] = []
-    report = Report()
     # Small products gain little from threads, which wait for each other on a busy machine.
-    with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
-        with session.timed("rehearse"):
-            live = video_metrics.live_rate(recovery, clip.photographs)
-        with (
-            session.timed("reconstruct"),
-            progress("reconstructing", "frames") as frame_done,
-            sequences.npy_writer(file, (count, *shape, 3), np.float32) as write,
-        ):
-            solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)
-            for k, (solution, seconds) in enumerate(solved):
-                write(solution.image)
-                if k == 0:
-                    report = still.report(clip.photographs[0], solution)
-                numbers = solution.numbers()
-                records.append(video_metrics.record_of(k, clip.names[k], seconds, numbers))
-                frame_done(k + 1, count)
-    for warning in sentences(report.warnings):
-        session.warn(f"{clip.name}: {warning}")
-    rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
-    return mapped_stack(file), records, report, rates
+    work = progress("reconstructing", "frames")
+    with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
+        solved = video_metrics.timed_solutions(recovery, photographs)
+        for k, (solution, seconds) in enumerate(solved):
+            if not images:
+                report = still.report(photographs[0], solution)
+            images.append(solution.image.astype(np.float32))
+            numbers = solution.numbers()
+            records.append(video_metrics.record_of(k, names[k], seconds, numbers))
+            frame_done(k + 1, len(names))
+    return np.stack(images), records, report

@@ -1,4 +1,4 @@
-"""Metrics of each frame of a recovered video, and the rate of frames."""
+"""Metrics of each frame of a recovered video, and its time."""
 
 from __future__ import annotations
 
@@ -18,21 +18,8 @@ Image = NDArray[np.floating[Any]]
 Record = dict[str, Any]
 
 
-def live_rate(video: FrameByFrame[Any, Any], photographs: Image, most: int = 16) -> float:
-    """Measure frames a second, of at most so many that come one at a time, code compiled."""
-    for photograph in photographs[:2]:  # a first frame and one that follows
-        video.next_frame(photograph)
-    shown = photographs[:most]
-    start = time.perf_counter()
-    for photograph in shown:
-        video.next_frame(photograph)
-    seconds = time.perf_counter() - start
-    video.restart()
-    return len(shown) / seconds
-
-
 def timed_solutions(
-    video: FrameByFrame[Any, Any], photographs: Image, batch: int
+    video: FrameByFrame[Any, Any], photographs: Image, batch: int = 16
 ) -> Iterator[tuple[Any, float]]:
     """Yield solutions in turn, and the seconds of each: its own and its share of its batch's."""
     for start in range(0, len(photographs), batch):

@@ -32,10 +32,7 @@ def test_numbers_are_those_of_dense_linear_algebra(succeeds, model, tmp_path):
     assert {path.name for path in folder.iterdir()} == names
     assert all(name.replace("_", " ") in printed for name in MEANINGS)
     summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["model"], summary["samples"], summary["rank_tolerance"]) == (
-        "rendered", 4, 1e-4
-    )  # fmt: skip
-    assert summary["provenance"]["seed"] == 3
+    assert (summary["model"], summary["samples"]) == ("rendered", 4)
     A, B = model
     Q = kept_range(B, 1e-4)
     A_perp = A - Q @ (Q.T @ A)
@@ -63,17 +60,6 @@ def test_numbers_are_those_of_dense_linear_algebra(succeeds, model, tmp_path):
     assert bounds.shape == without.shape == (4, 5)
     assert np.allclose(bounds.ravel(), np.sqrt(beside), rtol=1e-6)
     assert np.allclose(without.ravel(), np.sqrt(alone), rtol=1e-6)
-    table = summary["rank_table"]
-    assert [row["tolerance"] for row in table] == [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
-    for row in table[:2]:
-        Q = kept_range(B, row["tolerance"])
-        A_perp = A - Q @ (Q.T @ A)
-        P = np.linalg.pinv(A_perp)
-        left = np.linalg.norm(P @ B, axis=0) / np.linalg.norm(B, axis=0) / np.linalg.norm(P, 2)
-        assert row["rank"] == Q.shape[1]
-        assert row["noise_gain"] == pytest.approx(np.trace(P @ P.T), rel=1e-6)
-        assert row["residual_background"] == pytest.approx(left.max(), rel=1e-3)
-    assert table[0]["rank"] < table[1]["rank"] and table[0]["noise_gain"] < table[1]["noise_gain"]
 
 
 def test_patches_that_cannot_be_told_apart_are_refused(refused):

@@ -7,14 +7,8 @@ from typing import Annotated
 
 import pytest
 
-from periscopy_sim.cli.method_options import (
-    COUPLINGS,
-    FOR_VIDEOS,
-    StillNumbers,
-    check_coupling,
-    settings_for,
-)
 from periscopy_sim.cli.options import (
+    FOR_VIDEOS,
     OptionGroup,
     known_errors,
     parse_ambient,
@@ -23,6 +17,7 @@ from periscopy_sim.cli.options import (
     parse_list,
     parse_ratios,
     parse_size,
+    settings_for,
     with_options_of_groups,
 )
 from periscopy_sim.errors import PeriscopyError
@@ -38,22 +33,19 @@ def test_forms_are_read():
     assert parse_errors("a, b=0.5", "--free") == {"a": None, "b": 0.5}
 
 
-@pytest.mark.parametrize("text", ["", "29", "29x36x3", "-1x5", "4.0x5", "²x3", "9" * 5000 + "x1"])
-def test_malformed_size_is_refused(text):
-    with pytest.raises(PeriscopyError, match="ROWSxCOLUMNS"):
-        parse_size(text)
-
-
 @pytest.mark.parametrize(
     ("read", "text", "offender"),
     [
+        (parse_size, "29x36x3", "ROWSxCOLUMNS"),
+        (parse_size, "-1x5", "ROWSxCOLUMNS"),
+        (parse_size, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
         (lambda text: parse_definitions([text]), "a=", "'a='"),
-        (lambda text: parse_definitions([text, text]), "a=1", "a twice"),
+        (lambda text: parse_definitions([text, text]), "a=1", "-D a"),
         (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
-        (lambda text: parse_errors(text, "--free"), "a,a", "a twice"),
+        (lambda text: parse_errors(text, "--free"), "a,a", "--free a"),
         (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
         (parse_ambient, "sofa", "'sofa'"),
-        (parse_ambient, "snow,adversarial", "snow twice"),
+        (parse_ambient, "snow,adversarial", "adversarial"),
     ],
 )
 def test_malformed_list_is_refused_by_name(read, text, offender):
@@ -78,7 +70,7 @@ def test_ratios_are_read(text, ratios):
     "text",
     [
         *("", "1,,2", "nan", "inf", "-1", "0", "0:1:log:3", "1:inf:log:3", "1:2:log:0", "1,1"),
-        *("1:2:cubic:3", "1:2:log:3:4", "1:2:log:9999999", "1:1:log:2"),
+        *("1:2:cubic:3", "1:2:log:3:4", "1:1:log:2"),
     ],
 )
 def test_malformed_ratios_are_refused(text):
@@ -98,15 +90,11 @@ def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
 
 def test_errors_are_those_given_or_declared():
     chair = find_scene("chair")
-    named = {"occluder_dx": None, "occluder_dz": 0.002}
-    assert known_errors(named, chair, {}) == {"occluder_dx": 0.005, "occluder_dz": 0.002}
-    for wrong, given in [
-        ({"occluder_dx": 0.0}, {}),
-        ({"occluder_dx": float("nan")}, {}),
-        ({"resolution": None}, {}),
-    ]:
-        with pytest.raises(PeriscopyError, match=f"--uncertain {next(iter(wrong))}"):
-            known_errors(wrong, chair, given)
+    errors = known_errors("occluder_dx,occluder_dz=0.002", chair, {})
+    assert errors == {"occluder_dx": 0.005, "occluder_dz": 0.002}
+    for wrong in ("occluder_dx=-1", "occluder_dx=nan", "resolution"):
+        with pytest.raises(PeriscopyError, match=f"--uncertain {wrong.partition('=')[0]}"):
+            known_errors(wrong, chair, {})
 
 
 # -- groups, options of methods -------------------------------------------------------------------
@@ -130,17 +118,6 @@ def test_command_takes_the_options_of_its_groups():
     assert (parameters["width"].default, parameters["height"].default) == (3.0, 2.0)
     taken(name="a", width=1.0, height=2.5, out=Path("b"))
     assert made == [("a", Room(1.0, 2.5), Path("b"))]
-
-
-def test_command_takes_each_number_of_the_methods_once_with_the_widest_bounds():
-    parameters = inspect.signature(StillNumbers).parameters
-    entries = [e for m in METHODS.values() for e in m.options]
-    assert sorted(parameters) == sorted({entry.name for entry in entries})
-    for name, parameter in parameters.items():
-        (option,) = parameter.annotation.__metadata__
-        of_name = [entry for entry in entries if entry.name == name]
-        assert option.min == min(entry.least for entry in of_name)
-        assert option.max == max(entry.most for entry in of_name)
 
 
 TWO = {
@@ -171,12 +148,10 @@ def test_option_of_another_method_is_refused(method, given):
 def test_weights_of_another_coupling_are_left_out():
     for method in FOR_VIDEOS:
         for coupling in METHODS[method].video.couplings:
-            check_coupling(method, coupling)
             settings = settings_for(method, {}, FOR_VIDEOS, coupling)
             assert ("l1_weight" in settings) == (coupling == "l1")
-    assert {"l1", "none", "total-variation"} == set(COUPLINGS)
     with pytest.raises(PeriscopyError, match="--l1-weight"):
         settings_for("preconditioned", {"l1_weight": 1.0}, FOR_VIDEOS, "none")
     for method, coupling in (("magic", "l1"), ("noise-aware", "total-variation")):
         with pytest.raises(PeriscopyError, match=method):
-            check_coupling(method, coupling)
+            settings_for(method, {}, FOR_VIDEOS, coupling)

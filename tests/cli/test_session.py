@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.session import Session, pixel_record
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.cli.session import Session
+from periscopy_sim.errors import PeriscopyError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -41,31 +41,6 @@ def saved(tmp_path):
 # -- the scene -----------------------------------------------------------------------------------
 
 
-def test_scene_is_loaded_once_with_its_parameters():
-    session = Session(*CHAIR, seed=7)
-    assert session.scenario is session.scenario
-    assert session.scenario.transport_shape == (576, 20)
-    record = session.provenance
-    assert record["seed"] == 7 and record["parameters"] == {"resolution": "24"}
-    assert len(session.metadata["scene_sha256"]) == 64
-    assert "load the scene" in session.timed.seconds
-
-
-@pytest.mark.parametrize(
-    ("arguments", "offender"),
-    [
-        (("sofa", "4x5"), "'sofa'"),
-        (("chair", "4"), "'4'"),
-        (("chair", "20x29", ["resolution=24"]), "20x29"),
-        (("chair", "4x5", ["resolutio=24"]), "did you mean 'resolution'?"),
-    ],
-)
-def test_scene_that_cannot_be_is_refused_by_name(arguments, offender):
-    with pytest.raises(PeriscopyError) as error:
-        _ = Session(*arguments).scenario
-    assert offender in str(error.value)
-
-
 def test_scene_without_shadows_is_warned_of(capfd):
     session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
@@ -82,70 +57,31 @@ def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photog
     wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)), tmp_path / "mask.png")
     np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
     np.testing.assert_array_equal(wall.mask, MASK)
-    assert (
-        pixel_record(None, wall.mask, {})["pixels_left_out"] == LEFT_OUT and session.warnings == []
-    )
+    assert session.record["pixels_left_out"] == LEFT_OUT and session.warnings == []
 
 
-def test_defects_are_warned_of_and_a_mask_is_suggested(session, saved, photographs, tmp_path):
+def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_path):
     y = photographs[0].copy()
     y[11, 3], y[17, 20, 1] = 0, 0
     y[20, 5] *= 100
     path = saved(y=y, mask=MASK)
     for given, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
         session.warnings.clear()
-        session.wall(path, given)
+        wall = session.wall(path, given)
         assert len(session.warnings) == 1 and "y.npy" in session.warnings[0]
-        session.suggest_mask(tmp_path)
         expected = used.copy()
         expected[[11, 17, 20], [3, 20, 5]] = False
-        np.testing.assert_array_equal(ps.read_mask(tmp_path / "mask.png", (24, 24)), expected)
-    session.warnings.clear()
-    session.wall(path, tmp_path / "mask.png")
-    assert session.warnings == []
+        np.testing.assert_array_equal(wall.mask, expected)
+        assert session.record["pixels_left_out"] == np.count_nonzero(~expected)
 
 
-def test_8_bit_photograph_is_decoded_with_a_warning(session, tmp_path):
-    codes = np.random.default_rng(0).integers(99, 256, (24, 24, 3)).astype(np.uint8)
-    Image.fromarray(codes).save(tmp_path / "y.png")
-    wall = session.wall(tmp_path / "y.png")
-    linear = (codes / 255 + 0.055) / 1.055
-    np.testing.assert_allclose(wall.values / wall.values.max(), linear**2.4, rtol=1e-3)
-    assert "8-bit" in session.warnings[0]
-
-
-ROW = np.arange(24)[:, None, None]
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.ones((24, 23, 3)),
-        np.where(ROW == 7, np.nan, 1.0) * np.ones((24, 24, 3)),
-        np.ones((24, 24, 2)),
-        np.full((24, 24, 3), "x"),
-    ],
-    ids=["size", "NaN", "channels", "text"],
-)
-def test_photograph_that_cannot_be_is_refused_by_name(session, saved, values, tmp_path):
-    path = saved(wrong=values, sound=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
-    for photograph, off in ((path, None), (tmp_path / "sound.npy", [path])):
-        with pytest.raises(PhotographError, match=r"wrong\.npy: "):
-            session.wall(photograph, None, off)
-
-
-def test_monitor_off_photograph_given_twice_is_refused(session, saved):
-    path = saved(y=np.random.default_rng(1).uniform(1, 2, (24, 24, 3)))
-    with pytest.raises(PhotographError, match="--monitor-off"):
-        session.wall(path, None, [path, path])
-
-
-@pytest.mark.parametrize(
-    "mask", [np.ones((24, 23), bool), np.zeros((24, 24))], ids=["size", "empty"]
-)
-def test_mask_that_cannot_be_is_refused_by_name(session, saved, mask):
-    with pytest.raises(PeriscopyError, match=r"mask\.npy: "):
-        session.wall(saved(y=np.ones((24, 24, 3))), saved(mask=mask))
+@pytest.mark.parametrize("place", ["photograph", "mask", "monitor_off"])
+def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
+    right, wrong = saved(right=np.ones((24, 24, 3))), saved(wrong=np.ones((24, 23)) > 0)
+    given = {"photograph": right, "mask": None, "monitor_off": []}
+    given[place] = [wrong] if place == "monitor_off" else wrong
+    with pytest.raises(PeriscopyError, match=r"wrong\.npy: "):
+        session.wall(*given.values())
 
 
 # -- through the commands ------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from periscopy_sim.cli.calibration.report import as_record, say_calibration
 from periscopy_sim.cli.calibration.silhouette import find_silhouette
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say_written, warn_boxed, write_json
-from periscopy_sim.cli.session import PhotoSession, pixel_record
+from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -82,11 +82,10 @@ def calibrate(
     record, picture = out.with_suffix(".json"), out.with_suffix(".png")
     spare_inputs((out, record, picture), (*photo, path, *(monitor_off or []), mask))
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    held = arguments.parse_errors(",".join(uncertain or []), "--uncertain")
-    errors = arguments.known_errors(held, path, given)
+    errors = arguments.known_errors(",".join(uncertain or []), path, given)
     start_values(path, list(free_parameters(path, freed, given, errors)), given)
     with staged_file(out) as scene_file, staged_file(record) as json, staged_file(picture) as png:
-        with progress("loading", lines=False):  # takes seconds
+        with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate as search
             from periscopy_sim.calibration.scene_covariance import SceneCovariance
             from periscopy_sim.rendering.scene.document import CALIBRATED
@@ -118,7 +117,7 @@ def calibrate(
             "shown": shown or [],
             "scene": str(path),
             "hidden_shape": session.scenario.hidden_shape,
-            **pixel_record(mask, wall.mask, wall.monitor_off),
+            **session.record,
             "warnings": [*session.warnings, *result.doubts],
             **as_record(result),
             "seconds": session.timed.seconds,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
-from periscopy_sim.cli.session import PhotoSession, pixel_record
+from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -81,7 +81,7 @@ def find_silhouette(
             "shown": shown,
             "scene": str(path),
             "hidden_shape": session.scenario.hidden_shape,
-            **pixel_record(mask, wall.mask, wall.monitor_off),
+            **session.record,
             "warnings": [*session.warnings, *solution.doubts],
             **_as_record(solution),
             "seconds": session.timed.seconds,

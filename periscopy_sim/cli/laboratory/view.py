@@ -36,7 +36,7 @@ def view(
     hidden: options.Hidden = "29x36",
     photo: Annotated[
         Path | None,
-        typer.Argument(metavar="PHOTO", help="A photograph. [default: synthetic photographs]"),
+        typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
     ] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
@@ -63,7 +63,7 @@ def view(
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     session = Session(scene, hidden, define)
     image = image or ("mushroom" if photo is None else "")
-    with progress("loading the scene", lines=False):
+    with progress("loading the scene"):
         from periscopy_sim.live.level import Choice
         from periscopy_sim.live.page import Offered
         from periscopy_sim.live.session import LiveSession
@@ -75,7 +75,7 @@ def view(
         light = None
         if ambient:
             place = str(find_condition(ambient))  # its error is smooth: methods project it out
-            quick = ps.render_background(place, session.scenario, target=0.05, rays=16)
+            quick = ps.render_background(place, session.scenario, target=0.05)
             light = quick.photograph
         offered = Offered(
             sorted(file.stem for file in (scenes_folder() / "images").glob("*.png")),

@@ -40,14 +40,3 @@ def test_a_matrix_that_is_none_is_refused(refused, tmp_path):
     ):
         line = refused(*command, *TINY, "4", "--colour-matrix", "m.csv", "--out", "new.exr")
         assert line.startswith("m.csv: ")
-
-
-def test_a_users_own_method_takes_the_matrix_or_is_refused(refused, tmp_path):
-    (tmp_path / "m.json").write_text(json.dumps(M))
-    np.save(tmp_path / "y.npy", np.ones((24, 24, 3)))
-    (tmp_path / "own.py").write_text("def method(scene, A, B):\n    return None\n")
-    line = refused(
-        "reconstruct", "y.npy", "--scene", "chair", *TINY, "4", "--colour-matrix", "m.json",
-        "--method", "own.py:method", "--out", "out",
-    )  # fmt: skip
-    assert "colour_matrix" in line

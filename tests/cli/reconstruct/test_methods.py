@@ -68,17 +68,6 @@ class Unfit:
 LOST, UNFIT = 'raise RuntimeError("lost")', 'self.shape = {}["no"]'
 
 
-def test_files_of_a_former_method_do_not_stay(light, reconstruct, hidden, tmp_path):
-    np.save(tmp_path / "y.npy", light[0])
-    np.save(tmp_path / "hidden.npy", hidden)
-    reconstruct("y.npy", "--method", "noise-aware", "--truth", "hidden.npy")
-    (tmp_path / "out" / "notes.txt").write_text("mine")
-    reconstruct("y.npy", "--method", "preconditioned")
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert not names & {"certainty.png", "standard_error.npy", "comparison.png"}
-    assert {"stages.png", "notes.txt"} <= names
-
-
 @pytest.mark.parametrize("place", ["mine_of_reconstruct", "deep/mine.py"])
 def test_own_method_stands_in(place, light, reconstruct, hidden, tmp_path):
     np.save(tmp_path / "y.npy", light[0])
