@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from periscopy_sim.figures.residual import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
-from periscopy_sim.storage.formats.arrays import mapped_stack
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.report import Report
@@ -87,16 +85,15 @@ def video(
     weights = {name: value for name, value in settings.items() if name not in of_still}
     light.check_methods(method)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
-    with output_folder(out) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with output_folder(out) as folder:
         session.check_scene(method)
         light = light.resolved(session.scenario, method)
-        clip = _read_clip(session, frames, mask, monitor_off, truth, Path(scratch))
+        clip = _read_clip(session, frames, mask, monitor_off, truth)
         _check_former(out, len(clip.names))
         still = session.fit(method, for_stills, light, matrix, clip.wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
-        images, records, report, rates = _recover(
-            session, recovery, still, clip, folder / "frames.npy", batch
-        )
+        images, records, report, rates = _recover(session, recovery, still, clip, batch)
+        np.save(folder / "frames.npy", images)
         text = session.metadata
         with session.timed("draw"):
             white = drawing.white_of(images)
@@ -164,16 +161,13 @@ def _read_clip(
     mask: Path | None,
     monitor_off: list[Path] | None,
     truth: str | None,
-    scratch: Path,
 ) -> _Clip:
-    """Read and check the photographs and the hidden images, into files of a scratch folder."""
+    """Read and check the photographs and the hidden images."""
     shape, hidden = session.scenario.photograph_shape, session.scenario.hidden_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions(mask, monitor_off)
         sequence = sequences.open_frames(frames, shape, used)
-        photographs, warnings = sequences.decoded_photographs(
-            sequence, shape, used, scratch / "y.npy", report
-        )
+        photographs, warnings = sequences.read_clip(sequence, used, report)
         for warning in warnings:
             session.warn(warning)
         name = f"{frames}, first frame"
@@ -181,7 +175,7 @@ def _read_clip(
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            known = sequences.decoded_truth(path, hidden, len(sequence), scratch / "truth.npy")
+            known = np.stack([*sequences.read_hidden_frames(path, hidden, len(sequence))])
     return _Clip(name, sequence.names, photographs, wall, known)
 
 
@@ -193,9 +187,9 @@ def _check_former(out: Path, count: int) -> None:
 
 
 def _recover(
-    session: Session, recovery: Any, still: Any, clip: _Clip, file: Path, batch: int
+    session: Session, recovery: Any, still: Any, clip: _Clip, batch: int
 ) -> tuple[NDArray[np.floating[Any]], list[dict[str, Any]], Report, dict[str, float]]:
-    """Recover the frames into an NPY file; print the warnings of the first.
+    """Recover the frames; print the warnings of the first.
 
     Return the frames, (frames, R, C, 3), their rows of the table, the first one's report, and rates
     in frames a second.
@@ -205,21 +199,17 @@ def _recover(
     from periscopy_sim.evaluation import video_metrics
     from periscopy_sim.reconstruction.report import Report
 
-    count, shape = len(clip.names), session.scenario.hidden_shape
+    count, images = len(clip.names), []
     records: list[dict[str, Any]] = []
     report = Report()
     # Small products gain little from threads, which wait for each other on a busy machine.
     with threadpool_limits(1), fixable(clip.name, clip.wall.monitor_off):
         with session.timed("rehearse"):
             live = video_metrics.live_rate(recovery, clip.photographs)
-        with (
-            session.timed("reconstruct"),
-            progress("reconstructing", "frames") as frame_done,
-            sequences.npy_writer(file, (count, *shape, 3), np.float32) as write,
-        ):
+        with session.timed("reconstruct"), progress("reconstructing", "frames") as frame_done:
             solved = video_metrics.timed_solutions(recovery, clip.photographs, batch)
             for k, (solution, seconds) in enumerate(solved):
-                write(solution.image)
+                images.append(np.asarray(solution.image, np.float32))
                 if k == 0:
                     report = still.report(clip.photographs[0], solution)
                 numbers = solution.numbers()
@@ -228,4 +218,4 @@ def _recover(
     for warning in sentences(report.warnings):
         session.warn(f"{clip.name}: {warning}")
     rates = {"batch": count / sum(record["seconds"] for record in records), "live": live}
-    return mapped_stack(file), records, report, rates
+    return np.stack(images), records, report, rates

@@ -61,7 +61,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
             data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
-    if lost := set(records.layout.variables) - set(data.variables):
+    if lost := {*records.layout.variables} - {*data.variables}:
         raise DatasetError(f"{path}: has lost its variable '{min(lost)}'; make it again")
     of_one_value = (("sample",), ("geometries",))
     labels = [name for name, values in data.data_vars.items() if values.dims in of_one_value]
@@ -101,11 +101,10 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
+    sizes = {n: records.layout.block(n).size for n in records.layout.blocks if records.has(n)}
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": sum(
-            records.layout.block(n).size for n in records.layout.blocks if records.has(n)
-        ),
+        "finished": sum(sizes.values()),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

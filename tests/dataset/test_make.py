@@ -1,10 +1,7 @@
 """Data sets made, stopped, damaged, shared among workers: always the same bytes."""
 
 import shutil
-import subprocess
-import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -75,20 +72,6 @@ def test_damage_is_mended(configured, undisturbed, tmp_path):
         files[k].write_bytes(content[: len(content) // 2] + b"x")
     make_dataset(configured(), path)
     assert contents(path) == contents(undisturbed)
-
-
-@pytest.mark.thorough
-def test_killed_run_goes_on_where_it_was(configuration_file, configured, undisturbed, tmp_path):
-    configuration_file()
-    command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
-    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
-    marks = tmp_path / "d.zarr/making/finished"
-    while not list(marks.glob("*.json")) and run.poll() is None:
-        time.sleep(0.002)
-    run.kill()
-    run.communicate()
-    make_dataset(configured(), tmp_path / "d.zarr")
-    assert contents(tmp_path / "d.zarr") == contents(undisturbed)
 
 
 def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, tmp_path):

@@ -7,27 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from periscopy_sim.errors import ConfigurationError, did_you_mean
+from periscopy_sim.errors import ConfigurationError
 
 
 class Strict(BaseModel):
     """A part of a document; an entry that it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _knows(cls, given: Any) -> Any:
-        known = [field.alias or name for name, field in cls.model_fields.items()]
-        for name in given if isinstance(given, dict) else ():
-            if name not in known:
-                advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
-                context = {"entry": str(name), "advice": advice}
-                raise PydanticCustomError("unknown", "is not known; {advice}", context)
-        return given
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 def _rows_and_columns(given: Any) -> Any:
@@ -44,18 +32,6 @@ RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)
 Document = TypeVar("Document", bound=Strict)
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, but a key given twice, of which it keeps the last, is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        for key, _ in reversed(node.value):
-            if isinstance(key, yaml.ScalarNode) and keys.count(key.value) > 1:
-                problem = f"'{key.value}' is given twice"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-        return dict(super().construct_mapping(node, deep))
-
-
 def read_yaml(path: Path, model: type[Document]) -> Document:
     """Return the content of a YAML file as a model whose field `folder` is the file's own.
 
@@ -63,16 +39,13 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     `ConfigurationError` with its line.
     """
     try:
-        loader = _Loader(path.read_bytes().decode("utf-8-sig"))
+        loader = yaml.SafeLoader(path.read_bytes().decode("utf-8-sig"))
         document = loader.get_single_node()
         entries = document and loader.construct_document(document)
     except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror}; check the path") from None
     except Exception as error:  # PyYAML also raises what Python says of an impossible date
-        mark = getattr(error, "problem_mark", None)
-        place = f", line {mark.line + 1}" if mark else ""
-        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
-        raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
+        raise ConfigurationError(f"{path}: {error}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
     try:
@@ -80,17 +53,17 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     except ValidationError as error:
         mistakes = error.errors(include_url=False)
         # A misspelt name first: what it stands for is missing, too.
-        first = min(mistakes, key=lambda each: each["type"] != "unknown")
-        place, message = _located(document, first), first["msg"]
-        message = message.removeprefix("Value error, ").replace("Field required", "is missing")
+        first = min(mistakes, key=lambda each: each["type"] != "extra_forbidden")
+        known = {"extra_forbidden": "is not known", "missing": "is missing"}
+        message = known.get(first["type"], first["msg"].removeprefix("Value error, "))
+        place = _place(document, first["loc"])
         raise ConfigurationError(f"{path}: {place}{message}") from None
 
 
-def _located(node: yaml.Node | None, mistake: Any) -> str:
+def _place(node: Any, location: tuple[int | str, ...]) -> str:
     """Return the line and the name of the entry that pydantic reports, as the document has it."""
     line, name = 1, ""
-    unknown = mistake.get("ctx", {}).get("entry")
-    for part in (*mistake["loc"], *([unknown] if unknown else [])):
+    for part in location:
         pairs: list[tuple[Any, Any]] = []
         if isinstance(node, yaml.MappingNode):
             pairs = [pair for pair in node.value if pair[0].value == part]
@@ -98,7 +71,7 @@ def _located(node: yaml.Node | None, mistake: Any) -> str:
             pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
         if pairs:
             line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
-        elif part != mistake["loc"][-1] or mistake["type"] != "missing":
+        elif part != location[-1]:
             continue  # a kind, which pydantic names too
         name += f"[{part}]" if isinstance(part, int) else f".{part}"
     return f"line {line}, {name.lstrip('.')}: " if name else ""

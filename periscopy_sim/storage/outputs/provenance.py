@@ -27,10 +27,8 @@ def provenance(
     defaults), `variant`, `seed`, and `command` without ``--out``: results are the same wherever
     they lie. What there is not is None.
     """
-    words = [word for word in command if not word.startswith("--out=")]
-    if "--out" in words:
-        place = words.index("--out")
-        del words[place : place + 2]
+    pairs = zip(("", *command), command, strict=False)
+    words = [w for before, w in pairs if "--out" not in (before, w) and not w.startswith("--out=")]
     return {
         **{package: metadata.version(package) for package in _PACKAGES},
         "python": platform.python_version(),

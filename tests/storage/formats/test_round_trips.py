@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image, write_png
-from periscopy_sim.storage.sequences import npy_writer, open_frames
+from periscopy_sim.storage.sequences import open_frames
 
 few = settings(deadline=None, max_examples=20)
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))
@@ -92,9 +92,7 @@ def test_8_bit_png_of_a_hidden_image_is_within_half_a_code(image):
 )  # fmt: skip
 def test_stacks(clip):
     def again(path):
-        with npy_writer(path, clip.shape, np.float32) as write:
-            for frame in clip:
-                write(frame)
+        np.save(path, clip)
         np.savez_compressed(path.with_suffix(".npz"), photograph=clip)
         files = (path, path.with_suffix(".npz"))
         return [[frame.values for frame in open_frames(f, clip.shape[1:3])] for f in files]

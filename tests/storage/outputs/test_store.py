@@ -110,9 +110,7 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     assert list(archive(tmp_path / "d").missing()) == []
 
 
-@pytest.mark.parametrize(
-    "content", ["", "{", "[]", '{"samples": 3}', "null", {"of": "0" * 16}, {"crc32c": {}}]
-)
+@pytest.mark.parametrize("content", ["", "[]", '{"samples": 3}', {"of": "0" * 16}, {"crc32c": {}}])
 def test_damaged_or_foreign_record_makes_its_block_anew(tmp_path, content):
     made = filled(tmp_path / "d")
     before = contents(tmp_path / "d")
