@@ -173,8 +173,8 @@ def read_fields(path: Path) -> dict[str, NDArray[Any]]:
     from scipy.io import loadmat
 
     names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
-    with decoding(path, "MATLAB", "save it again in MATLAB with -v7"):
-        fields = loadmat(path, variable_names=names)
+    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        fields = loadmat(stream, variable_names=names)
         return {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
 
 

@@ -108,7 +108,7 @@ def make_dataset(
         by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
-        made = sum(store.layout.block(n).size for blocks in shares.values() for n in blocks)
+        made = sum(store.layout.size(n) for blocks in shares.values() for n in blocks)
         done = layout.count - made
         # No sample depends on the count, and a geometry is remembered by this text.
         text = settings.model_copy(update={"count": 1}).model_dump_json()
@@ -117,7 +117,7 @@ def make_dataset(
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             store.write(block, values)
-            done += store.layout.block(block).size
+            done += store.layout.size(block)
         report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)

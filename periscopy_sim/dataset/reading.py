@@ -48,7 +48,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     path = Path(path)
     _, layout, records = read_head(path)
     blocks = records.layout.blocks
-    ready = sum(records.layout.block(n).size for n in takewhile(records.has, blocks))
+    ready = sum(records.layout.size(n) for n in takewhile(records.has, blocks))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -87,7 +87,7 @@ def verify_dataset(
     damaged: list[tuple[int, int]] = []
     blocks = records.layout.blocks
     for number in blocks:
-        samples = records.layout.block(number).place["sample"]
+        samples = records.layout.place(number)["sample"]
         if not records.verify(number):
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
@@ -101,7 +101,7 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    sizes = {n: records.layout.block(n).size for n in records.layout.blocks if records.has(n)}
+    sizes = {n: records.layout.size(n) for n in records.layout.blocks if records.has(n)}
     description: dict[str, Any] = {
         "samples": layout.count,
         "finished": sum(sizes.values()),

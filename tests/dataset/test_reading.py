@@ -1,5 +1,6 @@
 import json
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -124,6 +125,13 @@ def test_description_counts_what_there_is(data):
     read_head(data)[2].file(4).unlink()
     assert describe(data)["finished"] == 40
     assert sum(describe(data)["split"].values()) == 40
+
+
+def test_torch_data_sets_are_public_without_pytorch_and_say_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert "TorchDataset" in ps.__all__ and hasattr(ps, "TorchDataset")
+    with pytest.raises(ps.PeriscopyError, match=r"pip install -e '\.\[torch\]'"):
+        ps.TorchDataset("data.zarr")
 
 
 def test_what_is_no_data_set_is_refused(tmp_path):

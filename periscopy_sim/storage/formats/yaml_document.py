@@ -56,11 +56,11 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         first = min(mistakes, key=lambda each: each["type"] != "extra_forbidden")
         known = {"extra_forbidden": "is not known", "missing": "is missing"}
         message = known.get(first["type"], first["msg"].removeprefix("Value error, "))
-        place = _place(document, first["loc"])
+        place = _place(document, first["loc"], first["type"] == "missing")
         raise ConfigurationError(f"{path}: {place}{message}") from None
 
 
-def _place(node: Any, location: tuple[int | str, ...]) -> str:
+def _place(node: Any, location: tuple[int | str, ...], is_missing: bool) -> str:
     """Return the line and the name of the entry that pydantic reports, as the document has it."""
     line, name = 1, ""
     for part in location:
@@ -71,7 +71,7 @@ def _place(node: Any, location: tuple[int | str, ...]) -> str:
             pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
         if pairs:
             line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
-        elif part != location[-1]:
+        elif not (is_missing and part == location[-1]):
             continue  # a kind, which pydantic names too
         name += f"[{part}]" if isinstance(part, int) else f".{part}"
     return f"line {line}, {name.lstrip('.')}: " if name else ""

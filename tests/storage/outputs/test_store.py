@@ -95,7 +95,7 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     filled(tmp_path / "d")
     rng = np.random.default_rng(0)
     for name in block(1):
-        file = tmp_path / "d" / layout().of_store().block(1).files[name]
+        file = tmp_path / "d" / layout().of_store().files(1)[name]
         content = file.read_bytes()
         if damage == "remove":
             file.unlink()
