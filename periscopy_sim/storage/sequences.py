@@ -28,7 +28,6 @@ class Frames:
     """Photographs in time's order, each decoded and checked when it is read."""
 
     names: tuple[str, ...]  # the file or the number of each
-    warnings: tuple[str, ...]  # what was left out of the whole, one line each
     read: Callable[[int], Photograph]  # returns a frame by its number
 
     def __len__(self) -> int:
@@ -44,8 +43,8 @@ def open_frames(
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
-    natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
-    files of no such suffix are left out, with a warning. An array (frames, rows, columns, 3) named
+    natural order of their names: frame2 before frame10; other files and subfolders do not count. An
+    array (frames, rows, columns, 3) named
     `photograph` is in an NPZ file, which is decoded as a whole, or in a Zarr group of format 3, as
     a data set has it; an NPY file holds one, too. One channel in place of three is grey.
 
@@ -71,10 +70,9 @@ def open_frames(
     """
     path = Path(path)
     if path.is_dir() and not (path / "zarr.json").exists():
-        files, others = files_of_one_kind(path)
-        warnings = (f"{path}: left out {listed(others)}",) if others else ()
+        files = files_of_one_kind(path)
         names = tuple(file.name for file in files)
-        return Frames(names, warnings, lambda k: read_photograph(files[k], shape, mask))
+        return Frames(names, lambda k: read_photograph(files[k], shape, mask))
     stack = _checked(zarr_stack(path) if path.is_dir() else _opened(path), path)
     check_size(stack.shape[1:3], shape, str(path))
 
@@ -84,7 +82,7 @@ def open_frames(
             values = np.asarray(stack[k])
         return Photograph.of(values, shape, place, mask=mask)
 
-    return Frames(tuple(map(str, range(stack.shape[0]))), (), read)
+    return Frames(tuple(map(str, range(stack.shape[0]))), read)
 
 
 def read_clip(
@@ -103,7 +101,7 @@ def read_clip(
             of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
         progress(len(frames) / len(sequence))
     counted = (f"{w[0]} (likewise {len(w) - 1} more)" if w[1:] else w[0] for w in of_kind.values())
-    return np.stack(frames), [*sequence.warnings, *counted]
+    return np.stack(frames), [*counted]
 
 
 def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:
@@ -123,22 +121,23 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
     return map(read, range(count)) if number == count else repeat(read(0), count)
 
 
-def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
-    """Return the pictures in a folder in natural order, and the names of its other files.
+def files_of_one_kind(folder: Path) -> list[Path]:
+    """Return the pictures in a folder, known by their suffixes, in natural order.
 
-    A picture is known by its suffix; hidden files and subfolders do not count. A folder with no
-    picture, or with those of several formats, is a `PhotographError`.
+    A folder with no picture, or with those of several formats, is a `PhotographError`.
     """
     known = suffixes()
     files = [each for each in folder.iterdir() if each.name[0] != "." and not each.is_dir()]
     of_kind: dict[str, list[Path]] = {}
     for file in sorted(files, key=lambda file: _natural(file.name)):
-        of_kind.setdefault(known.get(file.suffix.lower(), ""), []).append(file)
-    others = [file.name for file in of_kind.pop("", [])]
+        if kind := known.get(file.suffix.lower()):
+            of_kind.setdefault(kind, []).append(file)
     if len(of_kind) != 1:
         examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])
-        raise PhotographError(f"{folder}: holds {examples}; keep frames of one format alone there")
-    return next(iter(of_kind.values())), others
+        raise PhotographError(
+            f"{folder}: holds {examples or 'no picture'}; keep frames of one format alone there"
+        )
+    return next(iter(of_kind.values()))
 
 
 def _natural(name: str) -> tuple[list[str | int], str]:
@@ -171,7 +170,7 @@ def _checked(stack: Any, path: Path) -> Any:
 def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
     """Return the number of frames, and what reads one."""
     if path.is_dir():
-        files, _ = files_of_one_kind(path)
+        files = files_of_one_kind(path)
         return len(files), lambda k: read_hidden_image(files[k], shape)
     if format_of(path).name != "NPY" or mapped_stack(path).ndim != 4:
         return 1, lambda _: read_hidden_image(path, shape)

@@ -10,7 +10,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.dataset import make as making
 from periscopy_sim.dataset.make import make_dataset
-from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
 
@@ -84,9 +84,8 @@ def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, 
 
 def test_scenes_of_other_film_sizes_are_refused(configured, tmp_path):
     scenes = [{"scene": "chair", "parameters": {"resolution": {"choice": [12, 16]}}}]
-    settings = configured(scenes=scenes, count=400)
-    with pytest.raises(ConfigurationError, match=r"geometry \d+ has photographs"):
-        make_dataset(settings, tmp_path / "d.zarr")
+    with pytest.raises(PeriscopyError, match=r"geometry \d+ has photographs"):
+        make_dataset(configured(scenes=scenes, count=400), tmp_path / "d.zarr")
 
 
 @pytest.mark.parametrize(

@@ -96,8 +96,3 @@ def test_what_is_no_mask_is_refused(values, tmp_path):
     np.save(tmp_path / "m.npy", values)
     with pytest.raises(PhotographError, match=r"m\.npy: "):
         read_mask(tmp_path / "m.npy", SHAPE)
-
-
-def test_missing_files_are_refused(tmp_path):
-    with pytest.raises(PhotographError, match=r"missing\.png"):
-        read_mask(tmp_path / "missing.png", SHAPE)

@@ -12,11 +12,6 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
-_STRUCTURAL = {  # texts and numbers of every header, which describe the pixels
-    *("chunkCount", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowWidth"),
-    *("version", "view"),
-}
-
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
     """Write a float32 RGB image, (rows, columns, 3) linear light.
@@ -57,7 +52,7 @@ def decode_exr(path: Path, *_: object) -> Picture:
 
 
 def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
-    """Return R, G and B, else the only channel, and metadata, which are texts and numbers."""
+    """Return R, G and B, else the only channel, and the texts and numbers of the header."""
     import OpenEXR
 
     with decoding(path, "EXR"):
@@ -78,6 +73,6 @@ def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
             left_out = tuple(name for name in channels if name not in colour)
             # Doubles come in arrays.
             values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
-                      for n, v in header.items() if n not in _STRUCTURAL}  # fmt: skip
+                      for n, v in header.items()}  # fmt: skip
             metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
             return Picture(pixels, left_out=left_out), metadata

@@ -32,11 +32,11 @@ def provenance(
     return {
         **{package: metadata.version(package) for package in _PACKAGES},
         "python": platform.python_version(),
-        "scene": None if scene is None else _printable(str(scene)),
+        "scene": None if scene is None else str(scene),
         "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
         "variant": variant,
         "seed": seed,
-        "command": _printable(shlex.join(words)),
+        "command": shlex.join(words),
     }
 
 
@@ -55,8 +55,3 @@ def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> st
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
-
-
-def _printable(text: str) -> str:
-    """Return text with undecodable bytes of file names spelled out: every format can hold it."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
