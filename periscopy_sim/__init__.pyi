@@ -62,11 +62,10 @@ from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
 from .shipped import find_image, find_scene
-from .storage.colour_matrix import read_colour_matrix
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
 from .storage.sequences import open_frames
-from .storage.wall_marks import read_wall_points, read_wall_tags
+from .storage.tables import read_colour_matrix, read_wall_points, read_wall_tags
 
 __all__ = [
     "Background",

@@ -126,8 +126,6 @@ def _resealed(content: bytes, damage: Callable[[bytes], bytes], rng: Random) -> 
         return _rezipped(content, damage)
     if content.startswith(_PNG):
         return _rechunked(content, damage, rng)
-    if content[124:128] == b"\x00\x01IM" and content[128] == 15:
-        return _recompressed(content, damage, rng)
     return damage(content)
 
 
@@ -165,16 +163,3 @@ def _rechunked(content: bytes, damage: Callable[[bytes], bytes], rng: Random) ->
 def _png_chunk(kind: bytes, body: bytes) -> bytes:
     """Put a PNG chunk together: its length, kind, body and checksum."""
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-
-def _recompressed(content: bytes, damage: Callable[[bytes], bytes], rng: Random) -> bytes:
-    """Damage one variable of a compressed MATLAB file within its compression."""
-    variables, position = [], 128
-    while position + 8 <= len(content):
-        _, size = struct.unpack_from("<II", content, position)
-        variables.append(content[position + 8 : position + 8 + size])
-        position += 8 + size
-    chosen = int(rng.integers(len(variables)))
-    variables[chosen] = zlib.compress(damage(zlib.decompress(variables[chosen])))
-    packed = [struct.pack("<II", 15, len(body)) + body for body in variables]
-    return content[:128] + b"".join(packed)

@@ -79,8 +79,6 @@ def _pictures(folder: Path) -> Iterator[Case]:
         suffix = kind.rpartition(" ")[2]
         content = _written(folder / f"mask {kind}.{suffix}", write)
         yield Case("mask", kind, {f"mask.{suffix}": content})
-    for kind, write in _matlab().items():
-        yield Case("photograph", kind, {"y.mat": _written(folder / f"{kind}.mat", write)})
     png = _written(folder / "still.png", formats["8-bit png"])
     yield Case("hidden frames", "8-bit png", {"f.png": png})
 
@@ -168,20 +166,6 @@ def _masks() -> dict[str, Callable[[Path], Any]]:
     }
 
 
-def _matlab() -> dict[str, Callable[[Path], Any]]:
-    from scipy.io import savemat
-
-    image = np.kron(COUNTS[..., 0], np.ones((2, 2))).astype(np.uint16)
-    fields = {"image": image, "shutter_speed": 0.5, "iterations": 4.0, "note": "text"}
-    return {
-        "mat": lambda path: savemat(path, fields),
-        "compressed mat": lambda path: savemat(path, fields, do_compression=True),
-        "mat 7.3": lambda path: path.write_bytes(
-            b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF\r\n\x1a\n"
-        ),
-    }
-
-
 def _sequences(folder: Path) -> Iterator[Case]:
     import OpenEXR
 
@@ -208,22 +192,19 @@ def _sequences(folder: Path) -> Iterator[Case]:
 
 
 def _zarr_archives(folder: Path) -> Iterator[Case]:
-    import numcodecs
     import zarr
     from zarr import codecs
 
     chunks = (2, *SHAPE, 3)
     forms: dict[str, dict[str, Any]] = {
-        "zstd": {"zarr_format": 3, "chunks": chunks},
-        "gzip": {"zarr_format": 3, "chunks": chunks, "compressors": codecs.GzipCodec()},
-        "blosc": {"zarr_format": 3, "chunks": chunks, "compressors": codecs.BloscCodec()},
-        "sharded": {"zarr_format": 3, "chunks": (1, *SHAPE, 3), "shards": chunks},
-        "old zlib": {"zarr_format": 2, "chunks": chunks, "compressors": numcodecs.Zlib()},
-        "old blosc": {"zarr_format": 2, "chunks": chunks, "compressors": numcodecs.Blosc()},
+        "zstd": {"chunks": chunks},
+        "gzip": {"chunks": chunks, "compressors": codecs.GzipCodec()},
+        "blosc": {"chunks": chunks, "compressors": codecs.BloscCodec()},
+        "sharded": {"chunks": (1, *SHAPE, 3), "shards": chunks},
     }
     for kind, settings in forms.items():
         path = folder / f"{kind}.zarr"
-        group = zarr.open_group(path, mode="w", zarr_format=settings.pop("zarr_format"))
+        group = zarr.open_group(path, mode="w", zarr_format=3)
         array = group.create_array("photograph", shape=CLIP.shape, dtype=CLIP.dtype, **settings)
         array[:] = CLIP
         files = {

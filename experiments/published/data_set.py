@@ -14,12 +14,15 @@ import periscopy_sim as ps
 from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.storage.formats.matlab import averaged_counts, picture_of, read_matrices
+from periscopy_sim.storage.formats.camera_raw import bayer_colours
+from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.srgb import srgb_decode
-from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.pictures import area_average
 
 Array = NDArray[np.float64]
+
+REPEATS = ("averaged_iterations", "iterations")
+"""Fields for the number of exposures; the first counts if both are there."""
 
 NORMAL_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
@@ -150,17 +153,29 @@ def read_capture(path: Path, name: str, shape: tuple[int, int], hidden: tuple[in
     PhotographError
         If it is missing, damaged, of another layout or size.
     """
-    row = format_of(path)
-    if row.name != "MATLAB":
-        raise PhotographError(f"{path}: is {row.name}; give a MATLAB file of version 5 to 7")
-    matrices = read_matrices(path)
-    picture = picture_of(matrices, path)
-    assert picture.exposure is not None
-    photograph = averaged_counts(picture.values, picture.exposure, shape, str(path))
-    checked = Photograph.of(photograph, shape, str(path)).values
-    halves = halves_of(picture.values, shape, path) / picture.exposure
-    truth = truth_of(matrices, path, hidden)
-    return Capture(name, checked, halves, picture.exposure, truth)
+    fields = read_fields(path)
+    counts = fields.get("image", np.zeros(0))
+    if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
+        raise PhotographError(f"{path}: 'image' is missing or no Bayer counts, even x even")
+    exposure = 1.0
+    for factor in ("shutter_speed", next((n for n in REPEATS if n in fields), REPEATS[-1])):
+        value = fields.get(factor, np.zeros(0))
+        if value.size != 1 or not 0 < value.item() < np.inf:
+            raise PhotographError(f"{path}: '{factor}' is not one positive number")
+        exposure *= value.item()
+    halves = halves_of(bayer_colours(counts.astype(np.float64)), shape, path) / exposure
+    checked = Photograph.of(halves.mean(axis=0), shape, str(path)).values
+    return Capture(name, checked, halves, exposure, truth_of(fields, path, hidden))
+
+
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """Read those fields of a MATLAB file, of version 5 to 7, that hold real numbers."""
+    from scipy.io import loadmat
+
+    names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
+    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        fields = loadmat(stream, variable_names=names)
+        return {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
 
 
 def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
@@ -171,7 +186,7 @@ def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
     """
     rows, columns = shape
     down, across = colour.shape[0] // rows, colour.shape[1] // columns
-    if down % 2 or across % 2:
+    if down % 2 or across % 2 or colour.shape[:2] != (down * rows, across * columns):
         raise PhotographError(
             f"{path}: blocks of {down} x {across} colour pixels cannot be halved; give the "
             "camera's film a size that makes their sides even"

@@ -15,34 +15,33 @@ Array = NDArray[Any]
 
 
 class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
-    """A over images: a vector is ``image.ravel()`` of a (rows, columns, channels) image.
+    """A over images: a vector is ``image.ravel()`` of a (rows, columns, 3) image.
 
-    A product is one of BLAS, ``A @ x.reshape(N, channels)``, and nothing is copied. Products are of
-    A's type: with a float32 A, vectors of float64 are rounded, A is never converted.
+    A product is one of BLAS, ``A @ x.reshape(N, 3)``, and nothing is copied. Products are of A's
+    type: with a float32 A, vectors of float64 are rounded, A is never converted.
 
     Attributes
     ----------
     hidden_shape, photograph_shape
-        (rows, columns, channels) of the images that vectors hold.
+        (rows, columns, 3) of the images that vectors hold.
     """
 
-    def __init__(self, sizes: Sizes, channels: int) -> None:
+    def __init__(self, sizes: Sizes) -> None:
         M, N = sizes.A.shape
         dtype = getattr(sizes.A, "dtype", np.dtype(np.float32))
-        super().__init__(np.dtype(dtype), (M * channels, N * channels))
+        super().__init__(np.dtype(dtype), (3 * M, 3 * N))
         self.A = sizes.A
-        self.channels = channels
-        self.hidden_shape = (*sizes.hidden_shape, channels)
-        self.photograph_shape = (*sizes.photograph_shape, channels)
+        self.hidden_shape = (*sizes.hidden_shape, 3)
+        self.photograph_shape = (*sizes.photograph_shape, 3)
         self.channel_gain = sizes.channel_gain
 
     def image(self, x: ArrayLike) -> Array:
-        """Return a vector as the hidden image that it holds, (rows, columns, channels)."""
-        return _shaped(x, self.hidden_shape, "a hidden image")
+        """Return a vector as the hidden image that it holds, (rows, columns, 3)."""
+        return np.reshape(x, self.hidden_shape)
 
     def photograph(self, y: ArrayLike) -> Array:
-        """Return a vector as the photograph that it holds, (rows, columns, channels)."""
-        return _shaped(y, self.photograph_shape, "a photograph")
+        """Return a vector as the photograph that it holds, (rows, columns, 3)."""
+        return np.reshape(y, self.photograph_shape)
 
     def _matmat(self, X: Array) -> Array:
         f = self._planes(X)
@@ -64,15 +63,12 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
                 f += block.T @ y[rows]
         return f.reshape(-1, Y.shape[1])
 
-    def _matvec(self, x: Array) -> Array:
-        return self._matmat(x.reshape(-1, 1)).ravel()
-
     def _rmatvec(self, y: Array) -> Array:
         return self._rmatmat(y.reshape(-1, 1)).ravel()
 
     def _planes(self, X: Array) -> Array:
-        """Return (n * channels, K) as (n, channels * K), of A's type."""
-        return np.asarray(X, self.dtype).reshape(-1, self.channels * X.shape[1])
+        """Return (3 n, K) as (n, 3 K), of A's type."""
+        return np.asarray(X, self.dtype).reshape(-1, 3 * X.shape[1])
 
     def _coloured(self, y: Array) -> Array:
         gain = self.channel_gain
@@ -86,7 +82,6 @@ def transport_operator(
     hidden_shape: Shape | None = None,
     photograph_shape: Shape | None = None,
     channel_gain: ArrayLike | None = None,
-    channels: int = 3,
 ) -> ImageOperator:
     """Return the light transport as a SciPy linear operator over images.
 
@@ -101,29 +96,15 @@ def transport_operator(
         (rows, columns); without a scene and without these, one row.
     channel_gain
         (3,) colour of the wall; None for the scene's, or grey.
-    channels
-        Of an image; 1 for grey ones, whose wall is taken as grey.
 
     Returns
     -------
     ImageOperator
-        (M * channels, N * channels): of ``image.ravel()`` to ``photograph.ravel()``.
+        (3 M, 3 N): of ``image.ravel()`` to ``photograph.ravel()``.
 
     Raises
     ------
     ValueError
-        If the sizes or the colour do not fit A, or there are neither 1 nor 3 channels.
+        If the sizes or the colour do not fit A.
     """
-    if channels not in (1, 3):
-        raise ValueError(f"an image has 1 or 3 channels, not {channels}")
-    sizes = sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain)
-    if channels == 1:
-        sizes = Sizes(sizes.A, sizes.photograph_shape, sizes.hidden_shape, None)
-    return ImageOperator(sizes, channels)
-
-
-def _shaped(x: ArrayLike, shape: tuple[int, int, int], what: str) -> Array:
-    values: Array = np.asarray(x)
-    if values.size != np.prod(shape):
-        raise ValueError(f"{what} of {shape} does not hold {values.size} numbers")
-    return values.reshape(shape)
+    return ImageOperator(sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain))

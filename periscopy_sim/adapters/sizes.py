@@ -32,8 +32,7 @@ def sizes_of(
 ) -> Sizes:
     """Take a scene, whose A is rendered, or a matrix with its scene or its sizes.
 
-    A size that is not known is one row of pixels or patches. If A is no matrix of floats, or the
-    sizes or the colour do not fit it, it is a ValueError.
+    A size that is not known is one row of pixels or patches. What does not fit is a ValueError.
     """
     if isinstance(transport, Scenario):
         from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -53,10 +52,9 @@ def sizes_of(
             f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
             f"of {hidden_shape} have not as many"
         )
-    gain = None
-    if channel_gain is not None:
-        gain = np.asarray(channel_gain, getattr(A, "dtype", np.float32))
-        if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
-            raise ValueError("the wall's colour is 3 finite numbers that are not negative")
-        gain = None if (gain == 1).all() else gain
+    if channel_gain is None or np.all(np.asarray(channel_gain) == 1):
+        return Sizes(A, photograph_shape, hidden_shape, None)
+    gain = np.asarray(channel_gain, getattr(A, "dtype", np.float32))
+    if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
+        raise ValueError("the wall's colour is 3 finite numbers that are not negative")
     return Sizes(A, photograph_shape, hidden_shape, gain)

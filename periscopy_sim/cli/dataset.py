@@ -16,7 +16,7 @@ from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indi
 from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.export import export_samples
 from periscopy_sim.dataset.reading import describe, open_dataset, verify_dataset
-from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
+from periscopy_sim.errors import DatasetError, PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -76,13 +76,11 @@ def make(
     seconds = time.perf_counter() - start
     if made.empty_splits:
         warn(sentence("empty_splits", splits=" or ".join(made.empty_splits)))
-    if not made.made:
-        say(f"{out} is complete: {made.count} samples")
-        return
     say(
-        f"wrote {out}: {made.made} samples of {made.geometries} geometries in {seconds:.1f} s, "
-        f"{made.made / seconds:.1f} a second; {made.count} in all"
-    )
+        f"wrote {out}: {made.made} samples of {made.geometries} geometries in {seconds:.1f} s; "
+        f"{made.count} in all"
+        if made.made else f"{out} is complete: {made.count} samples"
+    )  # fmt: skip
 
 
 @app.command("info")
@@ -107,9 +105,7 @@ def verify(data: Archive) -> None:
     for first, after in damaged:
         say(f"samples {first} to {after - 1} are missing or damaged")
     if damaged:
-        raise DatasetError(
-            f"{data}: is damaged; run 'periscopy dataset' with its configuration again"
-        )
+        raise DatasetError(f"{data}: is damaged; run 'periscopy dataset CONFIG.yaml' again")
     say(f"{data}: all samples are whole")
 
 
@@ -119,10 +115,8 @@ def export(
     out: Out,
     samples: Annotated[str, option("NUMBERS", "Numbers and ranges, such as 0,4-7.")] = "0-11",
 ) -> None:
-    """Write samples as EXR and PNG files, with a contact sheet."""
+    """Write samples as EXR files, with a contact sheet."""
     count = open_dataset(data, incomplete=True).sizes["sample"]
-    if data.resolve() in (out.resolve(), *out.resolve().parents):
-        raise OutputError(f"{out} lies within the data set; name another folder")
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
         written = export_samples(data, folder, parse_indices(samples, count), report)
     say(f"wrote {out}: {len(written)} files, and among them sheet.png")

@@ -82,7 +82,7 @@ class Model(StrEnum):
 
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
-_PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF, MATLAB raw."
+_PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
 _COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."

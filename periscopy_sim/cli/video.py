@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -69,16 +68,15 @@ def video(
     weights = {name: settings[name] for name in settings if name not in of_still}
     light.check_methods(method)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
-    with output_folder(out, OPTIONAL) as folder, TemporaryDirectory(dir=folder) as scratch:
+    with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         light = light.resolved(session.scenario, method)
-        names, photographs, wall = _read(session, frames, mask, monitor_off, Path(scratch))
+        names, photographs, wall = _read(session, frames, mask, monitor_off)
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            known = sequences.decoded_truth(
-                path, session.scenario.hidden_shape, len(names), Path(scratch) / "truth.npy"
-            )
+            hidden = session.scenario.hidden_shape
+            known = np.stack([*sequences.read_hidden_frames(path, hidden, len(names))])
         for_still = {name: settings[name] for name in settings if name in of_still}
         still = session.fit(method, for_still, light, matrix, wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
@@ -129,16 +127,14 @@ def video(
 
 
 def _read(
-    session: Session, frames: Path, mask: Path | None, monitor_off: list[Path] | None, scratch: Path
+    session: Session, frames: Path, mask: Path | None, monitor_off: list[Path] | None
 ) -> tuple[Sequence[str], Image, ps.Photograph]:
-    """Return the frames' names, (frames, rows, columns, 3) values in a file, and the first one."""
+    """Return the frames' names, (frames, rows, columns, 3) values, and the first one."""
     shape = session.scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions(mask, monitor_off)
         sequence = sequences.open_frames(frames, shape, used)
-        photographs, warnings = sequences.decoded_photographs(
-            sequence, shape, used, scratch / "y.npy", report
-        )
+        photographs, warnings = sequences.read_clip(sequence, used, report)
     for warning in warnings:
         session.warn(warning)
     first = ps.Photograph(photographs[0], used, off)

@@ -70,27 +70,24 @@ class Lamps(Source):
         return places, brightness * np.exp(self.tint.draw(rng) * rng.standard_normal((count, 3)))
 
 
-class Conditions(Source):
-    """Rendered lighting conditions, as `periscopy ambient` makes them, mixed at random."""
+class Mixture(Source):
+    """Pictures of ambient light of the photographs' size, of which some are drawn and added."""
+
+    mixed: within(1, 100) = Distribution(value=1.0)  # type: ignore[valid-type]
+    flip: bool = True  # about the photograph's axes, at random
+
+
+class Conditions(Mixture):
+    """Lighting conditions, rendered as `periscopy ambient` does, on the first geometry's wall."""
 
     kind: Literal["conditions"]
     names: Files  # or shipped conditions
-    mixed: within(1, 100) = Distribution(value=1.0)  # type: ignore[valid-type]
-    flip: bool = True  # about the photograph's axes, at random
     target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
-
-    @model_validator(mode="after")
-    def _are_distinct(self) -> Self:
-        if len({Path(name).stem for name in self.names}) < len(self.names):
-            raise ValueError("two conditions have one name")
-        return self
 
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths of the conditions that are not shipped."""
         beside = [(folder / name).resolve() for name in self.names]
         found = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
-        for name in found:
-            find_condition(name)
         return self.model_copy(update={"names": tuple(found)})
 
     def identity(self) -> dict[str, Any]:
@@ -99,12 +96,11 @@ class Conditions(Source):
         return {"names": [Path(name).stem for name in self.names], "sha256": digests}
 
 
-class Pictures(Source):
-    """Photographs of ambient light, such as real ones, of the photographs' size."""
+class Pictures(Mixture):
+    """Photographs of ambient light, such as real ones."""
 
     kind: Literal["pictures"]
     files: Files
-    flip: bool = True
 
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths."""
@@ -155,14 +151,6 @@ class Bounced(Strict):
     bounces: Annotated[int, Field(ge=2, le=10**6)] | None = None  # reflections at most
 
 
-class PathTraced(Strict):
-    """Photographs path traced one by one, with light that bounces between all surfaces."""
-
-    kind: Literal["path-traced"]
-    samples: Annotated[int, Field(ge=1, le=1 << 20)] = 64  # rounded up to a square number
-    bounces: Annotated[int, Field(ge=1)] | None = None
-
-
 class Configuration(Strict):
     """A data set's description; ``example.yaml`` beside this file explains each entry.
 
@@ -179,7 +167,7 @@ class Configuration(Strict):
     scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
     ambient: Annotated[tuple[AmbientSource, ...], Field(min_length=1)]
-    light: Annotated[Direct | Bounced | PathTraced, Field(discriminator="kind")] = Direct()
+    light: Annotated[Direct | Bounced, Field(discriminator="kind")] = Direct()
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
@@ -190,7 +178,8 @@ class Configuration(Strict):
     folder: Path = Path()
 
     @model_validator(mode="after")
-    def _divide(self) -> Self:
+    def _is_consistent(self) -> Self:
+        self.colours  # noqa: B018  raises where the matrix does not tell colours apart
         for whole, part in (
             ("samples_per_shard", "clip_length"),
             ("samples_per_geometry", "samples_per_shard"),
@@ -198,11 +187,6 @@ class Configuration(Strict):
             size, of = getattr(self, whole), getattr(self, part)
             if size % of:
                 raise ValueError(f"{whole} ({size}) must be a multiple of {part} ({of})")
-        return self
-
-    @model_validator(mode="after")
-    def _tell_colours_apart(self) -> Self:
-        self.colours  # noqa: B018  raises where the matrix does not
         return self
 
     @property

@@ -35,13 +35,11 @@ class Distribution(Strict):
                 "give a number, or one of uniform: [low, high], log_uniform: [low, high], "
                 "normal: [mean, standard deviation], choice: [numbers]"
             )
-        interval = self.uniform or self.log_uniform or (0, 0)
-        if interval[0] > interval[1]:
-            raise ValueError(f"the interval {list(interval)} runs backwards")
-        if self.log_uniform is not None and self.log_uniform[0] <= 0:
-            raise ValueError("a log_uniform interval must lie above 0")
-        if self.normal is not None and self.normal[1] < 0:
-            raise ValueError("a standard deviation must not be negative")
+        low, high = self.uniform or self.log_uniform or (0, 0)
+        deviation = self.normal[1] if self.normal else 0
+        if low > high or deviation < 0 or (self.log_uniform and low <= 0):
+            raise ValueError("an interval runs backwards or, if log_uniform, down to 0; or a "
+                             "standard deviation is negative")  # fmt: skip
         return self
 
     @property
@@ -55,8 +53,7 @@ class Distribution(Strict):
     @property
     def is_continuous(self) -> bool:
         """Return whether no two draws are alike."""
-        least, most = self.bounds
-        return least < most and self.choice is None
+        return self.bounds[0] < self.bounds[1] and self.choice is None
 
     def draw(self, rng: np.random.Generator) -> float:
         """Draw a number."""

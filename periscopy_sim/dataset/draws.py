@@ -17,9 +17,8 @@ from periscopy_sim.dataset.configuration import SPLITS, Conditions, Configuratio
 from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.scenario import Array
 
-GEOMETRY, CLIP, NOISE, RENDERING, SPLIT = range(5)
-
-GOLDEN = (np.sqrt(5) - 1) / 2
+GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
+"""Streams of random numbers."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +75,7 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     among them as nearly by their sizes as it can be, the first to the largest. A scene of which
     nothing varies continuously comes again: its splits follow from what it is.
     """
+    golden = (np.sqrt(5) - 1) / 2
     rng = generator(configuration, GEOMETRY, number)
     source = _weighted(rng, configuration.scenes)
     scene = configuration.scenes[source]
@@ -87,7 +87,7 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     edges = np.cumsum(sizes)
     if any(isinstance(q, Distribution) and q.is_continuous for q in scene.parameters.values()):
         largest = int(sizes.argmax())
-        place = (edges[largest] - sizes[largest] / 2 + number * GOLDEN) % 1
+        place = (edges[largest] - sizes[largest] / 2 + number * golden) % 1
     else:
         # By the file's name, not its folder: the same data set on every machine.
         identity = (Path(scene.scene).name, sorted(parameters.items()))
@@ -104,8 +104,7 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     shown = source.draw(rng, size, configuration.clip_length)
     hidden = np.broadcast_to(shown, (configuration.clip_length, *size, 3))
     ambient = _draw_ambient(configuration, rng)
-    measured = (configuration.sbr, configuration.snr, configuration.exposure)
-    sbr, snr, exposure = (distribution.draw(rng) for distribution in measured)
+    sbr, snr, exposure = (getattr(configuration, n).draw(rng) for n in ("sbr", "snr", "exposure"))
     dark = ambient.lamps is None and not ambient.mixture
     return ClipDraw(number, hidden, source.kind, ambient, np.inf if dark else sbr, snr, exposure)
 
@@ -118,16 +117,11 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
     if isinstance(source, Darkness):
         return AmbientDraw(number, "none")
     names = source.names if isinstance(source, Conditions) else source.files
-    count = 1
-    if isinstance(source, Conditions):
-        count = min(round(source.mixed.draw(rng)), len(names))
+    count = min(round(source.mixed.draw(rng)), len(names))
     chosen = np.sort(rng.choice(len(names), count, replace=False)).tolist()
     weights = rng.dirichlet(np.ones(count)) if count > 1 else np.ones(1)
     turned = rng.random((count, 2)) < (0.5 if source.flip else 0)
-    mixture = tuple(
-        (which, float(weight), bool(down), bool(across))
-        for which, weight, (down, across) in zip(chosen, weights, turned, strict=True)
-    )
+    mixture = tuple(zip(chosen, weights.tolist(), *turned.T.tolist(), strict=True))
     label = " + ".join(Path(names[which]).stem for which in chosen)
     return AmbientDraw(number, label, mixture=mixture)
 

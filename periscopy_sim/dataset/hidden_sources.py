@@ -18,11 +18,13 @@ from pydantic import Field
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.scenario import Array
+from periscopy_sim.storage.formats.table import suffixes
+from periscopy_sim.storage.pictures import read_hidden_image
 
 Rng = np.random.Generator
 
 OVERSAMPLING = 8
-"""Points a patch across and down that drawings are averaged over."""
+"""Points a patch across and down that drawings are averaged over (test_hidden_sources)."""
 
 
 class Shapes(Source):
@@ -40,8 +42,8 @@ class Shapes(Source):
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, or an image of shapes at rest."""
         aspect = shape[1] / shape[0]
-        usual = {"uniform": (0.01, 0.06)} if self.kind == "moving" else {"value": 0.0}
-        speed = self.speed or Distribution.model_validate(usual)
+        moving, rest = Distribution(uniform=(0.01, 0.06)), Distribution(value=0.0)
+        speed = self.speed or (moving if self.kind == "moving" else rest)
         count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
         corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]
@@ -162,8 +164,6 @@ HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discr
 @lru_cache(maxsize=64)
 def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
     """Return the pictures of a folder, sorted; remembered for each version of it."""
-    from periscopy_sim.storage.formats.table import suffixes
-
     known = suffixes(raw=False)
     found = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
     files = tuple(sorted(file for file in found if not file.name.startswith(".")))
@@ -185,8 +185,6 @@ def sha256_of(files: Iterable[Path]) -> str:
 
 @lru_cache(maxsize=512)
 def _picture(file: str, shape: tuple[int, int], version: str) -> Array:  # noqa: ARG001
-    from periscopy_sim.storage.pictures import read_hidden_image
-
     image = read_hidden_image(file, shape)
     if not image.any():
         raise ConfigurationError(f"{file}: is black; leave it out")

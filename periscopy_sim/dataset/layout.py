@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -59,9 +60,9 @@ class Layout:
     @property
     def attributes(self) -> dict[str, Any]:
         """The sizes without the count, of JSON's types, as `read_head` reads them."""
-        sizes = {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
         left_out = {"count"} if self.bounced_error else {"count", BOUNCED_ERROR}
-        return {name: size for name, size in sizes.items() if name not in left_out}
+        sizes = {name: size for name, size in asdict(self).items() if name not in left_out}
+        return dict(json.loads(json.dumps(sizes)))
 
     def of_store(self) -> StoreLayout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
@@ -78,7 +79,9 @@ class Layout:
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
                 "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
             }  # fmt: skip
-        for name, (dtype, long_name, units) in self._labels().items():
+        for name, (dtype, long_name, units) in LABELS.items():
+            if name == BOUNCED_ERROR and not self.bounced_error:
+                continue
             fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
             laid_out[name] = {
                 "shape": (self.count,), "chunks": (self.block,), "dtype": dtype,
@@ -87,10 +90,6 @@ class Layout:
             }  # fmt: skip
         cuts = {"sample": (self.count, self.block)}
         return StoreLayout("data set", laid_out, cuts, self.count)
-
-    def _labels(self) -> dict[str, tuple[Any, str, str | None]]:
-        """Return those of `LABELS` that there are."""
-        return {n: each for n, each in LABELS.items() if n != BOUNCED_ERROR or self.bounced_error}
 
     def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
         """Return shape, dimensions and type of a sample's pictures."""

@@ -9,17 +9,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from periscopy_sim.dataset.configuration import Bounced, Configuration
 from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
-from periscopy_sim.dataset.geometry import (
-    Backgrounds,
-    backgrounds_of,
-    geometry_of,
-    given_light,
-    scenario_of,
-)
+from periscopy_sim.dataset.geometry import Backgrounds, backgrounds_of, geometry_of, scenario_of
 from periscopy_sim.dataset.layout import KIND, Layout
 from periscopy_sim.dataset.samples import Block, make_samples
 from periscopy_sim.errors import ConfigurationError
@@ -28,10 +20,7 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.resume import alone_in
-from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place, digest_of
-
-SHARES_PER_THREAD = 4
-"""Tasks for each thread of a Dask cluster, so that none waits long for the last."""
+from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
 
 
 @dataclass(frozen=True)
@@ -102,31 +91,25 @@ def make_dataset(
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
         # An error of any scene comes before anything is written.
         _check_shape(draw.number, scenario_of(settings, draw), first.photograph_shape)
-    given = given_light(settings, first)
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
         settings.photograph_type, settings.keep_background,
         isinstance(settings.light, Bounced),
     )  # fmt: skip
-    versions = _versions(settings.seed)
     attributes = {
         "kind": KIND,
         "configuration": settings.identity(),
         "layout": layout.attributes,
-        "versions": versions,
+        "versions": _versions(settings.seed),
     }
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
-        made = sum(store.layout.block(n).size for blocks in shares.values() for n in blocks)
+        backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
+        made = sum(store.layout.size(n) for blocks in shares.values() for n in blocks)
         done = layout.count - made
-        # Renderings of another seed or version, left before any sample, are not taken.
-        lit_by = digest_of({"seed": settings.seed, **versions})[:8]
-        folder = out / MAKING / f"ambient-{lit_by}"
-        scenarios = (scenario_of(settings, draws[geometry]) for geometry in shares)
-        backgrounds = backgrounds_of(settings, scenarios, given, folder, rendering)
         # No sample depends on the count, and a geometry is remembered by this text.
         text = settings.model_copy(update={"count": 1}).model_dump_json()
         making = partial(make_block, text, layout.photograph_shape, backgrounds)
@@ -134,7 +117,7 @@ def make_dataset(
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             store.write(block, values)
-            done += store.layout.block(block).size
+            done += store.layout.size(block)
         report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
@@ -170,31 +153,23 @@ def _made(
     shares: Mapping[int, Sequence[int]],
     scheduler: str | None,
 ) -> Iterator[tuple[int, Block]]:
-    """Make blocks, geometry by geometry or wherever a worker is free."""
+    """Make blocks, geometry by geometry, each where a worker is free."""
     if scheduler is None or not shares:
         for geometry, blocks in shares.items():
-            make = partial(making, geometry)
-            # Rendered here, not in the threads; path tracing is parallel by itself.
-            traced = geometry_of(configuration, geometry).transport is None
-            yield from zip(blocks, (map if traced else ahead)(make, blocks), strict=True)
+            geometry_of(configuration, geometry)  # rendered here, not in the threads
+            yield from zip(blocks, ahead(partial(making, geometry), blocks), strict=True)
         return
     from periscopy_sim.evaluation.workers import compute, connect
 
     with connect(scheduler) as client:
-        # A geometry's blocks stay together unless workers would go idle.
-        wanted = SHARES_PER_THREAD * sum(client.nthreads().values())
-        pieces = max(1, -(-wanted // len(shares)))
-        tasks = [
-            (geometry, part.tolist())
-            for geometry, blocks in shares.items()
-            for part in np.array_split(blocks, min(pieces, len(blocks)))
-        ]
-        for (_, blocks), made in compute(client, _make_share, making, tasks):
+        for (_, blocks), made in compute(client, _make_share, making, shares.items()):
             yield from zip(blocks, made, strict=True)
 
 
-def _make_share(making: Callable[[int, int], Block], task: tuple[int, list[int]]) -> list[Block]:
-    geometry, blocks = task
+def _make_share(
+    making: Callable[[int, int], Block], share: tuple[int, Sequence[int]]
+) -> list[Block]:
+    geometry, blocks = share
     return [making(geometry, block) for block in blocks]
 
 

@@ -48,7 +48,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
     path = Path(path)
     _, layout, records = read_head(path)
     blocks = records.layout.blocks
-    ready = sum(records.layout.block(n).size for n in takewhile(records.has, blocks))
+    ready = sum(records.layout.size(n) for n in takewhile(records.has, blocks))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -61,7 +61,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
             data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
-    if lost := set(records.layout.variables) - set(data.variables):
+    if lost := {*records.layout.variables} - {*data.variables}:
         raise DatasetError(f"{path}: has lost its variable '{min(lost)}'; make it again")
     of_one_value = (("sample",), ("geometries",))
     labels = [name for name, values in data.data_vars.items() if values.dims in of_one_value]
@@ -80,14 +80,11 @@ def verify_dataset(
     """
     path = Path(path)
     _, _, records = read_head(path)
-    data = open_dataset(path, incomplete=True)
-    for name, values in data.variables.items():
-        if "sample" not in values.dims and not (path / str(name) / "c" / "0").is_file():
-            raise DatasetError(f"{path}: has lost the values of '{name}'; make it again")
+    open_dataset(path, incomplete=True)  # where all variables have a head
     damaged: list[tuple[int, int]] = []
     blocks = records.layout.blocks
     for number in blocks:
-        samples = records.layout.block(number).place["sample"]
+        samples = records.layout.place(number)["sample"]
         if not records.verify(number):
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
@@ -101,11 +98,10 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
+    sizes = {n: records.layout.size(n) for n in records.layout.blocks if records.has(n)}
     description: dict[str, Any] = {
         "samples": layout.count,
-        "finished": sum(
-            records.layout.block(n).size for n in records.layout.blocks if records.has(n)
-        ),
+        "finished": sum(sizes.values()),
         "photograph": list(layout.photograph_shape),
         "hidden": list(layout.hidden_shape),
         "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

@@ -9,15 +9,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.dataset.configuration import Configuration
-from periscopy_sim.dataset.draws import (
-    NOISE,
-    RENDERING,
-    AmbientDraw,
-    ClipDraw,
-    draw_clip,
-    random_seed,
-)
-from periscopy_sim.dataset.geometry import Backgrounds, Geometry, view_digest
+from periscopy_sim.dataset.draws import NOISE, AmbientDraw, ClipDraw, draw_clip, random_seed
+from periscopy_sim.dataset.geometry import Backgrounds, Geometry
 from periscopy_sim.dataset.layout import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.measurement import add_noise, composite
@@ -44,7 +37,7 @@ def make_samples(
     scenario, length = geometry.scenario, configuration.clip_length
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     hidden = np.concatenate([clip.hidden for clip in clips])
-    signals = _signals(configuration, geometry, hidden, start)
+    signals = _signals(geometry, hidden)
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
@@ -79,13 +72,11 @@ def make_samples(
     in_parallel(expose, range(len(clips)))
     if configuration.saturation is not None:
         np.minimum(photographs, configuration.saturation, out=photographs)
+    dtype = configuration.photograph_type
     with np.errstate(over="ignore"):
-        kept = photographs.astype(configuration.photograph_type, copy=False)
+        kept = photographs.astype(dtype, copy=False)
     if not np.isfinite(kept).all():
-        raise ConfigurationError(
-            f"photographs of samples {start} to {stop - 1} do not fit "
-            f"{configuration.photograph_type}; lower exposure, or use float32"
-        )
+        raise ConfigurationError(f"samples from {start} on do not fit {dtype}; lower the exposure")
     block = {
         "photograph": kept,
         "hidden": hidden.astype(np.float32),
@@ -93,20 +84,13 @@ def make_samples(
         **_labels(geometry, clips, length),
     }
     if configuration.keep_background:
-        block["background"] = ambient.astype(configuration.photograph_type, copy=False)
+        block["background"] = ambient.astype(dtype, copy=False)
     return block
 
 
-def _signals(
-    configuration: Configuration, geometry: Geometry, hidden: Array, start: int
-) -> NDArray[np.floating[Any]]:
+def _signals(geometry: Geometry, hidden: Array) -> NDArray[np.floating[Any]]:
     """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
-    if A is None:
-        assert geometry.photographer is not None
-        numbers = range(start, start + len(hidden))
-        seeds = [random_seed(configuration, RENDERING, number) for number in numbers]
-        return np.stack(list(map(geometry.photographer, hidden, seeds)))
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
     y = times_rows(rows, channels_mean(A)).reshape(len(hidden), 3, -1)
@@ -128,7 +112,7 @@ def _background(
         return (light * scenario.channel_gain).reshape(shape)
     if not ambient.mixture:
         return None
-    pictures = backgrounds[view_digest(scenario)][ambient.source]
+    pictures = backgrounds[ambient.source]
     total = np.zeros(shape)
     for which, weight, down, across in ambient.mixture:
         picture = pictures[which, :: -1 if down else 1, :: -1 if across else 1].astype(np.float64)

@@ -53,10 +53,12 @@ class TorchDataset:
             if name not in data.variables or data[name].dims[0] != "sample":
                 known = ", ".join(sorted(map(str, data.variables)))
                 raise DatasetError(f"{path}: has no variable '{name}' of samples; it has {known}")
-        everything = np.arange(data.sizes["sample"])
-        self.samples = everything if split is None else everything[data["split"].values == split]
+        splits = data["split"].values
+        self.samples = np.flatnonzero(
+            np.ones_like(splits, bool) if split is None else splits == split
+        )
         if not len(self.samples):
-            found = ", ".join(sorted(set(data["split"].values.tolist())))
+            found = ", ".join(sorted({*splits.tolist()}))
             raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
         self.path, self.variables, self.transform = Path(path), variables, transform
         self._opened: tuple[int, Any] | None = None

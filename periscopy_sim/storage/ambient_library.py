@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -46,6 +46,8 @@ def ambient_photographs(
     """
     import mitsuba as mi
 
+    from periscopy_sim.rendering.ambient.background import render_background
+
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
@@ -57,42 +59,24 @@ def ambient_photographs(
     for name, path in paths.items():
         file = folder / f"{name}.exr"
         settings = as_text({**made, "ambient": name, "ambient_sha256": scene_sha256(path)})
-        picture, held = rendered_once(file, path, scenario, seed, target, progress, settings)
-        wanted = {**settings, "scene": held.get("scene")}  # wherever it lies: it has a digest
-        check_settings({n: held.get(n) for n in wanted}, wanted, f"{file}:", "photograph")
-        if picture.shape[:2] != scenario.photograph_shape:
-            raise PeriscopyError(f"{file}: has {picture.shape[:2]} pixels; remove it")
+        if not file.is_file():
+            with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
+                rendered = render_background(
+                    path, scenario, target=target, seed=seed, progress=report
+                )
+                report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
+                # To six digits: beyond those, results depend on the order in which BLAS adds.
+                errors = {
+                    each: float(f"{getattr(rendered, each):.6g}")
+                    for each in ("relative_error", "brightness_error")
+                }
+                write_exr(staged, rendered.photograph, {**settings, **errors})
+        # Also what was just rendered: as kept, so that a later run computes the same.
+        picture, held = read_exr(file)
+        del settings["scene"]  # wherever it lies: it has a digest
+        check_settings({n: held.get(n) for n in settings}, settings, f"{file}:", "photograph")
         photographs[name] = picture.astype(np.float64)
     return photographs
-
-
-def rendered_once(
-    file: Path,
-    path: Path,
-    scenario: Scenario,
-    seed: int,
-    target: float,
-    progress: Progress,
-    settings: Mapping[str, str] | None = None,
-) -> tuple[NDArray[np.float32], dict[str, str | float]]:
-    """Return the photograph that a file holds, with its metadata, and render it if there is none.
-
-    With `settings`, these and the errors of the photograph become the file's metadata.
-    """
-    from periscopy_sim.rendering.ambient.background import render_background
-
-    if not file.is_file():
-        with staged_file(file) as staged, progress(f"ambient light: {path.stem}") as report:
-            rendered = render_background(path, scenario, target=target, seed=seed, progress=report)
-            report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
-            # To six digits: beyond those, results depend on the order in which BLAS adds.
-            errors = {
-                name: float(f"{getattr(rendered, name):.6g}")
-                for name in ("relative_error", "brightness_error")
-            }
-            write_exr(staged, rendered.photograph, {**settings, **errors} if settings else {})
-    # Also what was just rendered: as kept, so that a later run computes the same.
-    return read_exr(file)
 
 
 def find_condition(name: str) -> Path:

@@ -5,8 +5,8 @@ Each is decoded as its format asks, prepared as what it is, and checked as all o
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
 from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
-from periscopy_sim.storage.formats.matlab import averaged_counts
 from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture, format_of
 
@@ -30,7 +29,7 @@ def read_photograph(
     EXR, NPY, NPZ (key `photograph`) and TIFF of floating-point numbers are linear light, and so are
     arrays of 8-bit integers, with a warning. PNG, TIFF and JPEG are what they declare, linear light
     or, with a warning, encoded by the sRGB curve; if they declare nothing, 16 bits are linear and 8
-    bits encoded. MATLAB files hold raw counts, see `read_matlab_counts`.
+    bits encoded.
 
     Parameters
     ----------
@@ -47,9 +46,8 @@ def read_photograph(
     PhotographError
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
-    name, kind, picture, encoded = _decoded(path)
-    values, warnings = _linear_light(picture, encoded, shape, kind, name)
-    return Photograph.of(values, shape, name, mask=mask, warnings=tuple(warnings))
+    picture, warnings = _linear_light(path, shape)
+    return Photograph.of(picture.values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(
@@ -81,64 +79,54 @@ def read_sensor_image(
     PhotographError
         If the file is missing, damaged or of another format.
     """
-    name, kind, picture, encoded = _decoded(path)
-    values, full = picture.values, picture.saturated
-    if encoded:
-        if has_black or white is not None:
-            raise PhotographError(
-                f"{name}: is encoded for screens; give a raw file, or leave out the black level "
-                "and the saturation"
-            )
-        full = (values == np.iinfo(values.dtype).max).any(axis=2)
-    light, warnings = _linear_light(picture, encoded, None, kind, name)
-    exposure = sensor_image(light, name, white, full, picture.cell)
+    picture, warnings = _linear_light(path)
+    if picture.encoding == SRGB and (has_black or white is not None):
+        raise PhotographError(
+            f"{path}: is encoded for screens; give a raw file, or leave out the black level and "
+            "the saturation"
+        )
+    exposure = sensor_image(picture.values, str(path), white, picture.saturated, picture.cell)
     is_known = white is not None or exposure.saturated.any()
     if not is_known and (plateau := saturated_pixels(exposure.values)).any():
         top = exposure.values[plateau].max(axis=1).min()
         warnings.append(
-            f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
+            f"{path}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
             f"are saturated, name this value as white"
         )
     return exposure, tuple(warnings)
 
 
-def _decoded(path: str | Path) -> tuple[str, str, Picture, bool]:
-    """Return name, format and content of a photograph, and whether it is sRGB-encoded."""
+def _linear_light(
+    path: str | Path, shape: tuple[int, int] | None = None
+) -> tuple[Picture, list[str]]:
+    """Decode a photograph, of a size if one is given, as linear light.
+
+    Return it with the encoding that the file has, and what was assumed or left out, one line each.
+    """
     row = format_of(Path(path))
     picture = row.decode(Path(path), PHOTOGRAPH)
-    encoded = picture.encoding == SRGB
-    if picture.encoding in (None, GAMMA):
-        encoded = picture.is_display and picture.values.dtype == np.uint8
-    return str(path), row.name, picture, encoded
-
-
-def _linear_light(
-    picture: Picture, encoded: bool, shape: tuple[int, int] | None, kind: str, name: str
-) -> tuple[NDArray[Any], list[str]]:
-    """Return linear light, of a size if one is asked for, and what was assumed or left out."""
-    values, warnings = picture.values, []
-    bits = 8 * values.dtype.itemsize
-    if picture.exposure is not None:
-        values = averaged_counts(values, picture.exposure, shape or values.shape[:2], name)
-    if picture.left_out:
-        warnings.append(f"{name}: left out the channels {', '.join(picture.left_out)}")
-    if picture.alpha is not None:
-        warnings.append(f"{name}: left out the alpha channel")
-    if encoded:
+    values, encoding, full = picture.values, picture.encoding, picture.saturated
+    is_8_bits, kind = values.dtype == np.uint8, f"{8 * values.dtype.itemsize}-bit {row.name}"
+    warnings = []
+    if left_out := (*picture.left_out, *(() if picture.alpha is None else ("alpha",))):
+        warnings.append(f"{path}: left out the channels {', '.join(left_out)}")
+    if picture.is_display and is_8_bits and encoding in (None, GAMMA):
+        encoding = SRGB
+    if encoding == SRGB:
         if shape is not None:
-            check_size(values.shape[:2], shape, name)  # before it becomes eight times as large
-        why = "as the file says" if picture.encoding == SRGB else "which is normally encoded"
+            check_size(values.shape[:2], shape, str(path))  # before it becomes eight times as large
+        white = np.iinfo(values.dtype).max
+        values, full = srgb_decode(values / white), (values == white).any(axis=2)
         warnings.append(
-            f"{name}: {bits}-bit {kind}, {why}: decoded by the sRGB curve; save linear data as "
-            "16-bit PNG or TIFF, EXR or NPY"
+            f"{path}: {kind}, decoded by the sRGB curve; save linear data as 16-bit PNG or TIFF, "
+            "EXR or NPY"
         )
-        values = srgb_decode(np.linspace(0, 1, 2**bits))[values]
-    elif picture.encoding == GAMMA or (picture.encoding is None and values.dtype == np.uint8):
+    elif encoding == GAMMA or (encoding is None and is_8_bits):
         warnings.append(
-            f"{name}: {bits}-bit {kind}, taken as linear light, though such files often are "
-            "gamma-encoded; if this one is, save it as PNG with an sRGB profile"
+            f"{path}: {kind}, taken as linear light, though such files often are gamma-encoded; "
+            "if this one is, export linear light"
         )
-    return values, warnings
+    return replace(picture, values=values, encoding=encoding, saturated=full), warnings
 
 
 def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray[np.bool_]:
@@ -172,14 +160,8 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
     if shape is not None:
         check_size(values.shape[:2], shape, str(path))
-    if not np.isfinite(values).all():
-        raise PhotographError(f"{path}: has NaN or infinite values; give truth values")
-    if (values != values[..., :1]).any():
-        raise PhotographError(f"{path}: has colours; a mask is grey: is this the photograph?")
-    largest = values.max()
+    grey, largest = values[..., :1], values.max(initial=0)
+    if (values != grey).any() or not 0 < largest < np.inf:  # also where one is NaN
+        raise PhotographError(f"{path}: is no mask; make it grey, bright where the wall is used")
     # A quotient, since half of the largest integer may be no integer.
-    if largest <= 0 or not (mask := values[..., 0] / largest > 0.5).any():
-        raise PhotographError(
-            f"{path}: leaves out every pixel; it must be bright where the wall is to be used"
-        )
-    return np.asarray(mask)
+    return np.asarray(grey[..., 0] / largest > 0.5)

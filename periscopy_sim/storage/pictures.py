@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,6 @@ from periscopy_sim.photograph import with_channels
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
-
-_BAND = 1 << 20  # pixels made linear light at once
 
 
 def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -46,20 +44,18 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     """
     path = Path(path)
     picture = decode_picture(path, "hidden")
-    values, alpha = with_channels(picture.values, str(path)), picture.alpha
+    values = with_channels(picture.values, str(path))
     if values.size == 0:
         raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
-
-    def light(rows: slice) -> NDArray[np.float64]:
-        band = linear_light(values[rows], path)
-        if picture.is_display and values.dtype.kind == "u":
-            band = srgb_decode(band)
-        return band if alpha is None else band * linear_light(alpha[rows], path)  # on black
-
-    return _average(light, values.shape[:2], shape)
+    light = linear_light(values, path)
+    if picture.is_display and values.dtype.kind == "u":
+        light = srgb_decode(light)
+    if picture.alpha is not None:
+        light = light * linear_light(picture.alpha, path)  # on black
+    return area_average(light, shape)
 
 
-def linear_light(values: NDArray[Any], place: Path) -> NDArray[np.float64]:
+def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:
     """Return (rows, columns, 1 or 3) values as (rows, columns, 3) light, 1 for white.
 
     Integers, of 8 or 16 bits, are fractions of the largest of their dtype. Values that are negative
@@ -110,25 +106,13 @@ def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64
     The image is (rows, columns, channels), constant over each of its pixels; the result is W_r
     image W_c^T for each channel, with W of `_coverage`, and has more or fewer pixels.
     """
-    image = np.asarray(image)
-    return _average(lambda rows: image[rows].astype(np.float64), image.shape[:2], shape)
-
-
-def _average(
-    band: Callable[[slice], NDArray[np.float64]], size: tuple[int, ...], shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Return what `area_average` does, by bands of rows: a large image needs little memory."""
-    rows, columns = size
-    down, across = _coverage(shape[0], rows), _coverage(shape[1], columns)
-    height = max(1, _BAND // columns)
-    bands = (slice(start, start + height) for start in range(0, rows, height))
-    return np.asarray(across @ sum(np.tensordot(down[:, b], band(b), axes=1) for b in bands))
+    image = np.asarray(image, np.float64)
+    down, across = (_coverage(*sizes) for sizes in zip(shape, image.shape, strict=False))
+    return np.asarray(across @ np.tensordot(down, image, axes=1))
 
 
 def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
     """Return (boxes, pixels) fractions of each of equal boxes that each of equal pixels covers."""
-    edges = np.arange(boxes + 1) * (pixels / boxes)
-    pixel = np.arange(pixels)
-    upper = np.minimum(edges[1:, None], pixel + 1)
-    lower = np.maximum(edges[:-1, None], pixel)
-    return np.asarray(np.maximum(upper - lower, 0) * (boxes / pixels))
+    edges, pixel = np.arange(boxes + 1) * (pixels / boxes), np.arange(pixels)
+    covered = np.minimum(edges[1:, None], pixel + 1) - np.maximum(edges[:-1, None], pixel)
+    return np.asarray(np.maximum(covered, 0) * (boxes / pixels))

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.lib.format as npy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, blackened, check_real, check_size
@@ -25,15 +22,12 @@ from periscopy_sim.storage.pictures import area_average, linear_light, read_hidd
 
 Array = NDArray[np.float64]
 
-_ZARR_MARKS = ("zarr.json", ".zgroup", ".zarray")
-
 
 @dataclass(frozen=True, eq=False)
 class Frames:
     """Photographs in time's order, each decoded and checked when it is read."""
 
     names: tuple[str, ...]  # the file or the number of each
-    warnings: tuple[str, ...]  # what was left out of the whole, one line each
     read: Callable[[int], Photograph]  # returns a frame by its number
 
     def __len__(self) -> int:
@@ -49,11 +43,10 @@ def open_frames(
     """Open a sequence of photographs; each is read and checked when its turn comes.
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
-    natural order of their names: frame2 before frame10. Hidden files and subfolders do not count;
-    files of no such suffix are left out, with a warning. A Zarr archive, of format 2 or 3, is an
-    array (frames, rows, columns, 3), or a group that has it as `photograph`, as a data set has. NPY
-    and NPZ files (key `photograph`) hold such an array too; NPZ files are decoded as a whole. One
-    channel in place of three is grey.
+    natural order of their names: frame2 before frame10; other files and subfolders do not count. An
+    array (frames, rows, columns, 3) named
+    `photograph` is in an NPZ file, which is decoded as a whole, or in a Zarr group of format 3, as
+    a data set has it; an NPY file holds one, too. One channel in place of three is grey.
 
     Parameters
     ----------
@@ -76,64 +69,39 @@ def open_frames(
         iterating as `read_photograph`, naming the frame, the first being 0.
     """
     path = Path(path)
-    warnings: tuple[str, ...] = ()
-    if path.is_dir() and not any((path / mark).exists() for mark in _ZARR_MARKS):
-        files, others = files_of_one_kind(path)
-        warnings = (f"{path}: left out {listed(others)}",) if others else ()
+    if path.is_dir() and not (path / "zarr.json").exists():
+        files = files_of_one_kind(path)
         names = tuple(file.name for file in files)
-        return Frames(names, warnings, lambda k: read_photograph(files[k], shape, mask))
-    if path.is_dir():
-        stack, warnings = zarr_stack(path)
-    else:
-        row = format_of(path)
-        if row.open_stack is None:
-            raise PhotographError(
-                f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr "
-                "archive, or an NPY or NPZ stack"
-            )
-        stack = row.open_stack(path)
-    check_real(stack.dtype, str(path))
-    if len(stack.shape) != 4 or stack.shape[3] not in (1, 3) or not stack.shape[0]:
-        raise PhotographError(
-            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3)"
-        )
+        return Frames(names, lambda k: read_photograph(files[k], shape, mask))
+    stack = _checked(zarr_stack(path) if path.is_dir() else _opened(path), path)
     check_size(stack.shape[1:3], shape, str(path))
-    size = getattr(stack, "chunks", (1,))[0]  # frames; a chunk cannot be read in part
-
-    @lru_cache(maxsize=1)
-    def block(number: int) -> NDArray[Any]:
-        return np.asarray(stack[number * size : (number + 1) * size])
 
     def read(k: int) -> Photograph:
-        place = _place(path, k)
+        place = f"{path}, frame {k}"
         with decoding(place, "part of a stack"):
-            values = block(k // size)[k % size]
-        return Photograph.of(values, shape, str(place), mask=mask)
+            values = np.asarray(stack[k])
+        return Photograph.of(values, shape, place, mask=mask)
 
-    return Frames(tuple(map(str, range(stack.shape[0]))), warnings, read)
+    return Frames(tuple(map(str, range(stack.shape[0]))), read)
 
 
-def decoded_photographs(
-    sequence: Frames,
-    shape: tuple[int, int],
-    mask: NDArray[np.bool_] | None,
-    file: Path,
-    progress: Callable[[float], None],
-) -> tuple[NDArray[np.floating[Any]], list[str]]:
-    """Return all photographs of a sequence, and the first warning of each kind, counted.
+def read_clip(
+    sequence: Frames, mask: NDArray[np.bool_] | None, progress: Callable[[float], None]
+) -> tuple[Array, list[str]]:
+    """Read all photographs of a sequence, and the first warning of each kind, counted.
 
-    The photographs are (rows, columns, 3) each, black where the mask leaves them out, as they are
-    drawn, and kept in an NPY file. One that cannot serve is a `PhotographError` that names it.
+    The photographs are (frames, rows, columns, 3), black where the mask leaves them out, as they
+    are drawn. One that cannot serve is a `PhotographError` that names it.
     """
     of_kind: dict[str, list[str]] = {}
-    with npy_writer(file, (len(sequence), *shape, 3), np.float64) as write:
-        for k, photograph in enumerate(sequence, 1):
-            write(blackened(photograph.values, mask))
-            for warning in photograph.warnings:
-                of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
-            progress(k / len(sequence))
+    frames = []
+    for photograph in sequence:
+        frames.append(blackened(photograph.values, mask))
+        for warning in photograph.warnings:
+            of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
+        progress(len(frames) / len(sequence))
     counted = (f"{w[0]} (likewise {len(w) - 1} more)" if w[1:] else w[0] for w in of_kind.values())
-    return mapped_stack(file), [*sequence.warnings, *counted]
+    return np.stack(frames), [*counted]
 
 
 def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> Iterator[Array]:
@@ -153,48 +121,23 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
     return map(read, range(count)) if number == count else repeat(read(0), count)
 
 
-def decoded_truth(path: Path, shape: tuple[int, int], count: int, file: Path) -> NDArray[Any]:
-    """Return what was hidden, (F, R, C, 3), frame by frame; see `read_hidden_frames`."""
-    with npy_writer(file, (count, *shape, 3), np.float64) as write:
-        for image in read_hidden_frames(path, shape, count):
-            write(image)
-    return mapped_stack(file)
+def files_of_one_kind(folder: Path) -> list[Path]:
+    """Return the pictures in a folder, known by their suffixes, in natural order.
 
-
-@contextmanager
-def npy_writer(
-    path: Path, shape: Sequence[int], dtype: type[np.floating[Any]]
-) -> Iterator[Callable[[ArrayLike], object]]:
-    """Write an NPY file of a stack, (frames, ...), as `numpy.save` would.
-
-    The function yielded takes each frame in turn.
-    """
-    described = npy.dtype_to_descr(np.dtype(dtype))
-    header = {"descr": described, "fortran_order": False, "shape": tuple(shape)}
-    with path.open("wb") as stream:
-        npy.write_array_header_1_0(stream, header)
-        yield lambda frame: stream.write(np.ascontiguousarray(frame, dtype=dtype).tobytes())
-
-
-def files_of_one_kind(folder: Path) -> tuple[list[Path], list[str]]:
-    """Return the pictures in a folder in natural order, and the names of its other files.
-
-    A picture is known by its suffix; hidden files and subfolders do not count. A folder with no
-    picture, or with those of several formats, is a `PhotographError`.
+    A folder with no picture, or with those of several formats, is a `PhotographError`.
     """
     known = suffixes()
     files = [each for each in folder.iterdir() if each.name[0] != "." and not each.is_dir()]
     of_kind: dict[str, list[Path]] = {}
     for file in sorted(files, key=lambda file: _natural(file.name)):
-        of_kind.setdefault(known.get(file.suffix.lower(), ""), []).append(file)
-    others = [file.name for file in of_kind.pop("", [])]
+        if kind := known.get(file.suffix.lower()):
+            of_kind.setdefault(kind, []).append(file)
     if len(of_kind) != 1:
         examples = listed([f"{kind} ({files[0].name})" for kind, files in of_kind.items()])
         raise PhotographError(
-            f"{folder}: holds {examples or 'no file named as a picture'}; keep frames of one "
-            "format alone there"
+            f"{folder}: holds {examples or 'no picture'}; keep frames of one format alone there"
         )
-    return next(iter(of_kind.values())), others
+    return next(iter(of_kind.values()))
 
 
 def _natural(name: str) -> tuple[list[str | int], str]:
@@ -203,21 +146,33 @@ def _natural(name: str) -> tuple[list[str | int], str]:
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
 
 
-def _place(path: Path, frame: int) -> Path:
-    """Return the name of a frame of a file for a message."""
-    return Path(f"{path}, frame {frame}")
+def _opened(path: Path) -> NDArray[Any]:
+    """Return the frames of one file."""
+    row = format_of(path)
+    if row.open_stack is None:
+        raise PhotographError(
+            f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr archive, "
+            "or an NPY or NPZ stack"
+        )
+    return row.open_stack(path)
+
+
+def _checked(stack: Any, path: Path) -> Any:
+    """Return an array, mapped or in Zarr, if it is a stack of pictures."""
+    check_real(stack.dtype, str(path))
+    if len(stack.shape) != 4 or stack.shape[3] not in (1, 3) or 0 in stack.shape:
+        raise PhotographError(
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3)"
+        )
+    return stack
 
 
 def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
     """Return the number of frames, and what reads one."""
     if path.is_dir():
-        files, _ = files_of_one_kind(path)
+        files = files_of_one_kind(path)
         return len(files), lambda k: read_hidden_image(files[k], shape)
-    if format_of(path).name != "NPY" or (stack := mapped_stack(path)).ndim != 4:
+    if format_of(path).name != "NPY" or mapped_stack(path).ndim != 4:
         return 1, lambda _: read_hidden_image(path, shape)
-    check_real(stack.dtype, str(path))
-    if stack.shape[-1] not in (1, 3) or 0 in stack.shape[1:]:
-        raise PhotographError(
-            f"{path}: has frames of shape {stack.shape[1:]}; give (rows, columns, 3)"
-        )
-    return len(stack), lambda k: area_average(linear_light(stack[k], _place(path, k)), shape)
+    stack = _checked(mapped_stack(path), path)
+    return len(stack), lambda k: area_average(linear_light(stack[k], f"{path}, frame {k}"), shape)

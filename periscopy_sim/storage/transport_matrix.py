@@ -104,14 +104,12 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
             f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
             f"{scenario.transport_shape}"
         )
-    file = record_of(path)
-    if not file.is_file():
-        if bounced_of(path).is_file() or bounces != DIRECT:
-            raise PhotographError(f"{file}: is missing, and light that bounces needs it; {AGAIN}")
+    file, bounced = record_of(path), bounced_of(path)
+    if bounces == DIRECT and not (file.is_file() or bounced.is_file()):
         return A
     with decoding(file, "JSON", AGAIN):
-        record = dict(json.loads(file.read_text("utf-8")))
-    wanted = {
+        record = {"bounces": "direct", **json.loads(file.read_text("utf-8"))}
+    made = {
         "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
         "parameters": dict(scenario.parameters),
         "hidden_shape": list(scenario.hidden_shape),
@@ -120,17 +118,15 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     }
     light = None
     if bounces != DIRECT:
-        bounced = bounced_of(path)
         with decoding(bounced, "NPZ", AGAIN), bounced.open("rb") as stream, np.load(stream) as data:
             error = float(data["relative_error"])
             light = BouncedLight(data["over_wall"], data["of_patches"], error)
-        wanted["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
-    held = {"bounces": "direct", "matrix_sha256": wanted["matrix_sha256"], **record}
-    for name, value in wanted.items():
-        if held.get(name) != value:
+        made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+    for name, value in made.items():
+        if (held := record.get(name)) != value:
             raise PhotographError(
-                f"{path}: was made from another scene or light ({name.replace('_', ' ')} "
-                f"{held.get(name)}, here {value}); {AGAIN}"
+                f"{path}: was made from another scene or light ({name} {held}, here {value}); "
+                f"{AGAIN}"
             )
     return A if light is None else BouncedTransport(A, light, bounces)
 
@@ -139,8 +135,7 @@ def _finite_matrix(path: Path) -> NDArray[Any]:
     """Return an NPY file of finite real numbers as a memory map."""
     if format_of(path).name != "NPY":
         raise PhotographError(f"{path}: is no NPY file; save the matrix by numpy.save")
-    matrix = mapped_stack(path)
-    check_real(matrix.dtype, str(path))
+    check_real((matrix := mapped_stack(path)).dtype, str(path))
     if not np.isfinite(matrix).all():
         raise PhotographError(f"{path}: holds NaN or infinities; {AGAIN}")
     return matrix

@@ -48,11 +48,11 @@ def test_vectors_are_images(A):
 
 
 def test_single_precision_stays_single(A):
-    operator = transport_operator(A.astype(np.float32), channels=1)
+    operator = transport_operator(A.astype(np.float32))
     assert operator.dtype == np.float32
-    assert (operator @ np.ones(12)).dtype == np.float32
-    assert (operator.T @ np.ones(30)).dtype == np.float32
-    assert operator.hidden_shape == (1, 12, 1)
+    assert (operator @ np.ones(36)).dtype == np.float32
+    assert (operator.T @ np.ones(90)).dtype == np.float32
+    assert operator.hidden_shape == (1, 12, 3)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,6 @@ def test_single_precision_stays_single(A):
         ({"hidden_shape": (3, 5)}, r"\(3, 5\)"),
         ({"photograph_shape": (5, 5)}, r"\(5, 5\)"),
         ({"channel_gain": [1.0, 2.0]}, "3 finite numbers"),
-        ({"channels": 2}, "1 or 3 channels"),
     ],
 )
 def test_what_does_not_fit_is_refused(A, given, says):

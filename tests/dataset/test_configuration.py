@@ -51,18 +51,17 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("weather: fine", r"config.yaml: line 7, weather: is not known; there are seed, "),
-        ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: .*'samples'\?$"),
-        ("splits: {<<: {tarin: 1}}", r"line 7, splits.tarin: .* 'train'"),
+        ("weather: fine", r"config.yaml: line 7, weather: is not known$"),
+        ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: is not known$"),
         ("light: {samples: 4}", r"line 7, light: .*'kind'"),
         ("light: 5", r"line 7, light: "),
-        ("sbr: {uniform: [1, 0]}", r"line 7, sbr: the interval .* runs backwards"),
+        ("sbr: {uniform: [1, 0]}", r"line 7, sbr: an interval runs backwards"),
         ("sbr: -1", r"line 7, sbr: every value must lie from"),
         ("seed: 1.5", r"line 7, seed: .*integer"),
         ("clip_length: 7", r"samples_per_shard \(50\) must be a multiple of clip_length \(7\)"),
         ("splits: {train: 0.5}", r"line 7, splits: .* must sum to 1"),
-        ("count: 11", r"line 7: 'count' is given twice"),
         ("folder: x", "config.yaml"),
+        ("light: {}", r"line 7, light: .*'kind'"),
         ("saturation: .inf", r"line 7, saturation: .*finite"),
     ],
 )
@@ -70,13 +69,6 @@ def test_mistakes_are_told_with_their_line(tmp_path, change, message):
     with pytest.raises(ConfigurationError, match=message) as caught:
         load_configuration(written(tmp_path, LEAST + change + "\n"))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("missing", ["count", "hidden", "scenes", "hidden_images", "ambient"])
-def test_missing_entry_is_named(tmp_path, missing):
-    text = "\n".join(line for line in LEAST.splitlines() if not line.startswith(missing))
-    with pytest.raises(ConfigurationError, match=f"{missing}: is missing"):
-        load_configuration(written(tmp_path, text))
 
 
 @pytest.mark.parametrize(
@@ -90,12 +82,3 @@ def test_what_is_no_configuration_is_refused_in_one_line(tmp_path, text):
     with pytest.raises(ConfigurationError, match=r"config\.yaml") as caught:
         load_configuration(written(tmp_path, text))
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 1000
-
-
-def test_merged_keys_stand_behind_those_given(tmp_path):
-    merged = "light: {kind: direct}\nsplits:\n  <<: &s {train: 0.5, validation: 0.5}\n  test: 0\n"
-    found = load_configuration(written(tmp_path, LEAST + merged))
-    assert (found.splits.train, found.splits.validation, found.splits.test) == (0.5, 0.5, 0)
-    again = "sbr: &s {uniform: [1, 2]}\nsnr: {<<: *s, uniform: [40, 60]}\n"
-    found = load_configuration(written(tmp_path, LEAST + again))
-    assert (found.sbr.uniform, found.snr.uniform) == ((1, 2), (40, 60))

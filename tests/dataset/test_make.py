@@ -1,10 +1,7 @@
 """Data sets made, stopped, damaged, shared among workers: always the same bytes."""
 
 import shutil
-import subprocess
-import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.dataset import make as making
 from periscopy_sim.dataset.make import make_dataset
-from periscopy_sim.errors import ConfigurationError, OutputError, PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
 
@@ -77,20 +74,6 @@ def test_damage_is_mended(configured, undisturbed, tmp_path):
     assert contents(path) == contents(undisturbed)
 
 
-@pytest.mark.thorough
-def test_killed_run_goes_on_where_it_was(configuration_file, configured, undisturbed, tmp_path):
-    configuration_file()
-    command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
-    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
-    marks = tmp_path / "d.zarr/making/finished"
-    while not list(marks.glob("*.json")) and run.poll() is None:
-        time.sleep(0.002)
-    run.kill()
-    run.communicate()
-    make_dataset(configured(), tmp_path / "d.zarr")
-    assert contents(tmp_path / "d.zarr") == contents(undisturbed)
-
-
 def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, tmp_path):
     distributed = pytest.importorskip("distributed")
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
@@ -101,9 +84,8 @@ def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, 
 
 def test_scenes_of_other_film_sizes_are_refused(configured, tmp_path):
     scenes = [{"scene": "chair", "parameters": {"resolution": {"choice": [12, 16]}}}]
-    settings = configured(scenes=scenes, count=400)
-    with pytest.raises(ConfigurationError, match=r"geometry \d+ has photographs"):
-        make_dataset(settings, tmp_path / "d.zarr")
+    with pytest.raises(PeriscopyError, match=r"geometry \d+ has photographs"):
+        make_dataset(configured(scenes=scenes, count=400), tmp_path / "d.zarr")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from periscopy_sim.dataset.distributions import Distribution
 from periscopy_sim.dataset.draws import draw_clip
-from periscopy_sim.dataset.geometry import geometry_of, view_digest
+from periscopy_sim.dataset.geometry import geometry_of
 from periscopy_sim.dataset.samples import lamp_light, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced
@@ -75,12 +75,6 @@ def test_signal_stands_to_the_background_as_asked(block, geometry):
     assert (block["ambient"][~lit] == "none").all()
 
 
-def test_lamps_and_monitor_stay_as_they_are_throughout_a_clip(block):
-    for first in range(0, 20, 2):
-        assert block["signal_scale"][first] == block["signal_scale"][first + 1]
-        np.testing.assert_array_equal(block["background"][first], block["background"][first + 1])
-
-
 def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry):
     bright = configured(photograph_type="float16", exposure=90, ambient=[{"kind": "none"}])
     make_samples(bright, geometry, {}, 0, 2)
@@ -91,8 +85,9 @@ def test_photographs_that_do_not_fit_their_type_are_refused(configured, geometry
 
 def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
     for first, second in zip(range(0, 20, 2), range(1, 20, 2), strict=True):
-        for name in ("sbr", "snr", "exposure", "clip_number", "ambient", "hidden_kind", "geometry"):
-            assert block[name][first] == block[name][second]
+        for name in ("sbr", "snr", "exposure", "clip_number", "ambient", "hidden_kind", "geometry",
+                     "signal_scale", "background"):  # fmt: skip
+            np.testing.assert_array_equal(block[name][first], block[name][second])
         assert block["frame"][[first, second]].tolist() == [0, 1]
         noises = block["photograph"][[first, second]] - block["photograph"][[second, first]]
         assert noises.any()
@@ -117,8 +112,7 @@ def test_pictures_of_ambient_light_are_mixed_turned_and_coloured(configured, geo
     pictures = np.random.default_rng(0).random((3, *shape)).astype(np.float32) + 0.1
     entry = {"kind": "conditions", "names": ["overcast", "low_sun", "corridor"], "mixed": 2}
     configuration = configured(ambient=[entry])
-    backgrounds = {view_digest(scenario): {0: pictures}}
-    block = make_samples(configuration, geometry, backgrounds, 0, 20)
+    block = make_samples(configuration, geometry, {0: pictures}, 0, 20)
     turned = set()
     for k in range(20):
         expected = np.zeros(shape)
@@ -160,20 +154,6 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
         np.testing.assert_allclose(photograph.reshape(-1, 3), scale * expected, rtol=1e-4)
         mean = np.asarray(geometry.transport) @ f
         assert np.abs(scale * mean / photograph.reshape(-1, 3) - 1).max() > 1e-3  # colours
-
-
-def test_path_traced_photographs_agree_with_the_transport_matrix(configured):
-    settings = {"ambient": [{"kind": "none"}], "snr": 300, "exposure": 1}
-    traced = {"kind": "path-traced", "samples": 1024, "bounces": 1}
-    direct = {"kind": "direct", "samples": 256}
-    photographs = []
-    for light in (traced, direct):
-        configuration = configured(light=light, **settings)
-        geometry = geometry_of(configuration.model_dump_json(), 0)
-        photographs.append(make_samples(configuration, geometry, {}, 0, 4)["photograph"])
-    for one, other in zip(*photographs, strict=True):
-        assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
-        assert not np.array_equal(one, other)
 
 
 def test_photographs_are_clipped_where_they_saturate(configured, geometry):

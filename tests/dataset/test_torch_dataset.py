@@ -56,14 +56,6 @@ def test_loaders_feed_every_sample_once_in_batches(torch, path, start):
     assert set(batches[0]["ambient"]) <= {"lamps", "none"}
 
 
-def test_batch_is_read_as_its_samples_in_any_order(torch, path):
-    samples = ps.TorchDataset(path)
-    for wanted in ([5, 3, 70, 3], [79], [0, 1, 2]):
-        for one, other in zip(samples.__getitems__(wanted), map(samples.__getitem__, wanted),
-                              strict=True):  # fmt: skip
-            assert torch.equal(one["photograph"], other["photograph"])
-
-
 def test_transform_is_applied_and_the_archive_is_left_behind_when_pickled(torch, path):
     samples = ps.TorchDataset(path, variables=("sbr",), transform=dict.keys)
     assert list(samples[0]) == ["sbr"]

@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.storage.colour_matrix import read_colour_matrix
+from periscopy_sim.storage.tables import read_colour_matrix
 
 HIDDEN, PHOTOGRAPH = (4, 5), (14, 15)
 RNG = np.random.default_rng(0)

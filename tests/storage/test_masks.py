@@ -10,7 +10,6 @@ from PIL import Image
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_mask
 from periscopy_sim.storage.pictures import write_png
-from periscopy_sim.storage.sequences import open_frames
 
 SHAPE = (7, 9)
 MASK = np.random.default_rng(3).random(SHAPE) > 0.4
@@ -97,24 +96,3 @@ def test_what_is_no_mask_is_refused(values, tmp_path):
     np.save(tmp_path / "m.npy", values)
     with pytest.raises(PhotographError, match=r"m\.npy: "):
         read_mask(tmp_path / "m.npy", SHAPE)
-
-
-def test_counts_and_missing_files_are_refused(tmp_path):
-    (tmp_path / "m.mat").write_bytes(bytes(124) + b"\x00\x01IM" + bytes(8))
-    for name in ("m.mat", "missing.png"):
-        with pytest.raises(PhotographError, match=name):
-            read_mask(tmp_path / name, SHAPE)
-
-
-PHOTOGRAPH = np.random.default_rng(4).uniform(1, 2, (*SHAPE, 3))
-SPOILT = np.where(MASK[..., None], PHOTOGRAPH, np.nan)
-
-
-@pytest.mark.parametrize("name", ["folder", "y.npy", "y.npz", "y.zarr"])
-def test_frames_are_checked_where_they_are_used(name, save, tmp_path):
-    clip = np.stack([SPOILT, 2 * SPOILT]).astype(np.float32)
-    save.by_name(tmp_path / name, clip)
-    frames = [frame.values for frame in open_frames(tmp_path / name, SHAPE, MASK)]
-    np.testing.assert_array_equal(frames, clip)
-    with pytest.raises(PhotographError, match="NaN or infinite"):
-        list(open_frames(tmp_path / name, SHAPE))

@@ -3,14 +3,13 @@ import subprocess
 import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import png
 import pytest
 import tifffile
-from PIL import Image
+from PIL import Image, ImageCms
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_photograph
@@ -20,7 +19,6 @@ RNG = np.random.default_rng(3)
 COUNTS = RNG.integers(0, 65536, (*SHAPE, 3)).astype(np.uint16)
 CODES = (COUNTS >> 8).astype(np.uint8)
 LIGHT = RNG.standard_normal((*SHAPE, 3))  # negatives: a dark frame was subtracted
-SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
 
 
 def save_png(path, values, **options):
@@ -54,13 +52,6 @@ def srgb_decoded(encoded):  # IEC 61966-2-1, a second implementation
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-@pytest.mark.parametrize("interlace", [False, True])
-def test_16_bit_png_keeps_all_its_bits(tmp_path, interlace):
-    photograph = read(save_png(tmp_path / "y.png", COUNTS, interlace=interlace))
-    assert photograph.values.dtype == np.float64 and photograph.warnings == ()
-    assert np.array_equal(photograph.values, COUNTS)
-
-
 @pytest.mark.parametrize("name", ["y.npy", "y.npz"])
 def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path, name):
     for values in CODES, COUNTS:
@@ -75,11 +66,8 @@ def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path, name):
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {}, {"compression": "zlib"}, {"byteorder": ">"}, {"bigtiff": True}, {"tile": (16, 16)},
-        {"rowsperstrip": 2},
-    ],
-)  # fmt: skip
+    [{}, {"compression": "zlib"}, {"byteorder": ">"}, {"bigtiff": True}, {"tile": (16, 16)}],
+)
 @pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float16, np.float32, np.float64])
 def test_deep_tiff_is_read_as_it_is(tmp_path, options, dtype):
     values = COUNTS.astype(dtype) if np.dtype(dtype).kind == "u" else LIGHT.astype(dtype)
@@ -114,13 +102,6 @@ def test_contents_decide_the_format(tmp_path):
     assert np.array_equal(read(path).values, LIGHT)
 
 
-def test_real_photograph_is_read():
-    if not SHARED.exists():
-        pytest.skip("the published photograph is not here")
-    values = read_photograph(SHARED, (126, 126)).values
-    assert values.shape == (126, 126, 3) and values.min() > 0
-
-
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 def test_8_bit_files_are_decoded_with_a_warning(tmp_path, suffix):
     Image.fromarray(CODES).save(tmp_path / f"y{suffix}")
@@ -142,7 +123,8 @@ def test_one_channel_is_grey(tmp_path, shape):
 def test_further_channels_are_left_out_with_a_warning(tmp_path, channels):
     values = np.concatenate([COUNTS[..., :channels], COUNTS[..., :1]], axis=2)
     photometric = "rgb" if channels == 3 else "minisblack"
-    tifffile.imwrite(tmp_path / "y.tif", values, photometric=photometric, planarconfig="contig")
+    extra = {"planarconfig": "contig", "extrasamples": ["unassalpha"]}
+    tifffile.imwrite(tmp_path / "y.tif", values, photometric=photometric, **extra)
     planes = dict(zip("RGBA" if channels == 3 else "YA", np.moveaxis(values, -1, 0), strict=True))
     with OpenEXR.File({}, {n: np.array(v, np.float32) for n, v in planes.items()}) as file:
         file.write(str(tmp_path / "y.exr"))
@@ -153,11 +135,11 @@ def test_further_channels_are_left_out_with_a_warning(tmp_path, channels):
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("name", ["8.png", "16.png", "8.tif", "16.tif"])
-def test_pictures_are_upright_at_every_depth(tmp_path, orientation, name):
+@pytest.mark.parametrize("name", ["8.png", "8.jpg", "16.png", "8.tif", "16.tif"])
+def test_turned_pictures_are_set_upright_or_refused(tmp_path, orientation, name):
     """The corner pixel (row, column) that EXIF names: where the stored first pixel is seen."""
-    values = np.zeros((4, 6), np.uint8 if name[0] == "8" else np.uint16)
-    values[0, 0], values[0, -1], values[-1, 0] = 100, 20, 30
+    values = np.zeros((16, 24), np.uint8 if name[0] == "8" else np.uint16)
+    values[:4, :4] = 200
     path, exif = tmp_path / name, Image.Exif()
     exif[274] = orientation
     if name == "16.tif":
@@ -167,18 +149,14 @@ def test_pictures_are_upright_at_every_depth(tmp_path, orientation, name):
         add_chunk(save_png(path, values), b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0"))
     else:
         Image.fromarray(values).save(path, exif=exif)
-    if name == "8.tif" and orientation > 4:
+    if name in ("16.png", "8.tif", "16.tif") and orientation > 1:
         with pytest.raises(PhotographError, match="turned"):
             read(path)
         return
-    seen = read(path, (4, 6) if orientation < 5 else (6, 4)).values[..., 0]
+    seen = read(path, (16, 24) if orientation < 5 else (24, 16)).values[..., 0]
     corners = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0)}
     corners |= {5: (0, 0), 6: (0, -1), 7: (-1, -1), 8: (-1, 0)}
-    assert seen[corners[orientation]] == seen.max()
-    # The stored first row ends where 20 was: beside the first pixel, or below it from 5 on.
-    row, column = corners[orientation]
-    end = (row, -1 - column) if orientation < 5 else (-1 - row, column)
-    assert sorted(seen[np.nonzero(seen)])[0] == seen[end]
+    assert seen[corners[orientation]] > 0.5 * seen.max()  # JPEG blurs
 
 
 def test_colours_other_than_rgb_are_refused(tmp_path):
@@ -195,56 +173,26 @@ def test_colours_other_than_rgb_are_refused(tmp_path):
             read(tmp_path / name)
 
 
-def icc_profile(encoding):
-    """An ICC profile: sRGB's, or a grey one of a power, 1 being linear (ICC.1:2010)."""
-    from PIL import ImageCms
-
-    if encoding == "sRGB":
-        return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    # A version 2 profile of greys: its curve, its white and what it is called.
-    tags = {
-        b"desc": b"desc" + bytes(4) + struct.pack(">I", 6) + b"power\0" + bytes(79),
-        b"wtpt": b"XYZ " + bytes(4) + struct.pack(">3i", 63190, 65536, 54061),
-        b"kTRC": b"curv" + bytes(4) + struct.pack(">IH", 1, round(256 * encoding)),
-    }
-    table, data, offset = b"", b"", 128 + 4 + 12 * len(tags)
-    for name, body in tags.items():
-        table += name + struct.pack(">II", offset + len(data), len(body))
-        data += body + bytes(-len(body) % 4)
-    whole = struct.pack(">I", len(tags)) + table + data
-    head = struct.pack(">I4xI", 128 + len(whole), 0x02400000) + b"mntrGRAYXYZ " + bytes(12)
-    head += b"acsp" + bytes(28) + struct.pack(">3i", 63190, 65536, 54061)
-    return head + bytes(128 - len(head)) + whole
-
-
-@pytest.mark.parametrize("encoding", ["sRGB", 1.0, None, 1.8, 2.2, "damaged"])
-@pytest.mark.parametrize("name", ["y.tif", "y.png", "8.png"])
-def test_integers_are_what_their_colour_profile_says(tmp_path, name, encoding):
-    grey, path = (CODES if name == "8.png" else COUNTS)[..., 0], tmp_path / name
-    profile = None if encoding is None else icc_profile(1.0 if encoding == "damaged" else encoding)
-    profile = profile[:90] if encoding == "damaged" else profile
-    if name == "y.tif":
+@pytest.mark.parametrize("name", ["16.tif", "16.png", "8.tif", "8.png", "8.jpg"])
+def test_deep_integers_with_a_colour_profile_are_refused(tmp_path, name):
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    grey, path = (CODES if name[0] == "8" else COUNTS)[..., 0], tmp_path / name
+    if name == "16.tif":
         tifffile.imwrite(path, grey, photometric="minisblack", iccprofile=profile)
     else:
-        Image.fromarray(grey).save(path, "PNG", icc_profile=profile)
-    if encoding in (1.8, 2.2, "damaged"):
-        with pytest.raises(PhotographError, match=name):
+        Image.fromarray(grey).save(path, icc_profile=profile)
+    if name[0] == "8":
+        assert len(read(path).warnings) == 1
+    else:
+        with pytest.raises(PhotographError, match="colour profile"):
             read(path)
-        return
-    photograph = read(path)
-    is_encoded = encoding == "sRGB" or (encoding is None and name == "8.png")
-    expected = srgb_decoded(grey / np.iinfo(grey.dtype).max) if is_encoded else grey
-    assert np.allclose(photograph.values[..., 0], expected, rtol=1e-12)
-    assert len(photograph.warnings) == is_encoded
 
 
 @pytest.mark.parametrize(
     ("chunk", "content", "meant"),
     [
         (b"sRGB", b"\0", "sRGB"),
-        (b"cICP", bytes([1, 13, 0, 1]), "sRGB"),
-        (b"cICP", bytes([1, 8, 0, 1]), "linear"),
-        (b"cICP", bytes([9, 16, 0, 1]), "neither"),  # PQ
+        (b"cICP", bytes([1, 13, 0, 1]), "neither"),
         (b"gAMA", struct.pack(">I", 100_000), "linear"),
         (b"gAMA", struct.pack(">I", 55_556), "neither"),
         (b"gAMA", struct.pack(">I", 45_455), "unsure"),  # as converters write of linear light, too

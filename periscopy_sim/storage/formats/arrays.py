@@ -43,39 +43,23 @@ def npz_array(path: Path, key: str = PHOTOGRAPH) -> NDArray[Any]:
     # Of its own file, NumPy leaves a damaged one open.
     with decoding(path, "NPZ"), path.open("rb") as file, np.load(file) as archive:
         if key not in archive:
-            raise PhotographError(
-                f"{path}: has no array '{key}', only {listed(archive.files) or 'none at all'}; "
-                f"save it with numpy.savez(..., {key}=...)"
-            )
+            raise PhotographError(f"{path}: has {listed(archive.files)}, no array '{key}'; add it")
         return np.asarray(archive[key])
 
 
-def zarr_stack(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """Open a Zarr array, or a group's array `photograph`; return warnings, too.
+def zarr_stack(path: Path) -> Any:
+    """Open the array `photograph` of a Zarr group of format 3, which holds no pickles.
 
-    An archive whose values stand for others, by a scale or a fill value, is a `PhotographError`.
+    Values that stand for others, by a scale or a fill value, are a `PhotographError`.
     """
     import zarr
 
-    with decoding(path, "Zarr"):
-        array = zarr.open(path, mode="r")
-        if isinstance(array, zarr.Group):
-            keys = listed(sorted(array.array_keys())) or "none at all"
-            array = array.get(PHOTOGRAPH)
-            if not isinstance(array, zarr.Array):
-                raise PhotographError(f"{path}: has no array '{PHOTOGRAPH}', only {keys}")
-        if any(getattr(codec, "codec_id", "") == "pickle" for codec in array.filters or ()):
-            raise PhotographError(f"{path}: holds Python objects, which are never loaded")
-        marks = {"scale_factor", "add_offset", "missing_value"} & set(array.attrs)
-        fill = array.fill_value if array.metadata.zarr_format == 2 else 0
-        if marks or array.attrs.get("_FillValue", _NAN) != _NAN or (fill and fill == fill):
-            raise PhotographError(
-                f"{path}: some values stand for others ({', '.join(marks) or '_FillValue'}), as "
-                "xarray packs them; save it as float32, with NaN for missing values"
-            )
-        absent = array.nchunks - array.nchunks_initialized
-    missing = f"{path}: {absent} of {array.nchunks} chunks are missing, read as {array.fill_value}"
-    return array, (missing,) if absent else ()
+    with decoding(path, "Zarr", f"save a Zarr 3 group with an array '{PHOTOGRAPH}'"):
+        array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
+        packed = {"scale_factor", "add_offset", "missing_value"} & {*array.attrs}
+        if packed or array.attrs.get("_FillValue", _NAN) != _NAN:
+            raise ValueError("xarray packed its values; use float32, and NaN for missing ones")
+        return array
 
 
 def _checked(values: NDArray[Any], key: str, path: Path) -> NDArray[Any]:

@@ -26,7 +26,6 @@ class Picture:
     left_out: tuple[str, ...] = ()  # other channels of the file
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     encoding: str | None = None  # what the file declares of its integers
-    exposure: float | None = None  # time, of raw sensor counts, which are averaged; else None
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
     cell: int = 1  # pixels of the sensor along each side of one of these
 
@@ -37,17 +36,8 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:4]) + rest
 
 
-def upright(image: NDArray[Any], flip: int) -> NDArray[Any]:
-    """Return a (rows, columns, ...) image as LibRaw's flip says it is to be seen.
-
-    The bits of `flip` reverse the columns, reverse the rows, and exchange both, in this order.
-    """
-    turned = image[:: -1 if flip & 2 else 1, :: -1 if flip & 1 else 1]
-    return turned.swapaxes(0, 1) if flip & 4 else turned
-
-
 @contextmanager
-def decoding(path: Path, kind: str, remedy: str = "save or copy it again") -> Iterator[None]:
+def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again") -> Iterator[None]:
     """Raise whatever a decoder raises in the block as a `PhotographError`.
 
     The message names the file, the `kind` of its format, the reason and the `remedy`.

@@ -12,12 +12,6 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
-_STRUCTURAL = {  # texts and numbers of every header, which describe the pixels
-    *("chunkCount", "maxSamplesPerPixel", "name", "pixelAspectRatio", "screenWindowWidth"),
-    *("version", "view"),
-}
-_FLAT = ("scanlineimage", "tiledimage")
-
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
     """Write a float32 RGB image, (rows, columns, 3) linear light.
@@ -58,34 +52,27 @@ def decode_exr(path: Path, *_: object) -> Picture:
 
 
 def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
-    """Return R, G, B in whatever layer they are, else a lone Y or the only channel, and metadata.
-
-    The metadata are texts and numbers.
-    """
+    """Return R, G and B, else the only channel, and the texts and numbers of the header."""
     import OpenEXR
 
     with decoding(path, "EXR"):
         with OpenEXR.File(str(path), header_only=True) as file:
             count = len(file.parts)
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            if not count or len(file.parts) < count:  # how OpenEXR reports pixels it cannot read
-                raise PhotographError(f"{path}: truncated or damaged EXR; save or copy it again")
-            part, header = file.parts[0], file.parts[0].header
-            if count > 1 or header["type"].name not in _FLAT:
+            # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
+            header, channels = file.parts[0].header, file.parts[0].channels
+            if count > 1 or header["type"].name not in ("scanlineimage", "tiledimage"):
                 raise PhotographError(f"{path}: has several parts or is deep; save one flat image")
             if not np.array_equal(header["dataWindow"], header["displayWindow"]):
                 raise PhotographError(f"{path}: holds a crop of its picture; save all of it")
-            names = [name for name in part.channels if name != "A"]
+            names = [name for name in channels if name != "A"]
             colour = [*"RGB"] if {*"RGB"} <= {*names} else names
             if colour != [*"RGB"] and len(colour) != 1:
-                raise PhotographError(
-                    f"{path}: among its channels {listed(names) or 'none'} there is no colour "
-                    "image; save R, G, B alone"
-                )
-            pixels = np.stack([part.channels[name].pixels for name in colour], axis=-1)
-            left_out = tuple(name for name in part.channels if name not in colour)
+                raise PhotographError(f"{path}: has {listed(names)}; save R, G and B alone")
+            pixels = np.stack([channels[name].pixels for name in colour], axis=-1)
+            left_out = tuple(name for name in channels if name not in colour)
             # Doubles come in arrays.
             values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
-                      for n, v in header.items() if n not in _STRUCTURAL}  # fmt: skip
+                      for n, v in header.items()}  # fmt: skip
             metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
             return Picture(pixels, left_out=left_out), metadata

@@ -1,25 +1,16 @@
-"""The sRGB transfer curve, IEC 61966-2-1."""
+"""The sRGB transfer curve, IEC 61966-2-1:1999, clause 5.2: 1 for 1, straight near 0."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_SLOPE = 12.92
-_OFFSET = 0.055
-_EXPONENT = 2.4
-_LINEAR_END = 0.0031308  # of the straight piece, in linear light
-_ENCODED_END = 0.04045  # of the straight piece, encoded
-
 
 def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
-    """Return linear light encoded by the sRGB curve (IEC 61966-2-1:1999, clause 5.2), 1 for 1.
-
-    Light is nominally in [0, 1]; negatives follow the straight piece.
-    """
+    """Return linear light, nominally in [0, 1], encoded; negatives follow the straight piece."""
     linear = np.asarray(linear, dtype=np.float64)
-    power = (1 + _OFFSET) * np.maximum(linear, _LINEAR_END) ** (1 / _EXPONENT) - _OFFSET
-    return np.where(linear <= _LINEAR_END, _SLOPE * linear, power)
+    power = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, power)
 
 
 def srgb_bytes(linear: ArrayLike) -> NDArray[np.uint8]:
@@ -28,10 +19,7 @@ def srgb_bytes(linear: ArrayLike) -> NDArray[np.uint8]:
 
 
 def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
-    """Return the linear light of sRGB values (IEC 61966-2-1:1999, clause 5.2), 1 for 1.
-
-    Values are nominally in [0, 1]; negatives follow the straight piece.
-    """
+    """Return the linear light of sRGB values, nominally in [0, 1]; `srgb_encode` undone."""
     encoded = np.asarray(encoded, dtype=np.float64)
-    power = ((np.maximum(encoded, _ENCODED_END) + _OFFSET) / (1 + _OFFSET)) ** _EXPONENT
-    return np.where(encoded <= _ENCODED_END, encoded / _SLOPE, power)
+    power = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.where(encoded <= 0.04045, encoded / 12.92, power)

@@ -6,6 +6,7 @@ folders of pictures all read it then.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +16,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
-from periscopy_sim.storage.formats.camera_raw import RAW_SIGNATURES, RAW_SUFFIXES, read_camera_raw
+from periscopy_sim.storage.formats.camera_raw import RAW_SIGNATURE, RAW_SUFFIXES, read_camera_raw
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.exr import decode_exr
-from periscopy_sim.storage.formats.matlab import read_matlab_counts
 from periscopy_sim.storage.formats.rasters import read_8_bits, read_png, read_tiff
 
 
@@ -33,31 +33,21 @@ class FileFormat:
 
     name: str
     suffixes: tuple[str, ...]  # in lower case; they count only where a folder is listed
-    signatures: tuple[tuple[int, bytes], ...]  # bytes by which a file is known, after their offset
+    signature: bytes  # regular expression of the first bytes
     decode: Callable[[Path, str], Picture]
     open_stack: Callable[[Path], NDArray[Any]] | None = None
-    is_raw: bool = False  # counts of a sensor, which are no mask and no hidden image
-    within: str = ""  # a format with the same signature; then the suffix decides
+    is_raw: bool = False  # a sensor's counts, no mask and no hidden image; the suffix counts, too
 
-
-TIFF = ((0, b"II*\x00"), (0, b"MM\x00*"), (0, b"II+\x00"), (0, b"MM\x00+"))  # and BigTIFF
-MATLAB = ((124, b"\x00\x01IM"), (124, b"\x01\x00MI"))
 
 FORMATS = (
-    FileFormat("EXR", (".exr",), ((0, b"\x76\x2f\x31\x01"),), decode_exr),
-    FileFormat("NPY", (".npy",), ((0, b"\x93NUMPY"),), read_npy, mapped_stack),
-    # The second begins an archive without entries.
-    FileFormat("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), read_npz, npz_array),
-    FileFormat("PNG", (".png",), ((0, b"\x89PNG\r\n\x1a\n"),), read_png),
-    FileFormat("TIFF", (".tif", ".tiff"), TIFF, read_tiff),
-    FileFormat("JPEG", (".jpg", ".jpeg"), ((0, b"\xff\xd8\xff"),), read_8_bits),
-    FileFormat(
-        "camera raw", RAW_SUFFIXES, RAW_SIGNATURES, read_camera_raw, is_raw=True, within="TIFF"
-    ),
-    FileFormat("MATLAB", (".mat",), MATLAB, read_matlab_counts, is_raw=True),
-)
-
-_HEAD = 128  # bytes that tell every format
+    FileFormat("camera raw", RAW_SUFFIXES, RAW_SIGNATURE, read_camera_raw, is_raw=True),
+    FileFormat("EXR", (".exr",), rb"\x76\x2f\x31\x01", decode_exr),
+    FileFormat("NPY", (".npy",), rb"\x93NUMPY", read_npy, mapped_stack),
+    FileFormat("NPZ", (".npz",), rb"PK(\x03\x04|\x05\x06)", read_npz, npz_array),  # or no entry
+    FileFormat("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", read_png),
+    FileFormat("TIFF", (".tif", ".tiff"), rb"II[*+]\x00|MM\x00[*+]", read_tiff),  # and BigTIFF
+    FileFormat("JPEG", (".jpg", ".jpeg"), rb"\xff\xd8\xff", read_8_bits),
+)  # fmt: skip
 
 
 def format_of(path: Path) -> FileFormat:
@@ -66,19 +56,15 @@ def format_of(path: Path) -> FileFormat:
         raise PhotographError(f"{path}: is a folder or no regular file; name a file")
     try:
         with path.open("rb") as stream:
-            head = stream.read(_HEAD)
+            head = stream.read(32)  # twice the longest signature
     except OSError as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
-        raise PhotographError(f"{path}: {reason}; check the path") from error
+        raise PhotographError(f"{path}: {error.strerror}; check the path") from error
     for row in FORMATS:
-        if any(head[offset:].startswith(known) for offset, known in row.signatures):
-            suffix = path.suffix.lower()
-            special = (r for r in FORMATS if r.within == row.name and suffix in r.suffixes)
-            return next(special, row)
-    *others, last = (row.name for row in FORMATS)
-    raise PhotographError(
-        f"{path}: is no {', '.join(others)} or {last} (-v7) file, or is empty or damaged"
-    )
+        is_named = path.suffix.lower() in row.suffixes
+        if re.match(row.signature, head, re.DOTALL) and (is_named or not row.is_raw):
+            return row
+    names = ", ".join(row.name for row in FORMATS)
+    raise PhotographError(f"{path}: is damaged, or of no known format ({names})")
 
 
 def decode_picture(path: Path, key: str) -> Picture:

@@ -27,18 +27,16 @@ def provenance(
     defaults), `variant`, `seed`, and `command` without ``--out``: results are the same wherever
     they lie. What there is not is None.
     """
-    words = [word for word in command if not word.startswith("--out=")]
-    if "--out" in words:
-        place = words.index("--out")
-        del words[place : place + 2]
+    pairs = zip(("", *command), command, strict=False)
+    words = [w for before, w in pairs if "--out" not in (before, w) and not w.startswith("--out=")]
     return {
         **{package: metadata.version(package) for package in _PACKAGES},
         "python": platform.python_version(),
-        "scene": None if scene is None else _printable(str(scene)),
+        "scene": None if scene is None else str(scene),
         "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
         "variant": variant,
         "seed": seed,
-        "command": _printable(shlex.join(words)),
+        "command": shlex.join(words),
     }
 
 
@@ -57,8 +55,3 @@ def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> st
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
-
-
-def _printable(text: str) -> str:
-    """Return text with undecodable bytes of file names spelled out: every format can hold it."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")

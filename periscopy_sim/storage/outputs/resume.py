@@ -29,9 +29,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / LOCK).open("ab")
     except OSError as error:
-        raise OutputError(
-            f"cannot write {folder}: {error.strerror}; choose another place"
-        ) from error
+        raise OutputError(f"cannot write {folder}: {error.strerror}; name another") from error
     with stream:
         if sys.platform != "win32":
             import fcntl
@@ -40,8 +38,7 @@ def alone_in(folder: Path) -> Iterator[None]:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise OutputError(
-                    f"another process is at work in {folder}; wait for its end or name another "
-                    "folder"
+                    f"another process is at work in {folder}; wait for its end, or name another"
                 ) from None
             except OSError:  # a file system without locks
                 pass
@@ -51,10 +48,10 @@ def alone_in(folder: Path) -> Iterator[None]:
 def read_settings(folder: Path) -> dict[str, Any] | None:
     """Return what a folder's results were made with; None if it has no such record."""
     file = folder / SETTINGS
-    if not file.is_file():
-        return None
     try:
         return dict(json.loads(file.read_text("utf-8")))
+    except FileNotFoundError:
+        return None
     except (ValueError, TypeError, OSError):
         raise OutputError(f"{file}: is damaged; name another folder") from None
 
@@ -68,10 +65,7 @@ def write_settings(folder: Path, settings: Mapping[str, Any]) -> None:
 def refuse_results(folder: Path, results: Iterable[str]) -> None:
     """Raise if a folder holds results, files by name or pattern, without a record of settings."""
     for file in (file for pattern in results for file in folder.glob(pattern)):
-        raise OutputError(
-            f"{folder} holds {file.name}, and nothing tells what it was made with; name another "
-            "folder"
-        )
+        raise OutputError(f"{file}: nothing tells what it was made with; name another folder")
 
 
 def check_settings(
@@ -89,8 +83,7 @@ def check_settings(
         path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
         there, here = there.get(path[-1]), here.get(path[-1])
     if path:
-        values = ["unset" if value is None else json.dumps(value)[:48] for value in (there, here)]
         raise OutputError(
-            f"{where} holds another {what} ({'.'.join(path)} {values[0]}, here {values[1]}); name "
-            "another folder, or remove it to start anew"
+            f"{where} holds another {what} ({'.'.join(path)} {json.dumps(there)[:48]}, here "
+            f"{json.dumps(here)[:48]}); name another folder, or remove it to start anew"
         )

@@ -8,16 +8,13 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from periscopy_sim.errors import OutputError
 
-OUT_OF_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-"""Error numbers of a full disk, or of an exhausted quota."""
-
-_FULL = ("requested and", *map(os.strerror, OUT_OF_SPACE))
-"""Words of NumPy's and OpenEXR's errors about a full disk, which have no error number."""
+_FULL = ("requested and", *map(os.strerror, (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)))
+"""Words of errors about a full disk or quota: NumPy's, which has no number, and the system's."""
 
 
 def spare_inputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
@@ -33,17 +30,16 @@ def staged_file(path: Path) -> Iterator[Path]:
     """Write a file under a temporary name in the same folder, flush it, and rename it.
 
     The block receives the temporary name, which has the same suffix. Missing parent folders are
-    made and symbolic links followed. If the block raises, the temporary file and those folders are
-    removed, and an earlier file of that name stays as it was. If the process is killed, the next
-    call with the same path removes the temporary file. An `OutputError` on entry says that `path`
-    is a folder or a device, or cannot be written; a later one that the disk is full.
+    made and symbolic links followed. If the block raises, the temporary file is removed, and an
+    earlier file of that name stays as it was. If the process is killed, the next call with the same
+    path removes the temporary file. An `OutputError` on entry says that `path` is a folder or a
+    device, or cannot be written; a later one that the disk is full.
     """
     with ExitStack() as undo:
         with _reported(path):
             target = Path(os.path.realpath(path))  # absolute: the block may change folder
             if target.exists() and not target.is_file():
-                kind = "a folder" if target.is_dir() else "no regular file"
-                raise OutputError(f"cannot write {path}: it is {kind}; name another")
+                raise OutputError(f"cannot write {path}: it is no regular file; name another")
             staged = _temporary_name(target, target.parent, undo)
             staged.touch()  # shows before hours of work whether the place can be written
         with out_of_space_reported(path):
@@ -72,13 +68,8 @@ def staged_folder(path: Path) -> Iterator[Path]:
             yield staged
         with _reported(path):
             entries = sorted(staged.rglob("*"))
-            for entry in entries:
-                final = target / entry.relative_to(staged)
-                if final.exists() and final.is_dir() != entry.is_dir():
-                    kind = "folder" if final.is_dir() else "file"
-                    raise OutputError(f"cannot write {final}: a {kind} of that name exists")
-                if entry.is_file():
-                    _flush(entry)
+            for file in (entry for entry in entries if entry.is_file()):
+                _flush(file)
             if not target.is_dir():
                 staged.rename(target)
                 return
@@ -93,12 +84,8 @@ def staged_folder(path: Path) -> Iterator[Path]:
 def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
     """Return a new name in a folder, which is made, and remove what killed processes left there.
 
-    `undo` removes the file or folder of that name, and then the folders that are empty.
+    `undo` removes the file or folder of that name.
     """
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    undo.callback(_remove_empty, made)
-    if folder.is_file():
-        raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob(f".{glob.escape(target.name)}-????????.partial{target.suffix}"):
         _remove(leftover)
@@ -107,19 +94,12 @@ def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
     return staged
 
 
-def _remove_empty(folders: Iterable[Path]) -> None:
-    with suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
-
-
 def _remove(path: Path) -> None:
     """Remove a file or a folder, if it exists."""
-    if path.is_dir() and not path.is_symlink():
+    if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        with suppress(OSError):
-            path.unlink()
+        path.unlink(missing_ok=True)
 
 
 def _flush(file: Path) -> None:
@@ -133,9 +113,9 @@ def _reported(path: Path) -> Iterator[None]:
     """Raise an error of the system about `path` as an `OutputError`."""
     try:
         yield
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+    except (OSError, ValueError) as error:  # ValueError: an OutputError, or a null character
+        if isinstance(error, OutputError):
+            raise
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"cannot write {path}: {reason}; choose another place") from error
 
@@ -146,6 +126,6 @@ def out_of_space_reported(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
-        if getattr(error, "errno", None) in OUT_OF_SPACE or any(w in str(error) for w in _FULL):
+        if any(words in str(error) for words in _FULL):
             raise OutputError(f"cannot write {path}: the disk is full; free some space") from error
         raise

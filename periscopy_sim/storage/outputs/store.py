@@ -29,19 +29,6 @@ MAKING = "making"
 
 
 @dataclass(frozen=True)
-class Block:
-    """What is written at once, with files of its own."""
-
-    place: Mapping[str, slice]  # its slice of each dimension that is cut into blocks
-    files: Mapping[str, str]  # each variable's file, as seen from the store
-
-    @property
-    def size(self) -> int:
-        """Entries, such as samples."""
-        return math.prod(each.stop - each.start for each in self.place.values())
-
-
-@dataclass(frozen=True)
 class StoreLayout:
     """The variables of a store, and how it is cut into blocks; the last may be cut short."""
 
@@ -51,27 +38,33 @@ class StoreLayout:
     count: int | None = None  # entries, if they may become more from run to run
 
     @property
-    def grid(self) -> list[int]:
-        """Numbers of blocks along the dimensions that are cut."""
-        return [-(-length // size) for length, size in self.cuts.values()]
-
-    @property
     def blocks(self) -> range:
         """Numbers of the blocks, row-major."""
-        return range(math.prod(self.grid))
+        return range(math.prod(-(-length // size) for length, size in self.cuts.values()))
 
-    def block(self, number: int) -> Block:
-        """Return a block: a file of each variable."""
-        index = dict(zip(self.cuts, map(int, np.unravel_index(number, self.grid)), strict=True))
-        place = {
+    def _index(self, number: int) -> dict[str, int]:
+        grid = [-(-length // size) for length, size in self.cuts.values()]
+        return dict(zip(self.cuts, map(int, np.unravel_index(number, grid)), strict=True))
+
+    def place(self, number: int) -> dict[str, slice]:
+        """Return a block's slice of each dimension that is cut."""
+        index = self._index(number)
+        return {
             name: slice(index[name] * size, min((index[name] + 1) * size, length))
             for name, (length, size) in self.cuts.items()
         }
-        chunks = {
-            name: "/".join(str(index.get(dimension, 0)) for dimension in each["dimension_names"])
+
+    def size(self, number: int) -> int:
+        """Return the number of a block's entries, such as samples."""
+        return math.prod(each.stop - each.start for each in self.place(number).values())
+
+    def files(self, number: int) -> dict[str, str]:
+        """Return each variable's file of a block, as seen from the store."""
+        index = self._index(number)
+        return {
+            name: "/".join([name, "c", *(str(index.get(d, 0)) for d in each["dimension_names"])])
             for name, each in self.variables.items()
         }
-        return Block(place, {name: f"{name}/c/{chunk}" for name, chunk in chunks.items()})
 
 
 class Records:
@@ -98,14 +91,13 @@ class Records:
 
     def has(self, number: int) -> bool:
         """Return whether a block has a record, of this store and as large as the layout's."""
-        block, record = self.layout.block(number), self.read(number)
-        held = record.get("of"), record.get("samples"), (record.get("crc32c") or {}).keys()
-        return held == (self.of, block.size, block.files.keys())
+        record = self.read(number)
+        held = record.get("of"), record.get("samples")
+        return held == (self.of, self.layout.size(number))
 
     def verify(self, number: int) -> bool:
         """Return whether a block has a record, and each of its files is what that says."""
-        # If not, its checksums need no computing.
-        return self.has(number) and self.read(number) == self._of_files(number)
+        return self.read(number) == self._of_files(number)
 
     def write(self, number: int) -> None:
         """Record that a block is complete."""
@@ -114,9 +106,9 @@ class Records:
 
     def _of_files(self, number: int) -> dict[str, Any]:
         """Return the record of a block that was written."""
-        block = self.layout.block(number)
-        checksums = {name: checksum(self.path / f) for name, f in sorted(block.files.items())}
-        return {"of": self.of, "samples": block.size, "crc32c": checksums}
+        files = sorted(self.layout.files(number).items())
+        checksums = {name: checksum(self.path / file) for name, file in files}
+        return {"of": self.of, "samples": self.layout.size(number), "crc32c": checksums}
 
 
 class BlockStore:
@@ -148,8 +140,7 @@ class BlockStore:
             for number in self.records.numbers():  # before the head tells of more than there is
                 if not (number in layout.blocks and self.records.has(number)):
                     self.records.file(number).unlink()
-            # The head of the whole comes last: `zarr.json` is behind all other names.
-            with staged_folder(path) as head:
+            with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
                 self._lay_out(head, attributes, labels)
         self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
 
@@ -159,30 +150,28 @@ class BlockStore:
 
     def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
-        block = self.layout.block(number)
+        places, files = self.layout.place(number), self.layout.files(number)
         with out_of_space_reported(self.path):
             self.records.file(number).unlink(missing_ok=True)
             for name, each in values.items():
                 # Zarr would read what is there, whole or not.
-                (self.path / block.files[name]).unlink(missing_ok=True)
+                (self.path / files[name]).unlink(missing_ok=True)
                 array = self._group[name]
-                place = [block.place.get(d) for d in array.metadata.dimension_names]
-                lengths = [slice(cut.stop - cut.start) if cut else slice(None) for cut in place]
-                array[tuple(cut or slice(None) for cut in place)] = each[tuple(lengths)]
+                place = [places.get(d, slice(0, None)) for d in array.metadata.dimension_names]
+                lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
+                array[tuple(place)] = each[tuple(lengths)]
             self.records.write(number)
 
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
         """Raise if there are entries of other attributes, or more of them than the layout has."""
         if not (numbers := self.records.numbers()):
             return
-        held = attributes_of(self.path)
-        held.pop("count", None)
+        held = {n: each for n, each in attributes_of(self.path).items() if n != "count"}
         check_settings(held, wanted, str(self.path), self.layout.what)
         last, samples = numbers[-1], self.records.read(numbers[-1]).get("samples", 0)
-        if last not in self.layout.blocks or samples > self.layout.block(last).size:
+        if last not in self.layout.blocks or samples > self.layout.size(last):
             raise OutputError(
-                f"{self.path} holds more than {self.layout.count} samples; ask for as many or "
-                "more, or name another folder"
+                f"{self.path} holds more than {self.layout.count} samples; ask for more of them"
             )
 
     def _lay_out(

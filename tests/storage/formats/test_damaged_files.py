@@ -4,7 +4,6 @@ import numpy as np
 import OpenEXR
 import png
 import pytest
-import scipy.io
 import tifffile
 from PIL import Image
 
@@ -30,12 +29,6 @@ def save_16_bit_png(path):
         writer.write(stream, COUNTS.reshape(SHAPE[0], -1).tolist())
 
 
-def save_matlab(path):
-    image = np.kron(COUNTS[..., 0], np.ones((2, 2))).astype(np.uint16)
-    fields = {"image": image, "shutter_speed": 0.5, "iterations": 4.0}
-    scipy.io.savemat(path, fields, do_compression=True)
-
-
 def save_tiff(path, values, **options):
     tifffile.imwrite(path, values, photometric="rgb", **options)
 
@@ -53,9 +46,8 @@ WRITERS = {
     "deflated tif": lambda path: save_tiff(path, COUNTS, compression="zlib"),
     "tiled float tif": lambda path: save_tiff(path, LIGHT, tile=(16, 16)),
     "8-bit tif": lambda path: Image.fromarray(CODES).save(path, compression="tiff_lzw"),
-    "mat": save_matlab,
 }
-CHECKSUMMED = {"npz", "compressed npz", "16-bit png", "8-bit png", "mat"}
+CHECKSUMMED = {"npz", "compressed npz", "16-bit png", "8-bit png"}
 
 
 @pytest.fixture(params=sorted(WRITERS))
@@ -81,27 +73,21 @@ def outcome(path, content):
     return values
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_file_cut_short_is_rejected(sound):
     kind, content, values, path = sound
-    pieces = 3 if kind == "mat" else 60  # a process each
-    for length in {*range(0, len(content), 1 + len(content) // pieces), len(content) - 1}:
+    for length in {*range(0, len(content), 1 + len(content) // 60), len(content) - 1}:
         result = outcome(path, content[:length])
-        harmless = kind in ("8-bit tif", "8-bit png", "jpg", "mat")  # tags or marks at the end
+        harmless = kind in ("8-bit tif", "8-bit png", "jpg")  # tags or marks at the end
         assert result is None or (harmless and np.array_equal(result, values)), length
-
-
-def test_tile_that_lacks_its_last_rows_is_rejected(tmp_path):
-    save_tiff(tmp_path / "y.tif", LIGHT, tile=(16, 16))
-    content = (tmp_path / "y.tif").read_bytes()
-    for rows in range(1, 16):
-        assert outcome(tmp_path / "cut.tif", content[: -rows * 16 * 3 * 4]) is None
+    assert outcome(path, content[:8] + np.random.default_rng(2).bytes(400)) is None
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_flipped_bit_never_surprises(sound):
     kind, content, values, path = sound
     rng, rejected = np.random.default_rng(1), 0
-    for position in range(0, len(content), 1 + len(content) // (4 if kind == "mat" else 150)):
+    for position in range(0, len(content), 1 + len(content) // 150):
         damaged = bytearray(content)
         damaged[position] ^= 1 << rng.integers(8)
         result = outcome(path, bytes(damaged))
@@ -109,8 +95,3 @@ def test_flipped_bit_never_surprises(sound):
         if kind in CHECKSUMMED:
             assert result is None or np.array_equal(result, values), position
     assert rejected > 0
-
-
-def test_noise_behind_each_signature_is_rejected(sound):
-    _, content, _, path = sound
-    assert outcome(path, content[:8] + np.random.default_rng(2).bytes(400)) is None

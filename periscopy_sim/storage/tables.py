@@ -1,0 +1,73 @@
+"""Small tables of numbers in text files: colour matrices, and lists of marks on the wall."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.photographs.marks import WallPoints, WallTags
+from periscopy_sim.scenario import Array
+from periscopy_sim.storage.formats.decoding import decoding
+
+
+def read_colour_matrix(path: str | Path) -> ColourMatrix:
+    """Read a matrix from a monitor's primaries (across) to a camera's channels (down).
+
+    Parameters
+    ----------
+    path
+        An NPY file, a JSON file of three rows, or a text file of three lines of three numbers,
+        separated by commas.
+
+    Raises
+    ------
+    PhotographError
+        If the file is missing, of another form, or holds no `ColourMatrix`.
+    """
+    path = Path(path)
+    with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
+        if path.suffix == ".npy":
+            return ColourMatrix(np.load(path, allow_pickle=False))
+        if path.suffix == ".json":
+            return ColourMatrix(np.array(json.loads(path.read_text("utf-8"))))
+        return ColourMatrix(np.loadtxt(path, delimiter=",", encoding="utf-8-sig"))
+
+
+def read_wall_points(path: str | Path) -> WallPoints:
+    """Read points of the wall from a CSV file with the columns column, row, x, y and z.
+
+    Column and row are in the photograph, whose first pixel's centre is at (0.5, 0.5); x, y and z
+    are metres in the scene. Other columns are left out. A file that is missing or malformed is a
+    `PhotographError`.
+    """
+    values = _columns(path, ("column", "row", "x", "y", "z"))
+    names = [f"{path}, line {k + 2}" for k in range(len(values))]
+    return WallPoints(values[:, :2], values[:, 2:], names, str(path))
+
+
+def read_wall_tags(path: str | Path) -> WallTags:
+    """Read tags on the wall from a CSV file with the columns id, x, y, z and size.
+
+    The place of a tag is its middle's, its size the side of its black square, in metres. A file
+    that is missing or malformed is a `PhotographError`.
+    """
+    values = _columns(path, ("id", "x", "y", "z", "size"))
+    return WallTags(values[:, 0].astype(np.int64), values[:, 1:4], values[:, 4], str(path))
+
+
+def _columns(path: str | Path, names: tuple[str, ...]) -> Array:
+    """Return the numbers of named columns, (rows, columns)."""
+    with decoding(path, "CSV", f"write {','.join(names)}, then a line of numbers a mark"):
+        table = np.genfromtxt(
+            path, delimiter=",", names=True, case_sensitive="lower", encoding="utf-8-sig", ndmin=1
+        )
+        values = np.stack([table[name] for name in names], axis=1)
+        if not (broken := ~np.isfinite(values).all(axis=1)).any() and len(values):
+            return values
+        raise PhotographError(
+            f"{path}, line {broken.argmax() + 2}: needs a number for each of {','.join(names)}"
+        )
