@@ -15,7 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.ambient import (
+    ROUNDING,
+    background_basis,
+    joined_basis,
+    wall_profiles,
+)
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
@@ -24,12 +29,6 @@ from periscopy_sim.numerics.products import project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
-
-VISIBLE = 1e-12
-"""Curvature over the largest, below which the wall does not show a pattern."""
-
-ROUNDING = 1e-12
-"""Fraction of a photograph outside of the ambient light that is rounding."""
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels: a black channel has not less noise than that."""
@@ -141,13 +140,13 @@ class Fit:
         C = Q.T @ used
         self.gram: Array = used.T @ used - C.T @ C
         energy = float(np.trace(self.gram))
-        if not energy > 1e-12 * float(np.vdot(used, used)):
+        if not energy > ROUNDING * float(np.vdot(used, used)):
             raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
         curvatures = self.patterns.curvatures  # ascending
-        self.visible = slice(int((curvatures <= VISIBLE * curvatures[-1]).sum()), None)
+        self.visible = slice(int((curvatures <= ROUNDING * curvatures[-1]).sum()), None)
         self.curvatures: Array = curvatures[self.visible]
 
     @property

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 Array = NDArray[np.float64]
 
 FEWEST = 25
 """Pixels with all their neighbours, below which no noise is estimated."""
-
-NORMAL = 1.4826
-"""Standard deviation of a normal variable over the median of its size."""
 
 ROUNDING = 1e-7
 """Noise over a photograph's size that rounding in single precision makes."""
@@ -51,4 +49,4 @@ def camera_noise(planes: Array) -> Array | None:
     used = np.isfinite(differences).all(axis=0)
     if np.count_nonzero(used) < FEWEST:
         return None
-    return np.asarray(NORMAL * np.median(differences[:, used], axis=1))
+    return np.asarray(np.median(differences[:, used], axis=1) / special.ndtri(0.75))

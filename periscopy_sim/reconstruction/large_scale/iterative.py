@@ -38,9 +38,8 @@ from periscopy_sim.model.transport_operator import (
     used_rows,
 )
 from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
+from periscopy_sim.reconstruction.large_scale.matrix_free import Iterate, Weighed, least_squares
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
-from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
 Array = NDArray[np.float64]
 
@@ -58,7 +57,7 @@ class IterativeReconstruction(Solution[np.float64]):
         Those taken, a pass over A each.
     change
         The way that the image went in the last third of them, as a part of its norm; an upper
-        bound on what is left where the changes fall at least like 1/k², see `least_squares`.
+        bound on what is left where the changes fall at least like 1/k², see `matrix_free`.
     converged
         Whether that is what was asked for.
     """
@@ -77,7 +76,7 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
     `EIGENVECTORS` that the wall shows best. Each photograph then takes accelerated proximal
-    gradient steps for the problem above, see `total_variation.least_squares`: some 45 passes where
+    gradient steps for the problem above, see `matrix_free`: some 45 passes where
     there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
@@ -94,7 +93,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
         Stop where the image's way in the last third of the iterations is at most this part of its
-        norm. It was then within a tenth of that of the minimum, see `least_squares`.
+        norm. It was then within a tenth of that of the minimum, see `matrix_free`.
     max_iterations
         Stop after so many, with a warning.
     """
@@ -125,14 +124,15 @@ class IterativePeriscope(StillMethod[np.float64]):
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
         end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
-        warn_unconverged("iterative recovery", end.iterations, end.error, self.tolerance)
+        iterations, change = len(end.path), end.path_of_last_third()
+        warn_unconverged("iterative recovery", iterations, change, self.tolerance)
         return IterativeReconstruction(
             image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
-            iterations=end.iterations,
-            change=end.error,
-            converged=end.error <= self.tolerance,
+            iterations=iterations,
+            change=change,
+            converged=change <= self.tolerance,
         )
 
     def projected_transport(self) -> TransportOperator:
@@ -164,11 +164,9 @@ class IterativePeriscope(StillMethod[np.float64]):
             explained = np.sum(f * (2 * weighed - product), axis=0)
             return self._noise(energy, explained, len(problem.eigenvectors.energy))
 
-        end = minimize(
-            problem,
-            weighed,
+        end = problem.minimize(
+            h,
             lambda f, product: self._weight(noise(f, product)),
-            problem.start(h),
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
         )
