@@ -64,7 +64,9 @@ def test_products_of_three_vectors_are_the_same_bytes_among_many():
     x, matrix = draw((24, 3100), (41, 3100))
     among_many = times_rows(x, matrix)
     for k in range(0, 24, 3):
-        np.testing.assert_array_equal(times_rows(x[k : k + 3].copy(), matrix), among_many[k : k + 3])
+        np.testing.assert_array_equal(
+            times_rows(x[k : k + 3].copy(), matrix), among_many[k : k + 3]
+        )
 
 
 @pytest.mark.parametrize("dtype", PRECISION)
