@@ -29,8 +29,7 @@ class ColourMatrix:
     Raises
     ------
     ValueError
-        If the matrix is not of 3 x 3 finite real numbers, a channel sees no primary, no channel
-        sees a primary, or two primaries look alike.
+        If the matrix is not of 3 x 3 finite real numbers, or two primaries look alike.
     """
 
     matrix: Array
@@ -44,14 +43,9 @@ class ColourMatrix:
             )
         if not np.isfinite(values).all():
             raise ValueError("a colour matrix must be finite")
-        for axis, which in enumerate(("primary {} of the monitor", "channel {} of the camera")):
-            unlit = np.flatnonzero(values.max(axis=axis) <= 0)
-            if len(unlit):
-                name = which.format(unlit[0] + 1)
-                raise ValueError(f"the colour matrix leaves no light in {name}")
         if np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
-                "two primaries look alike to the camera: the matrix is nearly singular"
+                "two primaries look alike to the camera: the colour matrix is nearly singular"
             )
         object.__setattr__(self, "matrix", values.astype(np.float64))
 

@@ -132,5 +132,5 @@ def _shared(differences: Array) -> float:
     """Return the mean correlation of three channels' differences; 0 if below or of copies."""
     values = differences.reshape(3, -1)
     values = values[:, np.isfinite(values).all(axis=0)]
-    correlations = np.corrcoef(values)[np.triu_indices(3, 1)]
+    correlations = np.asarray(np.corrcoef(values))[np.triu_indices(3, 1)]
     return 0.0 if correlations.max() >= COPIES else max(float(correlations.mean()), 0.0)

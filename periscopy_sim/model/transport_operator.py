@@ -38,9 +38,6 @@ LARGEST_GRAM = 5e10
 RIDGE = 1e-8
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
-BLOCK_ENTRIES = 2**22
-"""Entries of a memory map that are read at once where only some rows are used: 16 to 32 MB."""
-
 
 class RowBlocks(Protocol):
     """A matrix that is known by blocks of consecutive rows."""
@@ -56,44 +53,17 @@ class RowBlocks(Protocol):
 Matrix: TypeAlias = Image | RowBlocks
 
 
-@dataclass(frozen=True, eq=False)
-class UsedRows:
-    """Some of the rows of a matrix, picked out of each block as it is read."""
-
-    A: Matrix  # (M, N) memory map or `RowBlocks`
-    mask: NDArray[np.bool_]  # (M,), True for the M' rows that are used
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(M', N)."""
-        return int(np.count_nonzero(self.mask)), self.A.shape[1]
-
-    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
-        """Yield every used row once, in order, numbered among the used ones."""
-        first = 0
-        for rows, block in row_blocks(self.A, max(BLOCK_ENTRIES // self.A.shape[1], 1)):
-            used = block[self.mask[rows]]
-            if len(used):
-                yield slice(first, first + len(used)), used
-                first += len(used)
-
-
-def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Image]]:
-    """Yield the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
+def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
+    """Yield the rows of an array at once, or those of `RowBlocks`."""
     if isinstance(A, np.ndarray):
-        step = max(len(A), 1) if count is None else count
-        for start in range(0, len(A), step):
-            yield slice(start, min(start + step, len(A))), A[start : start + step]
+        yield slice(0, len(A)), A
     else:
         yield from A.row_blocks()
 
 
-def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
-    """Return the rows of A, (M, N), where the mask, (M,), is True: of an array a copy."""
-    if isinstance(A, np.memmap) or hasattr(A, "row_blocks"):
-        return UsedRows(A, mask)
-    used: Image = np.asarray(A)[mask]
-    return used
+def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Image:
+    """Return a copy of the rows of A, (M, N), where the mask, (M,), is True."""
+    return np.concatenate([block[mask[rows]] for rows, block in row_blocks(A)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-
-
-def fits_in_memory(size: int) -> bool:
-    """Return whether so many bytes are less than half of this machine's memory."""
-    memory = _of_machine()
-    return memory is None or 2 * size < memory
 
 
 def transport_memory(
@@ -31,22 +24,15 @@ def has_memory(size: float) -> bool:
 
 def available_memory() -> int | None:
     """Return how many bytes can be had now, no more than a container may have; None if unknown."""
-    known = [_free() or _of_machine(), _of_container()]
+    known = [_of_machine(), _of_container()]
     return min((size for size in known if size is not None), default=None)
 
 
 def _of_machine() -> int | None:
     try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
-
-
-def _free() -> int | None:
-    try:
         lines = Path("/proc/meminfo").read_text("ascii").splitlines()
         return 1024 * int(dict(line.split(":") for line in lines)["MemAvailable"].split()[0])
-    except (KeyError, ValueError, OSError):
+    except (KeyError, ValueError, OSError):  # of Linux alone
         return None
 
 

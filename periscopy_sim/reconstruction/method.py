@@ -73,6 +73,9 @@ class Solution(Generic[Precision]):
         return {"noise": self.noise, "lambda": self.weight}
 
 
+BATCH = 64
+"""Photographs that a matrix is applied to in one product: 6 MB each at 500 x 500 pixels."""
+
 SIGNIFICANT = 3.0
 """Standard errors by which a hidden image's light exceeds what noise alone would make of one."""
 

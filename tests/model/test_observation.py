@@ -68,24 +68,6 @@ def test_estimate_is_the_dense_pseudoinverse_of_the_rows_used():
     np.testing.assert_allclose(image.reshape(N, 3), P @ Y.reshape(M, 3)[USED], rtol=1e-8)
 
 
-def test_differences_by_hand_give_the_differencing_methods_image():
-    D = []
-    for column in range(9):
-        for row in range(13):
-            if MASK[row, column] and MASK[row + 1, column]:
-                difference = np.zeros(PHOTOGRAPH)
-                difference[row + 1, column], difference[row, column] = 1, -1
-                D.append(difference.ravel())
-    D = np.array(D)
-    method = Differencing(
-        A, photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, mask=MASK, wrap=False, tv_weight=0
-    )
-    solved = method.solve(spoilt())
-    expected, misfit, *_ = np.linalg.lstsq(D @ A, D @ Y.reshape(M, 3), rcond=None)
-    np.testing.assert_allclose(solved.image.reshape(N, 3), expected, rtol=1e-6)
-    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (len(D) - N)), rtol=1e-6)
-
-
 @pytest.mark.parametrize("method", ALL)
 def test_whatever_lies_under_the_mask_changes_nothing(method):
     fitted = ALL[method](A, B, mask=MASK)

@@ -65,9 +65,6 @@ class Differencing(StillMethod[np.float64]):
         (rows, columns) of photographs; the method must know it.
     mask
         A difference counts only if both its pixels are used, see `neighbour_differences`.
-    wrap
-        D as in the published code; or only differences within the photograph's columns, which
-        rejects far more of the background, see `neighbour_differences`.
     tv_weight
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
@@ -89,7 +86,6 @@ class Differencing(StillMethod[np.float64]):
         A: Image,
         B: Image | None = None,
         *,
-        wrap: bool = True,
         tv_weight: float = 1.0,
         stop: Stop = "converged",
         tolerance: float = 1e-4,
@@ -106,14 +102,12 @@ class Differencing(StillMethod[np.float64]):
         check_stopping(tolerance, max_iterations)
         self._ambient = self.observation.ambient(B)
         self._A = A = self.observation.used(A)
-        self.wrap = wrap
         self.tv_weight = tv_weight
         self.stop = stop
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._differenced = partial(
             neighbour_differences,
             photograph_shape=photograph_shape,
-            wrap=wrap,
             mask=mask,
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what

@@ -37,8 +37,8 @@ from periscopy_sim.model.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.large_scale.matrix_free import Iterate, Weighed, least_squares
+from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
+from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
 
 Array = NDArray[np.float64]
@@ -80,15 +80,13 @@ class IterativePeriscope(StillMethod[np.float64]):
     there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
-    With `regularization` 0 conjugate gradients give P y.
-
     Other parameters and errors are those of `StillMethod`.
 
     Parameters
     ----------
     A
-        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, an array
-        is copied; memory maps and `RowBlocks` are read whole, block by block.
+        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, the
+        rows used are copied into memory.
     regularization
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
@@ -110,7 +108,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         **observed: Unpack[Observed],
     ) -> None:
         super().__init__(A, **observed)
-        check_weight("regularization", regularization)
+        if not 0 < regularization < np.inf:
+            raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
         self.regularization = regularization
         self.tolerance = tolerance
@@ -123,7 +122,22 @@ class IterativePeriscope(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
-        end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
+        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
+        h = self.transport.rmatmat(y)
+        data, energy = problem.data(h), problem.energy(y, h)
+        pixels, rank = self.transport.Q.shape
+        freedom = pixels - rank - len(problem.eigenvectors.energy)
+
+        def noise_of(f: Array, product: Array) -> Array:
+            return residual_noise(energy, np.sum(f * (2 * data - product), axis=0), freedom)
+
+        end = problem.minimize(
+            h,
+            lambda f, product: self._weight(noise_of(f, product)),
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+        )
+        noise = noise_of(end.f, end.product)
         iterations, change = len(end.path), end.path_of_last_third()
         warn_unconverged("iterative recovery", iterations, change, self.tolerance)
         return IterativeReconstruction(
@@ -146,38 +160,7 @@ class IterativePeriscope(StillMethod[np.float64]):
             max(min(EIGENVECTORS, self.transport.shape[1] // 8), 1)
         )
 
-    def _least_squares(self, y: Array) -> tuple[Iterate, Array]:
-        """Return P y and no weights."""
-        h = self.transport.rmatmat(y)
-        end = least_squares(
-            self.transport, h, tolerance=self.tolerance, max_iterations=self.max_iterations
-        )
-        explained = np.sum(end.f * (2 * h - end.product), axis=0)
-        return end, self._noise(np.sum(y**2, axis=0), explained, self.transport.shape[1])
-
-    def _total_variation(self, y: Array) -> tuple[Iterate, Array]:
-        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
-        h = self.transport.rmatmat(y)
-        weighed, energy = problem.data(h), problem.energy(y, h)
-
-        def noise(f: Array, product: Array) -> Array:
-            explained = np.sum(f * (2 * weighed - product), axis=0)
-            return self._noise(energy, explained, len(problem.eigenvectors.energy))
-
-        end = problem.minimize(
-            h,
-            lambda f, product: self._weight(noise(f, product)),
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-        )
-        return end, noise(end.f, end.product)
-
     def _weight(self, noise: Array) -> Array:
         """Return λ."""
         weight: Array = self.regularization * noise * np.sqrt(self.transport.squared_norm)
         return weight
-
-    def _noise(self, energy: Array, explained: Array, dimensions: int) -> Array:
-        """Return σ; see `residual_noise`. The image counts as so many dimensions."""
-        pixels, rank = self.transport.Q.shape
-        return residual_noise(energy, explained, pixels - rank - dimensions)

@@ -1,4 +1,4 @@
-"""Least squares where A can only be passed over: as they are, and weighed for total variation.
+"""Least squares with total variation where A can only be passed over.
 
     f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV
 
@@ -16,7 +16,6 @@ the package's photographs.
 
 References
 ----------
-Hestenes, Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
 Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear inverse problems",
 2009.
 Liang, Luo, Schönlieb, "Improving fast iterative shrinkage-thresholding algorithm: faster, smarter,
@@ -65,29 +64,6 @@ class Iterate:
         return (
             float(np.sum(self.path[2 * count // 3 :], axis=0).max()) if count >= fewest else np.inf
         )
-
-
-def least_squares(
-    transport: TransportOperator, h: Array, *, tolerance: float, max_iterations: int
-) -> Iterate:
-    """Minimize ‖A⊥f − y⊥‖² by conjugate gradients on the normal equations, h = A⊥ᵀy⊥, (N, K).
-
-    Each column is a problem of its own; all share the passes. They stop when the path of the last
-    third is at most the tolerance.
-    """
-    f, descent, direction = np.zeros_like(h), h.copy(), h.copy()
-    slope = np.sum(descent**2, axis=0)
-    end = Iterate(f, f, [])
-    while len(end.path) < max_iterations and end.path_of_last_third() > tolerance:
-        image = transport.gram_product(direction)
-        step = _ratio(slope, np.sum(direction * image, axis=0))
-        f = f + step * direction
-        descent = descent - step * image
-        length = _ratio(step * np.linalg.norm(direction, axis=0), np.linalg.norm(f, axis=0))
-        previous, slope = slope, np.sum(descent**2, axis=0)
-        direction = descent + _ratio(slope, previous) * direction
-        end = Iterate(f, h - descent, [*end.path, length])
-    return end
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from periscopy_sim.model.fit import Evidence
-from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.method import BATCH, Image
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
@@ -19,9 +19,6 @@ from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Coupling = Literal["l1", "none"]
-
-BATCH = 64
-"""Photographs that A is applied to in one product."""
 
 PENALTY = 0.4
 """λ/ρ over the image's scale: the step that needed the fewest iterations from a frame nearby."""

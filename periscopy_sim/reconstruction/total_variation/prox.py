@@ -178,7 +178,7 @@ def solve_total_variation(
     if start is not None and start.shape == dual.shape:
         dual[:] = start
     bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
-    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual, values.dtype.type)
+    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual)
     images = np.moveaxis(f.reshape(stack.shape), 1, -1)
     return TotalVariationResult(
         image=images.reshape(values.shape).astype(values.dtype),

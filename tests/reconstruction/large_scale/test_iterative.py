@@ -40,19 +40,6 @@ class Blocks:
         yield slice(100, M), A[100:]
 
 
-def test_without_total_variation_it_is_the_exact_preconditioner():
-    y = photograph()
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0, tolerance=1e-12)
-    exact = form_preconditioner(A, B).apply(y.reshape(M, 3)).reshape(*HIDDEN, 3)
-    solved = periscope.solve(y)
-    assert np.linalg.norm(solved.image - exact) < 1e-7 * np.linalg.norm(exact)
-    assert solved.converged and not solved.weight.any()
-    left = y.reshape(M, 3) - B @ np.linalg.lstsq(B, y.reshape(M, 3))[0]
-    A_left = A - B @ np.linalg.lstsq(B, A)[0]
-    misfit = np.sum((left - A_left @ exact.reshape(N, 3)) ** 2, axis=0)
-    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (M - 3 - N)), rtol=1e-6)
-
-
 def test_image_and_noise_are_those_of_the_dense_problem(minimizer):
     y = photograph().reshape(M, 3)
     solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0.02).solve(y)
@@ -114,17 +101,14 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
     np.testing.assert_allclose(from_blocks, from_array, atol=1e-3)
 
 
-@pytest.mark.parametrize("regularization", [0, 0.015])
-def test_iterations_that_do_not_suffice_are_said_to(regularization):
-    periscope = IterativePeriscope(
-        A, B, hidden_shape=HIDDEN, regularization=regularization, tolerance=1e-9, max_iterations=3
-    )
+def test_iterations_that_do_not_suffice_are_said_to():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tolerance=1e-9, max_iterations=3)
     with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
         solved = periscope.solve(photograph())
     assert not solved.converged and solved.change > 1e-9
 
 
-@pytest.mark.parametrize("wrong", [{"regularization": -1}, {"tolerance": 0}, {"max_iterations": 0}])
+@pytest.mark.parametrize("wrong", [{"regularization": 0}, {"tolerance": 0}, {"max_iterations": 0}])
 def test_settings_out_of_range_are_rejected(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         IterativePeriscope(A, B, hidden_shape=HIDDEN, **wrong)

@@ -110,16 +110,6 @@ def test_repair_with_a_previous_frame_equals_plain_loops(shape, threshold):
     np.testing.assert_array_equal(repair(image, threshold, previous), expected)
 
 
-@pytest.mark.parametrize("shape", [(4, 7, 9, 3), (90, 29, 36, 3)])
-@pytest.mark.parametrize("with_previous", [False, True])
-def test_each_image_of_a_stack_is_repaired_on_its_own(shape, with_previous):
-    images = random_image(*shape)
-    earlier = random_image(*shape, seed=1) if with_previous else [None] * len(images)
-    alone = [repair(f, 0.5, p) for f, p in zip(images, earlier, strict=True)]
-    together = repair(images, 0.5, earlier if with_previous else None)
-    np.testing.assert_array_equal(together, np.stack(alone))
-
-
 @pytest.mark.parametrize(
     ("image", "threshold", "previous", "name"),
     [
