@@ -40,9 +40,6 @@ rays' own noise makes 3 to 9), the real chair photograph 31."""
 MATERIAL = 1.25
 """Unexplained light over what noise alone would leave, above which the scene does not fit."""
 
-COPIES = 1 - 1e-6
-"""Correlation of two channels from which they are copies of one, as in a grey photograph."""
-
 
 @dataclass(frozen=True, eq=False)
 class Residual:
@@ -129,8 +126,9 @@ def _blurred_energy(planes: Array) -> float:
 
 
 def _shared(differences: Array) -> float:
-    """Return the mean correlation of three channels' differences; 0 if below or of copies."""
+    """Return the mean correlation of three channels' differences; 0 if below, or of one channel."""
     values = differences.reshape(3, -1)
     values = values[:, np.isfinite(values).all(axis=0)]
     correlations = np.asarray(np.corrcoef(values))[np.triu_indices(3, 1)]
-    return 0.0 if correlations.max() >= COPIES else max(float(correlations.mean()), 0.0)
+    is_grey = np.isclose(correlations.max(), 1)
+    return 0.0 if is_grey else max(float(correlations.mean()), 0.0)

@@ -101,14 +101,6 @@ def test_adjoint_passes_the_dot_test():
     assert squared == pytest.approx(np.sum((operator @ f) ** 2), rel=1e-12)
 
 
-def test_gram_product_reads_every_row_once():
-    blocks = Blocks(matrix())
-    operator = TransportOperator(blocks, basis())
-    blocks.reads = 0
-    operator.gram_product(np.ones((blocks.shape[1], 3)))
-    assert blocks.reads == blocks.shape[0]
-
-
 def test_gram_product_does_not_depend_on_the_threads(monkeypatch):
     operator = TransportOperator(matrix(500, 60), basis(500))
     f = np.random.default_rng(2).normal(size=(60, 3))
@@ -147,12 +139,6 @@ def test_a_matrix_that_the_backgrounds_explain_is_refused():
     Q = basis()
     with pytest.raises(ValueError, match="B explains all of it"):
         TransportOperator(Q @ np.ones((4, 6)), Q)
-
-
-@pytest.mark.parametrize("dtype", [np.float16, np.complex64])
-def test_types_that_the_passes_do_not_know_are_refused_by_name(dtype):
-    with pytest.raises(ValueError, match=f"type {np.dtype(dtype)}"):
-        TransportOperator(np.ones((6, 3), dtype))
 
 
 @pytest.mark.parametrize("form", [in_memory, read_only, transposed, memory_map, in_blocks])

@@ -43,9 +43,6 @@ from periscopy_sim.reconstruction.report import Note, Report
 
 Array = NDArray[np.float64]
 
-REGULARIZATION = 0.02
-"""The default, see `NoiseAware`."""
-
 FIRST = 20
 """Iterations for the image that corrections start from; more change nothing."""
 
@@ -135,7 +132,7 @@ class NoiseAware(StillMethod[np.float64]):
         B: Image | None = None,
         *,
         rank_tolerance: float = RANK_TOLERANCE,
-        regularization: float = REGULARIZATION,
+        regularization: float = 0.02,
         positive: bool = True,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,

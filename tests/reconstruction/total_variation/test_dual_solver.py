@@ -9,14 +9,6 @@ from periscopy_sim.reconstruction.total_variation.prox import (
 )
 
 
-def test_result_reports_the_slowest_channel(blocks):
-    g = np.stack([blocks(), blocks(1)], axis=-1)
-    alone = [solve_total_variation(g[..., c], λ) for c, λ in enumerate((0.05, 1.5))]
-    both = solve_total_variation(g, [0.05, 1.5])
-    assert both.iterations == max(result.iterations for result in alone)
-    assert both.gap == max(result.gap for result in alone)
-
-
 def test_a_result_short_of_the_tolerance_is_flagged(blocks):
     g = blocks()
     result = solve_total_variation(g, 0.5, max_iterations=3)
