@@ -132,19 +132,19 @@ class Differencing(StillMethod[np.float64]):
         h = self._inverse.A.T @ Dy
         start = self._inverse.solve(h)
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
-        level = np.sqrt(np.mean(Dy**2, axis=0))
         weight = self.tv_weight * noise * self._unit
-        if self.stop == "published":
-            images, ends = self._published(h, start, weight)
-        elif self.tv_weight:
-            images, ends = self._minimum(h.T, noise, np.where(level > 0, level, 1))
-        else:
-            images, ends = list(start.T), [(0, 0.0)] * 3
+        images, ends = list(start.T), [(0, 0.0)] * 3
+        for channel in np.flatnonzero(weight):  # not of a black one
+            if self.stop == "published":
+                solved = self._published(h, start, channel, weight[channel])
+            else:
+                level = float(np.sqrt(np.mean(Dy[:, channel] ** 2)))
+                solved = self._minimum(h[:, channel], noise[channel], level)
+            images[channel], ends[channel] = solved
         iterations, residual = (np.array(each) for each in zip(*ends, strict=True))
         if self.stop == "converged":
-            warn_unconverged(
-                "differencing", iterations.max(), float(residual.max()), self.tolerance
-            )
+            error = float(residual.max())
+            warn_unconverged("differencing", iterations.max(), error, self.tolerance)
         image = self.observation.image(np.stack([each.ravel() for each in images], axis=1))
         return DifferencingResult(image, noise, weight, iterations, residual)
 
@@ -154,30 +154,29 @@ class Differencing(StillMethod[np.float64]):
         weight = self.tv_weight / np.sqrt(len(self._gram))
         return Objective(patterns, self.hidden_shape, np.eye(1), weight, positive=False)
 
-    def _minimum(self, h: Array, noise: Array, level: Array) -> tuple[list[Any], list[Any]]:
-        """Return the images that minimize Eq. 2, and their iterations and residuals."""
-        images, ends = [], []
+    def _minimum(self, h: Array, noise: float, level: float) -> tuple[Array, tuple[int, float]]:
+        """Return a channel's image that minimizes Eq. 2, its iterations and residual."""
+        coefficients = self._objective.basis.rows @ h / (level * self._unit)
+        evidence = Evidence(coefficients[None], np.array([noise / level]), level, 0.0)
         schedule = Schedule(self.tolerance, self.max_iterations)
-        for own, σ, unit in zip(h, noise / level, level, strict=True):
-            coefficients = self._objective.basis.rows @ own / (unit * self._unit)
-            evidence = Evidence(coefficients[None], np.array([σ]), float(unit), 0.0)
-            minimum = self._objective.minimize(evidence, schedule)
-            images.append(minimum.image.astype(np.float64) * (unit / self._unit))
-            ends.append((minimum.iterations, minimum.residual))
-        return images, ends
+        minimum = self._objective.minimize(evidence, schedule)
+        image = minimum.image.astype(np.float64) * (level / self._unit)
+        return image, (minimum.iterations, minimum.residual)
 
-    def _published(self, h: Array, start: Array, weight: Array) -> tuple[list[Any], list[Any]]:
-        """Return the images where the published code stops, and its iterations."""
+    def _published(
+        self, h: Array, start: Array, channel: int, weight: float
+    ) -> tuple[Array, tuple[int, float]]:
+        """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
-        white = float(np.abs(mean).mean()) / PUBLISHED_MEAN
-        unit = PUBLISHED_ENTRY / self._mean_entry
-        ended = [
-            descend_as_published(
-                self._gram, each, f.reshape(self.hidden_shape), λ, unit=unit, white=white
-            )
-            for each, f, λ in zip(h.T, start.T, weight.tolist(), strict=True)
-        ]
-        return [image for image, _ in ended], [(iterations, np.nan) for _, iterations in ended]
+        image, iterations = descend_as_published(
+            self._gram,
+            h[:, channel],
+            start[:, channel].reshape(self.hidden_shape),
+            weight,
+            unit=PUBLISHED_ENTRY / self._mean_entry,
+            white=float(np.abs(mean).mean()) / PUBLISHED_MEAN,
+        )
+        return image, (iterations, np.nan)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""

@@ -75,7 +75,8 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
             weight = self.l1_weight if self.coupling == "l1" else 0.0
             still = self.still
             tolerance = LOOSER * still.tolerance
-            schedule = Schedule(tolerance, still.max_iterations, PENALTY, WEAK, RENEWED)
+            penalty = PENALTY / max(1.0, weight)  # the step follows the larger of λ and λ₂
+            schedule = Schedule(tolerance, still.max_iterations, penalty, WEAK, RENEWED)
             solution, split = self.still.recover(
                 evidence, schedule, self._split, self.previous, weight
             )

@@ -159,7 +159,7 @@ def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(still, cou
 def test_iterations_that_start_from_the_minimum_stay_there(exact, scale, penalty):
     one, brighter = exact.evidence(np.stack([PHOTOGRAPHS[0], scale * PHOTOGRAPHS[0]]))
     minimum, split = exact.recover(one)
-    few = Schedule(penalty, tolerance=1e-9, max_iterations=3, checked=1)
+    few = Schedule(1e-9, 3, penalty)
     stayed, _ = exact.recover(brighter, few, split)
     assert distance(stayed.image, scale * minimum.image) < 1e-4
     assert distance(exact.recover(brighter, few)[0].image, scale * minimum.image) > 1e-2
