@@ -52,7 +52,3 @@ class ColourMatrix:
     def mix(self, light: Image) -> Array:
         """Return light in the camera's channels, (..., 3), from light in the primaries."""
         return np.asarray(light @ self.matrix.T, np.float64)
-
-    def unmix(self, light: Image) -> Array:
-        """Return light in the primaries, (..., 3), from light in the camera's channels."""
-        return np.asarray(light @ np.linalg.inv(self.matrix).T, np.float64)

@@ -59,7 +59,6 @@ LEAST_UNEXPLAINED = 1e-5
 class GainEstimate:
     """The gain, and how likely it is."""
 
-    coefficients: Array  # (K,) â
     probability: float  # that as large a ratio comes about without a gain, at most
     field: Array  # (rows, columns) g
     accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
@@ -150,13 +149,12 @@ class WallGain:
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
-            ratio = (least / count) / (_mean_square(compared) + 1e-30)
+            ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
         added = np.tensordot(a, terms.reshape(count, 3, -1), 1) * σ
         return GainEstimate(
-            coefficients=a,
             probability=probability,
             field=field,
             accepted=bool(believed and probability < ERROR_RATE),
@@ -210,10 +208,6 @@ def _unexplained(photograph: FittedPhotograph) -> float:
     """Return the energy of the noise that a photograph seems to have, over all channels."""
     evidence = photograph.evidence
     return float(np.sum((evidence.level * evidence.noise) ** 2))
-
-
-def _mean_square(values: Array) -> float:
-    return float(np.mean(values**2)) if values.size else 0.0
 
 
 def unit_rows(rows: Image) -> Image:

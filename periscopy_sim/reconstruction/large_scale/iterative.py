@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import (
     Eigenvectors,
@@ -114,7 +114,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = with_backgrounds(smooth_basis(self.observation, B, rank_tolerance), self.observation)
+        Q, _ = ambient_basis(self.observation, B, rank_tolerance)
         if self.observation.mask is not None:
             A = used_rows(A, self.observation.mask.ravel())
         self.transport = TransportOperator(A, Q)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import plain_array
@@ -113,8 +113,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        smooth = smooth_basis(self.observation, B, rank_tolerance)
-        ambient = with_backgrounds(smooth, self.observation)
+        ambient, _ = ambient_basis(self.observation, B, rank_tolerance)
         self.preconditioner = form_preconditioner(self.observation.used(A), ambient)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
