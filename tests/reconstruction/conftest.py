@@ -76,11 +76,12 @@ def minimizer():
         size = K.shape[1]
         D = differences(shape if len(shape) == 3 else (1, *shape), w)
         p = np.zeros(size) if previous is None else previous.ravel()
-        inverse = np.linalg.inv(2 * K.T @ K + ρ * np.eye(size) + ρ * D.T @ D)
+        tie = ρ if l1_weight else 0.0  # of f to y + p
+        inverse = np.linalg.inv(2 * K.T @ K + tie * np.eye(size) + ρ * D.T @ D)
         z = u = np.zeros((size, 3))
         y = v = np.zeros(size)
         for _ in range(iterations):
-            f = inverse @ (2 * K.T @ g.ravel() + ρ * D.T @ (z - u).ravel() + ρ * (p + y - v))
+            f = inverse @ (2 * K.T @ g.ravel() + ρ * D.T @ (z - u).ravel() + tie * (p + y - v))
             a = (D @ f).reshape(-1, 3) + u
             length = np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-300)
             z = a * np.maximum(1 - weight / ρ / length, 0)
