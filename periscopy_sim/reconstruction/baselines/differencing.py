@@ -134,7 +134,7 @@ class Differencing(StillMethod[np.float64]):
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
         weight = self.tv_weight * noise * self._unit
         images, ends = list(start.T), [(0, 0.0)] * 3
-        for channel in np.flatnonzero(weight):  # not of a black one
+        for channel in np.flatnonzero(weight).tolist():  # not of a black one
             if self.stop == "published":
                 solved = self._published(h, start, channel, weight[channel])
             else:
