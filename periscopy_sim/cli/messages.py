@@ -22,18 +22,10 @@ SENTENCES = {
     ),
     "does_not_fit": (
         "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
-        "photograph, where noise alone would leave {noise_alone:.3g} %. Measure or calibrate the "
-        "scene (periscopy calibrate), mask what is not bare wall (--mask), or, where rays render A,"
-        " take more of them (--samples 256)"
-    ),
-    "uneven_paint": (
-        "no hidden image explains {unexplained_by_any:.3g} % of the photograph, where noise alone "
-        "would leave {noise_alone:.3g} %. The rest differs from pixel to pixel and is alike in all "
-        "channels, as where paint is uneven: add a photograph with the monitor off (--monitor-off)"
-    ),
-    "not_linear": (
-        "the photograph's values are not linear: decoded by a gamma, the scene would explain it "
-        "much better. Export linear values from the camera's raw file"
+        "photograph, where noise alone would leave {noise_alone:.3g} %. Export linear values, "
+        "measure or calibrate the scene (periscopy calibrate), mask what is not bare wall (--mask),"
+        " add a photograph with the monitor off (--monitor-off), or, where rays render A, take "
+        "more of them (--samples 256)"
     ),
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",

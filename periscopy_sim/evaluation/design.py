@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.measurement import noise_level
-from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import VISIBLE, Fit
+from periscopy_sim.model.ambient import RANK_TOLERANCE, ROUNDING
+from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
@@ -118,7 +118,7 @@ def _unit_bound(fit: Fit) -> float:
     """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
     curvatures = np.linalg.eigvalsh(fit.gram)
     light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
-    return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > VISIBLE * light else np.inf
+    return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > ROUNDING * light else np.inf
 
 
 def _ambient_light(B: Image) -> Array:

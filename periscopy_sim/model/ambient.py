@@ -15,7 +15,7 @@ RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""
 
 ROUNDING = 1e-12
-"""Fraction of a column outside of a subspace that counts as rounding."""
+"""Fraction of a vector, of the largest eigenvalue, or of an energy that counts as rounding."""
 
 SKETCH = 96
 """Random mixtures of B's columns that the sketch takes: twice B's usual rank of 44."""

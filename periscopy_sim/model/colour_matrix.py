@@ -29,8 +29,7 @@ class ColourMatrix:
     Raises
     ------
     ValueError
-        If the matrix is not of 3 x 3 finite real numbers, a channel sees no primary, no channel
-        sees a primary, or two primaries look alike.
+        If the matrix is not of 3 x 3 finite real numbers, or two primaries look alike.
     """
 
     matrix: Array
@@ -44,21 +43,12 @@ class ColourMatrix:
             )
         if not np.isfinite(values).all():
             raise ValueError("a colour matrix must be finite")
-        for axis, which in enumerate(("primary {} of the monitor", "channel {} of the camera")):
-            unlit = np.flatnonzero(values.max(axis=axis) <= 0)
-            if len(unlit):
-                name = which.format(unlit[0] + 1)
-                raise ValueError(f"the colour matrix leaves no light in {name}")
         if np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
-                "two primaries look alike to the camera: the matrix is nearly singular"
+                "two primaries look alike to the camera: the colour matrix is nearly singular"
             )
         object.__setattr__(self, "matrix", values.astype(np.float64))
 
     def mix(self, light: Image) -> Array:
         """Return light in the camera's channels, (..., 3), from light in the primaries."""
         return np.asarray(light @ self.matrix.T, np.float64)
-
-    def unmix(self, light: Image) -> Array:
-        """Return light in the primaries, (..., 3), from light in the camera's channels."""
-        return np.asarray(light @ np.linalg.inv(self.matrix).T, np.float64)

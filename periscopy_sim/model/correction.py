@@ -16,6 +16,14 @@ from numpy.typing import NDArray
 from periscopy_sim.model.fit import FittedPhotograph
 
 Array = NDArray[np.float64]
+
+ERROR_RATE = 1e-3
+"""Fraction, at most, of photographs of a right model in which a correction finds something."""
+
+RESOLVED = 1e-3
+"""Sine of the angle between two fields, below which they are taken for one: a thousand times single
+precision's."""
+
 FirstImage = Callable[[FittedPhotograph], Array]
 """Returns a first hidden image, (R, C, 3), of a photograph."""
 

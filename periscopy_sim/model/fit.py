@@ -15,7 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.ambient import (
+    ROUNDING,
+    background_basis,
+    joined_basis,
+    wall_profiles,
+)
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
@@ -24,12 +29,6 @@ from periscopy_sim.numerics.products import project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
-
-VISIBLE = 1e-12
-"""Curvature over the largest, below which the wall does not show a pattern."""
-
-ROUNDING = 1e-12
-"""Fraction of a photograph outside of the ambient light that is rounding."""
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels: a black channel has not less noise than that."""
@@ -133,21 +132,19 @@ class Fit:
     ) -> None:
         self.observation = observation
         used = observation.used_transport(A)
-        smooth = smooth_basis(observation, B, rank_tolerance, profiles=profiles)
-        Q = with_backgrounds(smooth, observation)
-        self.smooth_rank = smooth.shape[1]
+        Q, self.smooth_rank = ambient_basis(observation, B, rank_tolerance, profiles=profiles)
         self.background = np.ascontiguousarray(Q.T)
         self.transport = np.ascontiguousarray(used.T, np.float32)
         C = Q.T @ used
         self.gram: Array = used.T @ used - C.T @ C
         energy = float(np.trace(self.gram))
-        if not energy > 1e-12 * float(np.vdot(used, used)):
+        if not energy > ROUNDING * float(np.vdot(used, used)):
             raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
         curvatures = self.patterns.curvatures  # ascending
-        self.visible = slice(int((curvatures <= VISIBLE * curvatures[-1]).sum()), None)
+        self.visible = slice(int((curvatures <= ROUNDING * curvatures[-1]).sum()), None)
         self.curvatures: Array = curvatures[self.visible]
 
     @property
@@ -231,24 +228,19 @@ class Fit:
         return np.asarray(energy / np.maximum(3 * self.pixels - energy, least))
 
 
-def smooth_basis(
+def ambient_basis(
     observation: Observation, B: Image | None, rank_tolerance: float, *, profiles: bool = False
-) -> Array:
-    """Return an orthonormal basis, (M', r), of range(B) and, if asked for, of `wall_profiles`.
+) -> tuple[Array, int]:
+    """Return an orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
 
-    The profiles need a B and the rows and columns of photographs.
+    They come first: of range(B) and, if asked for, of `wall_profiles`, which need a B and the rows
+    and columns of photographs. Each channel of each photograph with the monitor off then joins, its
+    strength to be found. Their own noise is counted wherever noise is estimated from what is
+    unexplained.
     """
     Q = background_basis(observation.used(B), rank_tolerance)
     shape = observation.rows_and_columns
     if profiles and Q.shape[1] and shape is not None:
         Q = joined_basis(Q, observation.used(wall_profiles(shape)))
-    return Q
-
-
-def with_backgrounds(smooth: Array, observation: Observation) -> Array:
-    """Return a basis of smooth light, (M', r), and of photographs with the monitor off, (M', r').
-
-    Each channel of each of these joins the ambient light, its strength to be found. Their own noise
-    is counted wherever noise is estimated from what is unexplained.
-    """
-    return joined_basis(smooth, observation.ambient(None)) if observation.backgrounds else smooth
+    own = observation.ambient(None)
+    return (joined_basis(Q, own) if observation.backgrounds else Q), Q.shape[1]

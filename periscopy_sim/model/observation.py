@@ -110,7 +110,15 @@ class Observation:
         Photographs are (K, rows, columns, 3) or (K, M, 3). A ValueError says that they are of
         another size, see `check_size`, or not finite where they are used.
         """
-        photographs = _real(photographs)
+        photographs = np.asarray(photographs)
+        if photographs.dtype.kind not in "buif":
+            raise ValueError(f"the photograph is of type {photographs.dtype}; give real numbers")
+        if photographs.dtype == np.uint8:
+            warnings.warn(
+                "the photograph is of 8-bit integers, taken as linear light; if they are encoded "
+                "for screens, as most are, read the file by ps.read_photograph, which decodes it",
+                stacklevel=4,
+            )
         self.check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.pixels, 3)
         if self.mask is not None:
@@ -118,7 +126,14 @@ class Observation:
         planes = np.moveaxis(values, -1, 1)
         gain = self.used_gain.reshape(-1, 3).T
         grey = np.divide(planes, gain, order="C", dtype=np.float64)
-        _check(grey)
+        if not np.isfinite(grey).all():
+            raise ValueError("the photograph must be finite")
+        largest = float(np.abs(grey).max(initial=0))
+        if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
+            raise ValueError(
+                f"the photograph's largest value is {largest:.1e}; scale it to between "
+                f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
+            )
         return grey if self.unmixing is None else self.unmixing @ grey
 
     def check_size(self, shape: tuple[int, ...]) -> None:
@@ -156,36 +171,6 @@ class Observation:
             rows, columns = self.mask.shape
             return rows, columns
         return self.photograph_shape
-
-
-def _real(photograph: Image) -> Image:
-    """Refuse what is no array of real numbers."""
-    values = np.asarray(photograph)
-    if values.dtype.kind not in "buif":
-        raise ValueError(f"the photograph is of type {values.dtype}; give real numbers")
-    if values.dtype == np.uint8:
-        warnings.warn(
-            "the photograph is of 8-bit integers, taken as linear light; if they are encoded for "
-            "screens, as most are, read the file by ps.read_photograph, which decodes it",
-            stacklevel=5,
-        )
-    return values
-
-
-def _check(y: Array) -> None:
-    """Refuse numbers whose squares would leave double precision's range."""
-    if not np.isfinite(y).all():
-        raise ValueError("the photograph must be finite")
-    check_range(float(np.abs(y).max(initial=0)))
-
-
-def check_range(largest: float) -> None:
-    """Refuse a photograph whose largest value, if not 0, lies outside `LIGHT_RANGE`."""
-    if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
-        raise ValueError(
-            f"the photograph's largest value is {largest:.1e}; scale it to between "
-            f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
-        )
 
 
 def observation_of(

@@ -25,7 +25,7 @@ the hidden image's light, is left to the columns of B.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import Observation
 
@@ -46,18 +46,9 @@ DARK = 0.05
 LARGEST = 0.5
 """Unevenness above which it is not paint, and is left alone."""
 
-ERROR_RATE = 1e-3
-"""Fraction of photographs of an even wall in which an unevenness is found."""
-
 WORTH = 0.05
 """Part of what nothing else explains that paint must explain: below it, to divide by paint and the
 noise that it comes with was seen to do as much harm as good."""
-
-DEPENDENT = 1e-6
-"""Of the largest eigenvalue: what of the fields' products is less is no field of its own."""
-
-MOVES = 1 / 3, 2 / 3
-"""Parts of the photograph by which fields are moved that have nothing to do with it."""
 
 
 class Paint:
@@ -90,14 +81,17 @@ class Paint:
 class Unevenness:
     """What the background photographs of an observation show of paint; see the module.
 
-    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
+    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'. The
+    fields that have nothing to do with the wall are moved by `moves`, parts of the photograph.
     """
 
-    def __init__(self, smooth: Array, observation: Observation) -> None:
+    def __init__(
+        self, smooth: Array, observation: Observation, moves: Sequence[float] = (1 / 3, 2 / 3)
+    ) -> None:
         rows = np.concatenate(list(observation.backgrounds.values()))
         self._fields = np.array([fine_structure(row, smooth) for row in rows])
         mask = None if observation.mask is None else observation.mask.ravel()
-        self._others = [_moved(self._fields, fraction, mask) for fraction in MOVES]
+        self._others = [_moved(self._fields, fraction, mask) for fraction in moves]
 
     def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
         """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.
@@ -142,7 +136,7 @@ def fine_structure(row: Array, smooth: Array) -> Array:
 def _fit_fields(terms: Array, rest: Array) -> tuple[Array, float, int]:
     """Return α of terms, (J, M''), the energy that they explain of the rest, their rank."""
     eigenvalues, V = np.linalg.eigh(terms @ terms.T)
-    kept = eigenvalues > DEPENDENT * max(eigenvalues[-1], 1e-30)
+    kept = eigenvalues > RESOLVED**2 * max(eigenvalues[-1], 1e-30)
     coordinates = (V.T @ (terms @ rest))[kept]
     shares = V[:, kept] @ (coordinates / eigenvalues[kept])
     return shares, float(np.sum(coordinates**2 / eigenvalues[kept])), int(kept.sum())

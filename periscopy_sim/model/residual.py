@@ -4,9 +4,9 @@
 
 Part of r another hidden image would explain, which is the method's affair, not the scene's. So r is
 judged by what no image explains of it, against white noise from which the same fit has taken what
-it takes. Blurred, white noise keeps a known part of its energy; misplaced geometry, bounced light
-and vignetting are smooth and keep more. Uneven paint is as white as noise, and alike in all
-channels, which a camera's noise is not.
+it takes. Blurred, white noise keeps a known part of its energy; misplaced geometry, bounced light,
+vignetting and values that are not linear are smooth and keep more. Uneven paint is as white as
+noise, and alike in all channels, which a camera's noise is not.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from periscopy_sim.model.noise import camera_noise, second_differences
+from periscopy_sim.model.noise import ROUNDING, camera_noise, second_differences
 from periscopy_sim.model.transport_operator import TransportOperator
 
 Array = NDArray[np.float64]
-Diagnosis = Literal["fits", "does_not_fit", "uneven_paint", "not_linear", "unknown"]
+Diagnosis = Literal["fits", "does_not_fit", "unknown"]
 """What a residual says of the scene; ``unknown`` where too few pixels have neighbours."""
 
 DRAWS = 6
@@ -40,22 +40,6 @@ rays' own noise makes 3 to 9), the real chair photograph 31."""
 MATERIAL = 1.25
 """Unexplained light over what noise alone would leave, above which the scene does not fit."""
 
-SHARED = 0.5
-"""Mean correlation of the channels' differences of neighbours, above which they are the wall's."""
-
-COPIES = 1 - 1e-6
-"""Correlation of two channels from which they are copies of one, as in a grey photograph."""
-
-GAMMA = 2.2
-"""Exponent that decodes sRGB within some percent."""
-
-BETTER = 0.5
-"""Fraction of the unexplained energy below which another encoding explains the photograph: encoded
-photographs kept 0.01 to 0.20 of it once decoded, linear ones at least 0.65."""
-
-ROUNDING = 1e-6
-"""Unexplained fraction of a photograph that is rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class Residual:
@@ -71,7 +55,7 @@ class Residual:
     unexplained_by_any
         The same of what no hidden image explains; None where too few pixels have neighbours.
     noise_alone
-        What the camera's noise alone would leave; None likewise.
+        What the camera's noise alone, independent in the channels, would leave; None likewise.
     excess
         Energy of the blurred residual over that of noise; 1 for white noise, None likewise.
     diagnosis
@@ -97,11 +81,7 @@ class Residual:
 
 
 def residual_of(
-    y: Array,
-    signal: Array,
-    transport: TransportOperator,
-    place: Callable[[Array], Array],
-    uncorrected: Array | None = None,
+    y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
 ) -> Residual:
     """Return the residual of a photograph.
 
@@ -115,8 +95,6 @@ def residual_of(
         A⊥.
     place
         Puts (M', K) values into (K, rows, columns), NaN where pixels are not used.
-    uncorrected
-        (M', 3) the photograph before corrections, of which other encodings are tried; None for y.
     """
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
@@ -131,26 +109,13 @@ def residual_of(
     if noise is None or of_white is None or not noise.all():
         return Residual(light, unexplained, None, None, None, "unknown")
     noise = noise / of_white.mean()
-    alike = _correlations(second_differences(rest))
-    is_paint = alike.mean() > SHARED and alike.max() < COPIES
     excess = _blurred_energy(rest / noise[:, None, None]) / _blurred_energy(white)
-    alone = float(np.sqrt(np.mean(noise**2))) / level
+    own = np.sqrt(1 - _shared(second_differences(rest)))
+    alone = float(own * np.sqrt(np.mean(noise**2))) / level
     kept = float(np.sqrt(np.nanmean(white**2))) or 1.0
     by_any = float(np.sqrt(np.nanmean(rest**2))) / kept / level
-    diagnosis: Diagnosis = "fits"
-    if by_any > ROUNDING and (excess > EXCESS or by_any > MATERIAL * alone):
-        diagnosis = "does_not_fit"
-        given = y if uncorrected is None else uncorrected
-        codes = np.hstack([given, _recoded(given, GAMMA), _recoded(given, 1 / GAMMA)])
-        energies = np.sum(transport.unexplained(codes) ** 2, axis=0)
-        linear, *others = energies.reshape(3, 3).sum(axis=1)
-        if min(others) < BETTER * linear:
-            diagnosis = "not_linear"
-    elif is_paint and by_any > ROUNDING:
-        diagnosis = "uneven_paint"
-    if is_paint:
-        alone *= float(np.sqrt(1 - alike.mean()))
-    return Residual(light, unexplained, by_any, alone, excess, diagnosis)
+    fits = by_any <= 10 * ROUNDING or (excess <= EXCESS and by_any <= MATERIAL * alone)
+    return Residual(light, unexplained, by_any, alone, excess, "fits" if fits else "does_not_fit")
 
 
 def _blurred_energy(planes: Array) -> float:
@@ -160,15 +125,10 @@ def _blurred_energy(planes: Array) -> float:
     return float(np.mean(blurred[:, np.isfinite(planes[0])] ** 2))
 
 
-def _correlations(differences: Array) -> Array:
-    """Return the correlations of three channels' differences, pair by pair, (3,)."""
+def _shared(differences: Array) -> float:
+    """Return the mean correlation of three channels' differences; 0 if below, or of one channel."""
     values = differences.reshape(3, -1)
     values = values[:, np.isfinite(values).all(axis=0)]
-    correlations = np.asarray(np.corrcoef(values))
-    return np.asarray(correlations[np.triu_indices(3, 1)])
-
-
-def _recoded(y: Array, gamma: float) -> Array:
-    """Return (M', 3) light raised to a power, scaled so that its mean changes as fast as before."""
-    means = np.abs(y.mean(axis=0)) + 1e-300
-    return np.asarray(means / gamma * np.sign(y) * np.abs(y / means) ** gamma)
+    correlations = np.asarray(np.corrcoef(values))[np.triu_indices(3, 1)]
+    is_grey = np.isclose(correlations.max(), 1)
+    return 0.0 if is_grey else max(float(correlations.mean()), 0.0)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics.threads import in_parallel
 
 Array = NDArray[np.float64]
@@ -29,21 +29,14 @@ Image = NDArray[np.floating[Any]]
 PARTS = 16
 """Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""
 
-CONVERTED_ROWS = 256
-"""Rows converted to double precision at once where BLAS multiplies."""
+CONVERTED = 2**16
+"""Entries converted to double precision at once for A⊥ᵀA⊥ f, so that they stay in the cache."""
 
 LARGEST_GRAM = 5e10
 """M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
 
 RIDGE = 1e-8
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
-
-BLOCK_ENTRIES = 2**22
-"""Entries of a memory map that are read at once where only some rows are used: 16 to 32 MB."""
-
-ROWS, COLUMNS = 8, 1024
-"""Tile of A that the compiled loops take at a time; 8 rows of 25,000 patches fill a cache of 1 MB.
-"""
 
 
 class RowBlocks(Protocol):
@@ -60,45 +53,17 @@ class RowBlocks(Protocol):
 Matrix: TypeAlias = Image | RowBlocks
 
 
-@dataclass(frozen=True, eq=False)
-class UsedRows:
-    """Some of the rows of a matrix, picked out of each block as it is read."""
-
-    A: Matrix  # (M, N) memory map or `RowBlocks`
-    mask: NDArray[np.bool_]  # (M,), True for the M' rows that are used
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(M', N)."""
-        return int(np.count_nonzero(self.mask)), self.A.shape[1]
-
-    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
-        """Yield every used row once, in order, numbered among the used ones."""
-        first = 0
-        for rows, block in row_blocks(self.A, max(BLOCK_ENTRIES // self.A.shape[1], 1)):
-            used = block[self.mask[rows]]
-            if len(used):
-                yield slice(first, first + len(used)), used
-                first += len(used)
-
-
-def row_blocks(A: Matrix, count: int | None = None) -> Iterator[tuple[slice, Image]]:
-    """Yield the rows of an array, `count` at a time or all at once, or those of `RowBlocks`."""
+def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
+    """Yield the rows of an array at once, or those of `RowBlocks`."""
     if isinstance(A, np.ndarray):
-        plain = np.asarray(A)  # no memory map to Numba
-        step = max(len(A), 1) if count is None else count
-        for start in range(0, len(A), step):
-            yield slice(start, min(start + step, len(A))), plain[start : start + step]
+        yield slice(0, len(A)), A
     else:
         yield from A.row_blocks()
 
 
-def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Matrix:
-    """Return the rows of A, (M, N), where the mask, (M,), is True: of an array a copy."""
-    if isinstance(A, np.memmap) or hasattr(A, "row_blocks"):
-        return UsedRows(A, mask)
-    used: Image = np.asarray(A)[mask]
-    return used
+def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Image:
+    """Return a copy of the rows of A, (M, N), where the mask, (M,), is True."""
+    return np.concatenate([block[mask[rows]] for rows, block in row_blocks(A)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +118,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         if not np.isfinite(squared_norm):
             raise ValueError("A must be finite")
         self.squared_norm = squared_norm - float(np.vdot(self.QtA, self.QtA))
-        if not self.squared_norm > 1e-12 * squared_norm:
+        if not self.squared_norm > ROUNDING * squared_norm:
             raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
 
     def project_out(self, y: Image) -> Array:
@@ -181,20 +146,24 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
 
     def gram_product(self, f: Array) -> Array:
         """Return A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f), (N, K), of f, (N, K), in one pass."""
-        channels = np.ascontiguousarray(f.T)
-        background = np.ascontiguousarray((self.QtA @ f).T)
-        product = np.zeros_like(channels)
+        background = self.QtA @ f
+        product = np.zeros_like(f)
+        count = max(CONVERTED // len(f), 1)
         for rows, block in row_blocks(self.A):
             Q = self.Q[rows]
 
             def part(edges: tuple[int, int], block: Image = block, Q: Array = Q) -> Array:
-                own = slice(*edges)
-                return _gram_product(block[own], Q[own], background, channels)
+                share = np.zeros_like(f)
+                for start in range(*edges, count):
+                    own = slice(start, min(start + count, edges[1]))
+                    converted = np.asarray(block[own], np.float64)
+                    share += converted.T @ (converted @ f - Q[own] @ background)
+                return share
 
             edges = np.linspace(0, len(block), PARTS + 1).astype(int).tolist()
             for share in in_parallel(part, list(pairwise(edges))):
                 product += share
-        return np.ascontiguousarray(product.T)
+        return product
 
     def gram(self) -> Array:
         """Return A⊥ᵀA⊥, (N, N), in one pass unless it is known."""
@@ -238,57 +207,9 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             f += block.T @ projected[rows]
         return f
 
-    def _converted_blocks(self) -> Iterator[tuple[slice, Array]]:
+    def _converted_blocks(self, count: int = 256) -> Iterator[tuple[slice, Array]]:
         for rows, block in row_blocks(self.A):
-            for start in range(0, len(block), CONVERTED_ROWS):
-                part = np.asarray(block[start : start + CONVERTED_ROWS], np.float64)
+            for start in range(0, len(block), count):
+                part = np.asarray(block[start : start + count], np.float64)
                 first = rows.start + start
                 yield slice(first, first + len(part)), part
-
-
-@compiled_reordered
-def _gram_product(A: Image, Q: Array, background: Array, f: Array) -> Array:
-    """Return (A fᵀ − Q backgroundᵀ)ᵀA for (m, N) A, (m, r) Q, (K, r) background and (K, N) f."""
-    m, N = A.shape
-    K = len(f)
-    product = np.zeros((K, N))
-    image = np.empty((m, K))
-    for i in range(m):
-        for k in range(K):
-            image[i, k] = -_dot(Q[i], background[k])
-    for top in range(0, m, ROWS):
-        bottom = min(top + ROWS, m)
-        for left in range(0, N, COLUMNS):
-            right = min(left + COLUMNS, N)
-            for i in range(top, bottom):
-                for k in range(K):
-                    image[i, k] += _dot(A[i, left:right], f[k, left:right])
-        for left in range(0, N, COLUMNS):
-            right = min(left + COLUMNS, N)
-            for k in range(K):
-                _add_rows(image[top:bottom, k], A[top:bottom, left:right], product[k, left:right])
-    return product
-
-
-# Loops over whole slices: only these vectorize.
-@compiled_reordered
-def _dot(a: Image, b: Array) -> float:
-    total = 0.0
-    for j in range(len(a)):
-        total += a[j] * b[j]
-    return total
-
-
-@compiled_reordered
-def _add_rows(w: Array, A: Image, total: Array) -> None:
-    """Add wᵀA, four rows at a time where there are so many."""
-    single = len(A) % 4
-    for i in range(single):
-        row = A[i]
-        for j in range(len(total)):
-            total[j] += w[i] * row[j]
-    for i in range(single, len(A), 4):
-        a, b, c, d = A[i], A[i + 1], A[i + 2], A[i + 3]
-        p, q, r, s = w[i], w[i + 1], w[i + 2], w[i + 3]
-        for j in range(len(total)):
-            total[j] += p * a[j] + q * b[j] + r * c[j] + s * d[j]

@@ -41,48 +41,24 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from periscopy_sim.model.correction import FirstImage
+from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
-DEGREE = 2
-"""Of the gain."""
-
-AMBIENT_DEGREE = 5
-"""Of the ambient light that is kept apart."""
-
-COMPARED_DEGREE = 7
-"""Up to which the remaining polynomials tell how large a term may be by chance."""
-
-ERROR_RATE = 1e-3
-"""Part, at most, of the photographs without a gain in which one is found."""
-
 BOUNDS = 0.2, 5.0
 """Least and greatest gain that is accepted."""
 
-SPREAD = 0.07
-"""Standard deviation of a polynomial's coefficient, where a gain is found beside the scene: a lens
-that darkens corners by v makes two of v / 3. With twice as much a gain took the place of geometry
-where there was none."""
-
 LEAST_UNEXPLAINED = 1e-5
-"""Norm of what [A, B] leaves of a polynomial, below which they explain it."""
-
-ANGLE = 1e-3
-"""Rows that are less apart are taken for one."""
-
-INDEPENDENT = 1e-6
-"""Least squared sine of the terms' angles to what explains the photograph without them."""
+"""Norm of what [A, B] leaves of a polynomial, below which they explain it: single precision's."""
 
 
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
     """The gain, and how likely it is."""
 
-    coefficients: Array  # (K,) â
     probability: float  # that as large a ratio comes about without a gain, at most
     field: Array  # (rows, columns) g
     accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
@@ -92,13 +68,26 @@ class GainEstimate:
 class WallGain:
     """The correction of a smooth gain over the wall; see the module.
 
+    Parameters
+    ----------
+    fit
+        The scene, whose photographs' rows and columns must be known.
+    degree
+        Of the gain.
+    ambient_degree
+        Of the ambient light that is kept apart.
+    compared_degree
+        Up to which the remaining polynomials tell how large a term may be by chance.
+
     Raises
     ------
     ValueError
         If the rows and columns of photographs are not known.
     """
 
-    def __init__(self, fit: Fit) -> None:
+    def __init__(
+        self, fit: Fit, degree: int = 2, ambient_degree: int = 5, compared_degree: int = 7
+    ) -> None:
         shape, mask = fit.observation.rows_and_columns, fit.observation.mask
         if shape is None:
             raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
@@ -107,11 +96,11 @@ class WallGain:
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
         self._shape = shape
-        self._terms = polynomials(shape, 1, DEGREE)
+        self._terms = polynomials(shape, 1, degree)
         used = slice(None) if mask is None else mask.ravel()
         self._used_terms = self._terms[:, used].astype(np.float32)
-        ambient = polynomials(shape, 0, AMBIENT_DEGREE)[:, used]
-        compared = polynomials(shape, AMBIENT_DEGREE + 1, COMPARED_DEGREE)[:, used]
+        ambient = polynomials(shape, 0, ambient_degree)[:, used]
+        compared = polynomials(shape, ambient_degree + 1, compared_degree)[:, used]
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
         self._compared = self._unexplained(compared, self._ambient)
 
@@ -153,20 +142,19 @@ class WallGain:
         sizes = np.sqrt(np.diag(whole)) + 1e-30
         compared = times_rows(r, self._compared)
         a, probability = np.zeros(count), 1.0
-        if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > INDEPENDENT:
+        if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > RESOLVED**2:
             a = np.asarray(np.linalg.solve(H, q), np.float64)
             images = (shown * self._scales) @ self._basis
             errors = self._errors_of_transport(r, images, image / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
-            ratio = (least / count) / (_mean_square(compared) + 1e-30)
+            ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
         added = np.tensordot(a, terms.reshape(count, 3, -1), 1) * σ
         return GainEstimate(
-            coefficients=a,
             probability=probability,
             field=field,
             accepted=bool(believed and probability < ERROR_RATE),
@@ -201,7 +189,7 @@ class WallGain:
             sizes *= np.linalg.norm(rest, axis=1)
             rest = unit_rows(rest)
         _, sines, basis = np.linalg.svd(rest[sizes > LEAST_UNEXPLAINED], full_matrices=False)
-        return np.ascontiguousarray(basis[sines > ANGLE], np.float32)
+        return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
 
 
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
@@ -220,10 +208,6 @@ def _unexplained(photograph: FittedPhotograph) -> float:
     """Return the energy of the noise that a photograph seems to have, over all channels."""
     evidence = photograph.evidence
     return float(np.sum((evidence.level * evidence.noise) ** 2))
-
-
-def _mean_square(values: Array) -> float:
-    return float(np.mean(values**2)) if values.size else 0.0
 
 
 def unit_rows(rows: Image) -> Image:

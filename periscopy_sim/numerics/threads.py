@@ -12,10 +12,7 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_PARTS_PER_CORE = 4
-
-_here = threading.local()
-_starting = threading.Lock()
+_here = threading.local()  # of a worker, which waiting for others could make wait for itself
 
 
 def core_count() -> int:
@@ -32,9 +29,9 @@ def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> li
     or when called from one of the threads itself, the calls are made one after another. The
     function only runs faster where it releases the GIL. The first item's error is raised.
     """
-    if len(items) < 2 or core_count() < 2 or getattr(_here, "is_worker", False):
+    if len(items) < 2 or core_count() < 2 or getattr(_here, "process", 0) == os.getpid():
         return [function(item) for item in items]
-    return list(_executor().map(function, items))
+    return list(_executor(os.getpid()).map(function, items))
 
 
 def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
@@ -45,47 +42,33 @@ def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator
     """
     waiting = iter(items)
     running = deque(
-        _executor().submit(function, item) for item in islice(waiting, core_count() + 1)
+        _executor(os.getpid()).submit(function, item) for item in islice(waiting, core_count() + 1)
     )
     try:
         while running:
             yield running.popleft().result()
-            running.extend(_executor().submit(function, item) for item in islice(waiting, 1))
+            running.extend(
+                _executor(os.getpid()).submit(function, item) for item in islice(waiting, 1)
+            )
     finally:
         for future in running:
             future.cancel()
 
 
-def ranges(count: int) -> list[tuple[int, int]]:
+def ranges(count: int, parts_per_core: int = 4) -> list[tuple[int, int]]:
     """Split range(count) into a few parts a core, which evens out parts of unequal work.
 
     Each is (start, stop), none of them empty, in order.
     """
-    parts = min(count, _PARTS_PER_CORE * core_count())
+    parts = min(count, parts_per_core * core_count())
     return [(part * count // parts, (part + 1) * count // parts) for part in range(parts)]
 
 
-def _executor() -> ThreadPoolExecutor:
-    with _starting:  # or two callers at once would start two sets of threads
-        return _started_executor()
-
-
 @cache
-def _started_executor() -> ThreadPoolExecutor:
+def _executor(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
+    """Return the threads of a process; after a fork the child starts its own."""
     return ThreadPoolExecutor(core_count(), "periscopy", initializer=_mark_as_worker)
 
 
 def _mark_as_worker() -> None:
-    # A worker that waited for others could wait for itself.
-    _here.is_worker = True
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_starting.acquire,
-        after_in_parent=_starting.release,
-        after_in_child=_starting.release,
-    )
-    # Threads do not survive a fork; the child starts its own, the thread that forked is no worker.
-    os.register_at_fork(after_in_child=_started_executor.cache_clear)
-    os.register_at_fork(after_in_child=lambda: setattr(_here, "is_worker", False))
+    _here.process = os.getpid()

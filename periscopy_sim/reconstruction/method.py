@@ -73,6 +73,9 @@ class Solution(Generic[Precision]):
         return {"noise": self.noise, "lambda": self.weight}
 
 
+BATCH = 64
+"""Photographs that a matrix is applied to in one product: 6 MB each at 500 x 500 pixels."""
+
 SIGNIFICANT = 3.0
 """Standard errors by which a hidden image's light exceeds what noise alone would make of one."""
 
@@ -244,11 +247,9 @@ class StillMethod(ABC, Generic[Precision]):
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
         warnings = [Note("no_hidden_image")] * is_noise
-        if residual is not None and residual.diagnosis not in ("fits", "unknown"):
-            values = {
-                name: 100 * (numbers[name] or 0) for name in ("unexplained_by_any", "noise_alone")
-            }
-            warnings.append(Note(residual.diagnosis, values))
+        if residual is not None and residual.diagnosis == "does_not_fit":
+            names = "unexplained_by_any", "noise_alone"
+            warnings.append(Note("does_not_fit", {name: 100 * numbers[name] for name in names}))
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
@@ -267,8 +268,8 @@ class StillMethod(ABC, Generic[Precision]):
     ) -> Residual | None:
         if self.observation.rows_and_columns is None:
             return None
-        y, given = self.corrected(photograph, solution), self.observation.vectorized(photograph)
-        return residual_of(y, signal, transport, self.observation.placed, given)
+        y = self.corrected(photograph, solution)
+        return residual_of(y, signal, transport, self.observation.placed)
 
     def _light(self, transport: TransportOperator, solution: Any) -> Array:
         """Return the light A f̂ of a solution, (M', 3)."""

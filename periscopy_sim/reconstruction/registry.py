@@ -7,14 +7,12 @@ line, the sweeps and their help follow from the entry.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from periscopy_sim.numerics.memory import BYTES_PER_ENTRY
 
 if TYPE_CHECKING:
     from periscopy_sim.model.colour_matrix import ColourMatrix
@@ -31,10 +29,10 @@ class Option:
     """A number that a method can be given, between two bounds."""
 
     name: str  # for users, on the command line and in summaries
-    default: float
-    least: float
-    most: float
+    default: float  # the class's
     help: str  # what it does
+    least: float = 0.0
+    most: float = 1e9
     unit: str = ""  # what it counts in with this method, and what 0 does, where that needs saying
     parameter: str = ""  # of the class; empty if it has the option's name
     coupling: str = ""  # of a video's frames, that it belongs to; empty if it is of none
@@ -131,34 +129,30 @@ def _parameters(options: tuple[Option, ...], given: Mapping[str, float]) -> dict
 
 # -- the methods ---------------------------------------------------------------------------------
 
-_TV_WEIGHT = Option("tv_weight", 1.0, 0, 1e9, "Weight of total variation.")
-_IN_ERRORS = replace(_TV_WEIGHT, unit="in standard errors of the estimate; 0: none")
-_IN_NOISE = replace(_TV_WEIGHT, unit="in standard deviations of the noise; 0: none")
+
+def _tv_weight(default: float, unit: str, parameter: str = "", least: float = 0) -> Option:
+    return Option("tv_weight", default, "Weight of total variation.", least, 1e9, unit, parameter)
+
+
+def _l1_weight(default: float) -> Option:
+    words = "weight of the l1 difference to the frame before, over that of total variation"
+    return Option("l1_weight", default, f"Of the coupling l1: {words}.", coupling="l1")
+
+
+_IN_ERRORS = _tv_weight(1.0, "in standard errors of the estimate; 0: none")
+_IN_NOISE = _tv_weight(1.0, "in standard deviations of the noise; 0: none")
 _REPAIR = Option(
     "repair_threshold",
     0.1,
-    0,
-    1e9,
     "Repair patches that differ from their neighbours by more than this part of the image's 99th "
     "percentile.",
 )
 _RANK = Option(
-    "rank_tolerance", 1e-10, 1e-15, 0.5, "Singular values of B that are kept, over the largest."
-)
-_L1_WEIGHT = Option(
-    "l1_weight",
-    0.4,
-    0,
-    1e9,
-    "Of the coupling l1: weight of the l1 difference to the frame before, over that of total "
-    "variation.",
-    coupling="l1",
+    "rank_tolerance", 1e-10, "Singular values of B that are kept, over the largest.", 1e-15, 0.5
 )
 _TEMPORAL_WEIGHT = Option(
     "temporal_weight",
     1.0,
-    0,
-    1e9,
     "Of the coupling total-variation: weight of differences in time within it.",
     coupling="total-variation",
 )
@@ -171,23 +165,14 @@ _ENTRIES = (
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
-        bytes_per_entry=BYTES_PER_ENTRY,
-        options=(
-            replace(
-                _TV_WEIGHT,
-                default=0.02,
-                least=1e-9,
-                unit="in ‖A⊥‖_F / σ, above 0",
-                parameter="regularization",
-            ),
-            _RANK,
-        ),
+        bytes_per_entry=25,
+        options=(_tv_weight(0.02, "in ‖A⊥‖_F / σ, above 0", "regularization", 1e-9), _RANK),
         certainty="standard errors",
         uncertain=True,
         video=VideoEntry(
             "noise_aware.video:NoiseAwareVideo",
             ("l1", "none"),
-            (replace(_L1_WEIGHT, default=0.8),),
+            (_l1_weight(0.8),),
         ),
     ),
     MethodEntry(
@@ -199,7 +184,7 @@ _ENTRIES = (
         video=VideoEntry(
             "preconditioned.video:Video",
             ("l1", "total-variation", "none"),
-            (_TEMPORAL_WEIGHT, _L1_WEIGHT),
+            (_TEMPORAL_WEIGHT, _l1_weight(0.4)),
         ),
     ),
     MethodEntry(
@@ -207,15 +192,7 @@ _ENTRIES = (
         "the paper's problem without P, for fine grids",
         "large_scale.iterative:IterativePeriscope",
         bytes_per_entry=14,
-        options=(
-            replace(
-                _TV_WEIGHT,
-                default=0.015,
-                unit="in σ ‖A⊥‖_F; 0: none",
-                parameter="regularization",
-            ),
-            _RANK,
-        ),
+        options=(_tv_weight(0.015, "in σ ‖A⊥‖_F, above 0", "regularization", 1e-9), _RANK),
     ),
     MethodEntry(
         "differencing",
@@ -249,7 +226,7 @@ _ENTRIES = (
         "unrolled",
         "the noise-aware image refined by a network; 29x36 alone, needs PyTorch",
         "learned.still:Learned",
-        bytes_per_entry=BYTES_PER_ENTRY,
+        bytes_per_entry=25,
         needs="torch",
         rays=True,  # as in its training
         hidden=(29, 36),

@@ -122,10 +122,10 @@ def test_command_takes_the_options_of_its_groups():
 
 TWO = {
     "first": (
-        Option("weight", 1.0, 0.5, 10, "How much.", unit="in kg"),
-        Option("l", 2, 0, 9, "L."),
+        Option("weight", 1.0, "How much.", 0.5, 10, unit="in kg"),
+        Option("l", 2, "L.", 0, 9),
     ),
-    "second": (Option("weight", 3.0, 0, 4, "How much."),),
+    "second": (Option("weight", 3.0, "How much.", 0, 4),),
 }
 
 

@@ -8,7 +8,6 @@ import pytest
 from periscopy_sim.evaluation.methods import fit_method
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -68,15 +67,6 @@ def test_exposure_form_and_order_of_background_photographs_do_not_matter(method)
     again = {"b": 1e3 * other.reshape(*PHOTOGRAPH, 3), "a": np.float32(OFF)}
     found = ALL[method](A, B, backgrounds=again).reconstruct(Y)
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-4)
-
-
-def test_differences_are_those_of_joint_least_squares():
-    D = partial(neighbour_differences, photograph_shape=PHOTOGRAPH)
-    solved = ALL["differencing"](A, tv_weight=0, backgrounds=[OFF]).solve(Y)
-    everything, y = D(np.hstack([A, LAMP])), D(Y.reshape(M, 3) / GAIN)
-    expected, misfit, *_ = np.linalg.lstsq(everything, y, rcond=None)
-    np.testing.assert_allclose(solved.image.reshape(N, 3), expected[:N], rtol=1e-5)
-    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (len(y) - N - 3)), rtol=1e-6)
 
 
 def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
@@ -142,11 +132,6 @@ def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
         ALL["svd"](A, B, backgrounds=[off])
     with pytest.raises(ValueError, match=f"off.exr: .*{message}"):
         ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
-
-
-def test_one_photograph_in_the_place_of_a_sequence_is_refused():
-    with pytest.raises(ValueError, match="sequence of photographs"):
-        WITH_B["noise-aware"](A, B, backgrounds=OFF)
 
 
 def test_joined_columns_are_black_where_the_mask_is():

@@ -110,24 +110,6 @@ def test_unexplained_is_what_no_image_and_no_ambient_light_explain(fit):
     np.testing.assert_allclose(found.T, expected, atol=1e-4)
 
 
-def test_many_photographs_give_the_evidence_of_each(fit):
-    planes = fit.observation.planar(np.stack([Y, 3 * Y, Y[::-1]]))
-    together, y = fit.evidence(planes)
-    for each, evidence, projected in zip(planes, together, y, strict=True):
-        alone = FittedPhotograph(each, fit)
-        np.testing.assert_allclose(evidence.coefficients, alone.evidence.coefficients, rtol=1e-4)
-        np.testing.assert_allclose(evidence.noise, alone.evidence.noise, rtol=1e-5)
-        np.testing.assert_allclose(projected, alone.y, atol=1e-10)
-    np.testing.assert_allclose(together[1].level, 3 * together[0].level)
-
-
-def test_photographs_are_not_changed(fit):
-    planes = fit.observation.planar(Y[None])
-    before = planes.copy()
-    fit.evidence(planes)
-    np.testing.assert_array_equal(planes, before)
-
-
 def test_patterns_that_the_wall_does_not_show_are_not_counted():
     dark = A.copy()
     dark[:, 7] = 0

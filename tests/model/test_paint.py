@@ -135,6 +135,14 @@ def test_background_photograph_of_noise_costs_next_to_nothing():
     assert errors[1] < 1.02 * errors[0]  # 0.1 dB
 
 
+def test_nothing_is_found_without_smooth_light_and_nothing_done_without_photographs():
+    fit = fitted([OFF], B=None)
+    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
+    assert Paint(fit)(given, None)[0] is given
+    with pytest.raises(ValueError, match="monitor off"):
+        Paint(fitted([]))
+
+
 def test_mask_leaves_out_paint_and_whatever_lies_there():
     mask = RNG.random(PHOTOGRAPH) > 0.2
     used = mask.ravel()
@@ -144,21 +152,3 @@ def test_mask_leaves_out_paint_and_whatever_lies_there():
     np.testing.assert_allclose(found[0] - 1, d @ np.linalg.lstsq(d, found[0] - 1)[0], atol=1e-6)
     left = found.T * (1 + PAINT[used]) - 1
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(PAINT**2))
-
-
-def test_dark_pixels_and_bright_stains_are_no_paint():
-    off = OFF.copy()
-    off[:20] *= 1e-6
-    off[50:60] *= 3
-    even = evenness(Y, [off])
-    np.testing.assert_array_equal(even[:, :20], 1)
-    np.testing.assert_array_equal(even[:, 50:60], 1)
-    assert np.isfinite(even).all()
-
-
-def test_nothing_is_found_without_smooth_light_and_nothing_done_without_photographs():
-    fit = fitted([OFF], B=None)
-    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
-    assert Paint(fit)(given, None)[0] is given
-    with pytest.raises(ValueError, match="monitor off"):
-        Paint(fitted([]))

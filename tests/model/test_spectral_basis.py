@@ -59,14 +59,6 @@ def test_sum_of_weak_patterns_that_is_kept_costs_their_part_of_the_change():
     assert errors[2] > 1e-3
 
 
-def test_first_solution_is_exact_without_being_asked_to_renew():
-    data = RNG.standard_normal((3, 20)) @ GRAM
-    g = RIGHT.astype(np.float32)
-    expected = dense(0.1, data, g)
-    found = solver(0.1, data, 0.1)(g, renew=False)
-    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
-
-
 def test_patterns_are_combined_by_their_coefficients():
     patterns = SpectralBasis(GRAM, HIDDEN)
     coefficients = RNG.standard_normal((3, 20))

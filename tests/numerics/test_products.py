@@ -33,14 +33,6 @@ def test_products_with_rows_are_exact_to_rounding(dtype, vectors, rows, columns)
     assert_product(times_rows(x, matrix), x, matrix)
 
 
-@pytest.mark.parametrize("vectors", [3, 6])
-@pytest.mark.parametrize("size", [2, 4, 5, 7, 8, 61, 1030, 2051])
-def test_what_is_left_of_an_upper_triangles_diagonal_does_not_count(vectors, size):
-    x, matrix = draw((vectors, size), (size, size), dtype=np.float64)
-    matrix = np.triu(matrix)
-    assert_product(times_rows(x, matrix, upper=True), x, matrix)
-
-
 def test_sums_are_of_the_vectors_precision_where_the_matrix_has_less():
     x, matrix = draw((3, 700), (61, 700), dtype=np.float64)
     matrix = matrix.astype(np.float32)
@@ -68,14 +60,13 @@ def test_combinations_of_rows_are_subtracted(vectors, rows, columns):
     np.testing.assert_allclose(x, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("upper", [False, True])
-def test_products_of_three_vectors_are_the_same_bytes_among_many(upper):
-    x, matrix = draw((24, 3100), (3100, 3100), dtype=np.float32)
-    matrix = np.triu(matrix) if upper else matrix[:41].copy()
-    among_many = times_rows(x, matrix, upper=upper)
+def test_products_of_three_vectors_are_the_same_bytes_among_many():
+    x, matrix = draw((24, 3100), (41, 3100))
+    among_many = times_rows(x, matrix)
     for k in range(0, 24, 3):
-        alone = times_rows(x[k : k + 3].copy(), matrix, upper=upper)
-        np.testing.assert_array_equal(alone, among_many[k : k + 3])
+        np.testing.assert_array_equal(
+            times_rows(x[k : k + 3].copy(), matrix), among_many[k : k + 3]
+        )
 
 
 @pytest.mark.parametrize("dtype", PRECISION)

@@ -16,10 +16,10 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def four_cores(monkeypatch):
     monkeypatch.setattr(threads, "core_count", lambda: 4)
-    threads._started_executor.cache_clear()
+    threads._executor.cache_clear()
     yield
-    threads._executor().shutdown()
-    threads._started_executor.cache_clear()
+    threads._executor(os.getpid()).shutdown()
+    threads._executor.cache_clear()
 
 
 @pytest.mark.usefixtures("four_cores")

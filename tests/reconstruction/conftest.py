@@ -67,14 +67,21 @@ def objective(variation):
 def minimizer():
     """Alternating directions on z = D f and y = f − p, by dense linear algebra."""
 
-    def minimize(g, weight, w=0.0, previous=None, l1_weight=0.0, ρ=2.0, iterations=8000):
-        D = differences(frames_of(g), w)
-        p = np.zeros(g.size) if previous is None else previous.ravel()
-        inverse = np.linalg.inv((2 + ρ) * np.eye(g.size) + ρ * D.T @ D)
-        z = u = np.zeros((g.size, 3))
-        y = v = np.zeros(g.size)
+    def minimize(
+        g, weight, w=0.0, previous=None, l1_weight=0.0, K=None, shape=None, ρ=2.0, iterations=8000
+    ):
+        """Minimize ‖K f − g‖² + λ‖f‖_TV + λ₂‖f − p‖₁; without K for an image g itself."""
+        shape = g.shape if K is None else shape
+        K = np.eye(g.size) if K is None else K
+        size = K.shape[1]
+        D = differences(shape if len(shape) == 3 else (1, *shape), w)
+        p = np.zeros(size) if previous is None else previous.ravel()
+        tie = ρ if l1_weight else 0.0  # of f to y + p
+        inverse = np.linalg.inv(2 * K.T @ K + tie * np.eye(size) + ρ * D.T @ D)
+        z = u = np.zeros((size, 3))
+        y = v = np.zeros(size)
         for _ in range(iterations):
-            f = inverse @ (2 * g.ravel() + ρ * D.T @ (z - u).ravel() + ρ * (p + y - v))
+            f = inverse @ (2 * K.T @ g.ravel() + ρ * D.T @ (z - u).ravel() + tie * (p + y - v))
             a = (D @ f).reshape(-1, 3) + u
             length = np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-300)
             z = a * np.maximum(1 - weight / ρ / length, 0)
@@ -82,6 +89,6 @@ def minimizer():
             b = f - p + v
             y = np.sign(b) * np.maximum(np.abs(b) - l1_weight / ρ, 0)
             v = b - y
-        return f.reshape(g.shape)
+        return f.reshape(shape)
 
     return minimize

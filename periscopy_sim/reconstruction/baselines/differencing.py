@@ -8,37 +8,30 @@ Nature, 2019.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.fit import Evidence
+from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
 from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.total_variation.least_squares import (
-    LeastSquares,
-    LeastSquaresMinimum,
-)
 
 Array = NDArray[np.float64]
 Stop = Literal["converged", "published"]
 
-PUBLISHED_ENTRY = 5e3
-"""Mean entry of A in the units of the published code of [15], for the chair experiment."""
-
-PUBLISHED_MEAN = 0.25
-"""Mean that a hidden image in [0, 1] is taken to have, where it decides when [15] stops."""
-
-MAX_ITERATIONS = 10_000
-"""After so many iterations, far more than any photograph should need, differencing gives up."""
+PUBLISHED_ENTRY, PUBLISHED_MEAN = 5e3, 0.25
+"""In the units of the published code of [15], for the chair experiment: the mean entry of A, and
+the mean that a hidden image is taken to have, where it decides when [15] stops."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,11 +39,11 @@ class DifferencingResult(Solution[np.float64]):
     """A hidden image by differencing; the noise is that of the differenced photograph."""
 
     iterations: NDArray[np.int64]  # (3,)
-    gap: Array  # (3,) relative duality gap that was left, see `LeastSquaresMinimum`
+    residual: Array  # (3,) as in `NoiseAwareReconstruction`; NaN where the published steps ended
 
     def numbers(self) -> dict[str, Any]:
-        """Return the noise, the weights, the iterations and the gaps."""
-        return {**super().numbers(), "iterations": self.iterations, "gap": self.gap}
+        """Return the noise, the weights and the iterations."""
+        return {**super().numbers(), "iterations": self.iterations}
 
 
 class Differencing(StillMethod[np.float64]):
@@ -61,8 +54,8 @@ class Differencing(StillMethod[np.float64]):
     deviations of what noise adds to an entry of (D A)ᵀD y, and neither exposure nor albedo nor
     units need tuning. The weights that [15] chose by hand for each image are of that size.
 
-    Each channel is a problem of its own, with steps and an end of its own. An iteration costs one
-    product with the N x N Gram matrix, or three to four with the published steps.
+    Each channel is a problem of its own, with steps and an end of its own: those of the noise-aware
+    method, for D A in the place of A⊥, or those of the published code.
 
     Other parameters and errors are those of `StillMethod`. B serves the residual alone.
 
@@ -72,18 +65,15 @@ class Differencing(StillMethod[np.float64]):
         (rows, columns) of photographs; the method must know it.
     mask
         A difference counts only if both its pixels are used, see `neighbour_differences`.
-    wrap
-        D as in the published code; or only differences within the photograph's columns, which
-        rejects far more of the background, see `neighbour_differences`.
     tv_weight
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
-        ``"converged"``: the minimizer, to a relative duality gap of `tolerance`. ``"published"``:
-        where the published code stops, with its steps; see `published_steps`. Its
-        constants belong to its units, in which A's mean entry is about 5000 and the hidden image
-        lies in [0, 1]; there the uniform image that fits D y best is taken to be 1/4.
-    tolerance
-        Relative duality gap; only for ``"converged"``.
+        ``"converged"``: the minimizer. ``"published"``: where the published code stops, with its
+        steps; see `published_steps`. Its constants belong to its units, in which A's mean entry is
+        about 5000 and the hidden image lies in [0, 1]; there the uniform image that fits D y best
+        is taken to be 1/4.
+    tolerance, max_iterations
+        As of `NoiseAware`; only for ``"converged"``.
 
     Raises
     ------
@@ -96,10 +86,10 @@ class Differencing(StillMethod[np.float64]):
         A: Image,
         B: Image | None = None,
         *,
-        wrap: bool = True,
         tv_weight: float = 1.0,
         stop: Stop = "converged",
-        tolerance: float = 1e-7,
+        tolerance: float = 1e-4,
+        max_iterations: int = 10_000,
         **observed: Unpack[Observed],
     ) -> None:
         super().__init__(A, **observed)
@@ -109,17 +99,15 @@ class Differencing(StillMethod[np.float64]):
         if stop not in get_args(Stop):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
-        check_stopping(tolerance)
+        check_stopping(tolerance, max_iterations)
         self._ambient = self.observation.ambient(B)
         self._A = A = self.observation.used(A)
-        self.wrap = wrap
         self.tv_weight = tv_weight
         self.stop = stop
-        self.tolerance = tolerance
+        self.tolerance, self.max_iterations = tolerance, max_iterations
         self._differenced = partial(
             neighbour_differences,
             photograph_shape=photograph_shape,
-            wrap=wrap,
             mask=mask,
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what
@@ -133,41 +121,63 @@ class Differencing(StillMethod[np.float64]):
         light = self.observation.ambient(None) if self.observation.backgrounds else None
         self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
         R = self._inverse.cholesky
-        self._least_squares = LeastSquares(R.T @ R, R, self.hidden_shape)
-        self._unit = PUBLISHED_ENTRY / float(np.mean(A, dtype=np.float64))
+        self._gram: Array = R.T @ R
+        self._unit = float(np.sqrt(np.trace(self._gram) / len(R)))  # ‖D A‖_F/√N
+        self._mean_entry = float(np.mean(A, dtype=np.float64))
 
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
         Dy = self._inverse.project_out(self._differenced(y))
         h = self._inverse.A.T @ Dy
-        least_squares = self._inverse.solve(h)
-        noise = self._inverse.noise(*(np.ascontiguousarray(y.T) for y in (Dy, least_squares)))
-        weight = self.tv_weight * noise * np.sqrt(np.trace(self._least_squares.gram) / len(h))
-        minimize = self._minimizer(h)
-        minima = [
-            minimize(self._least_squares, h_c, λ)
-            for h_c, λ in zip(np.ascontiguousarray(h.T), weight.tolist(), strict=True)
-        ]
-        gap = np.array([minimum.gap for minimum in minima])
+        start = self._inverse.solve(h)
+        noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
+        weight = self.tv_weight * noise * self._unit
+        images, ends = list(start.T), [(0, 0.0)] * 3
+        for channel in np.flatnonzero(weight).tolist():  # not of a black one
+            if self.stop == "published":
+                solved = self._published(h, start, channel, weight[channel])
+            else:
+                level = float(np.sqrt(np.mean(Dy[:, channel] ** 2)))
+                solved = self._minimum(h[:, channel], noise[channel], level)
+            images[channel], ends[channel] = solved
+        iterations, residual = (np.array(each) for each in zip(*ends, strict=True))
         if self.stop == "converged":
-            warn_unconverged("differencing", MAX_ITERATIONS, float(gap.max()), self.tolerance)
-        return DifferencingResult(
-            image=self.observation.image(np.stack([minimum.f for minimum in minima], axis=1)),
-            noise=noise,
-            weight=weight,
-            iterations=np.array([minimum.iterations for minimum in minima]),
-            gap=gap,
+            error = float(residual.max())
+            warn_unconverged("differencing", iterations.max(), error, self.tolerance)
+        image = self.observation.image(np.stack([each.ravel() for each in images], axis=1))
+        return DifferencingResult(image, noise, weight, iterations, residual)
+
+    @cached_property
+    def _objective(self) -> Objective:
+        patterns = SpectralBasis(self._gram / self._unit**2, self.hidden_shape)
+        weight = self.tv_weight / np.sqrt(len(self._gram))
+        return Objective(patterns, self.hidden_shape, np.eye(1), weight, positive=False)
+
+    def _minimum(self, h: Array, noise: float, level: float) -> tuple[Array, tuple[int, float]]:
+        """Return a channel's image that minimizes Eq. 2, its iterations and residual."""
+        coefficients = self._objective.basis.rows @ h / (level * self._unit)
+        evidence = Evidence(coefficients[None], np.array([noise / level]), level, 0.0)
+        schedule = Schedule(self.tolerance, self.max_iterations)
+        minimum = self._objective.minimize(evidence, schedule)
+        image = minimum.image.astype(np.float64) * (level / self._unit)
+        return image, (minimum.iterations, minimum.residual)
+
+    def _published(
+        self, h: Array, start: Array, channel: int, weight: float
+    ) -> tuple[Array, tuple[int, float]]:
+        """Return a channel's image where the published code stops, and its iterations."""
+        mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
+        image, iterations = descend_as_published(
+            self._gram,
+            h[:, channel],
+            start[:, channel].reshape(self.hidden_shape),
+            weight,
+            unit=PUBLISHED_ENTRY / self._mean_entry,
+            white=float(np.abs(mean).mean()) / PUBLISHED_MEAN,
         )
+        return image, (iterations, np.nan)
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, background_basis(self._ambient))
-
-    def _minimizer(self, h: Array) -> Callable[[LeastSquares, Array, float], LeastSquaresMinimum]:
-        if self.stop == "converged":
-            return partial(
-                LeastSquares.minimize, tolerance=self.tolerance, max_iterations=MAX_ITERATIONS
-            )
-        white = float(np.abs(self._least_squares.best_mean(h)).mean()) / PUBLISHED_MEAN
-        return partial(descend_as_published, unit=self._unit, white=white)

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import (
     Eigenvectors,
@@ -37,10 +37,9 @@ from periscopy_sim.model.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed, least_squares
+from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
+from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
-from periscopy_sim.reconstruction.total_variation.least_squares import Iterate, minimize
 
 Array = NDArray[np.float64]
 
@@ -58,7 +57,7 @@ class IterativeReconstruction(Solution[np.float64]):
         Those taken, a pass over A each.
     change
         The way that the image went in the last third of them, as a part of its norm; an upper
-        bound on what is left where the changes fall at least like 1/k², see `least_squares`.
+        bound on what is left where the changes fall at least like 1/k², see `matrix_free`.
     converged
         Whether that is what was asked for.
     """
@@ -77,24 +76,22 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     Fitting to a scene takes one pass over A, and some 120 with the first photograph for the
     `EIGENVECTORS` that the wall shows best. Each photograph then takes accelerated proximal
-    gradient steps for the problem above, see `total_variation.least_squares`: some 45 passes where
+    gradient steps for the problem above, see `matrix_free`: some 45 passes where
     there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
-
-    With `regularization` 0 conjugate gradients give P y.
 
     Other parameters and errors are those of `StillMethod`.
 
     Parameters
     ----------
     A
-        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, an array
-        is copied; memory maps and `RowBlocks` are read whole, block by block.
+        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, the
+        rows used are copied into memory.
     regularization
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
         Stop where the image's way in the last third of the iterations is at most this part of its
-        norm. It was then within a tenth of that of the minimum, see `least_squares`.
+        norm. It was then within a tenth of that of the minimum, see `matrix_free`.
     max_iterations
         Stop after so many, with a warning.
     """
@@ -111,12 +108,13 @@ class IterativePeriscope(StillMethod[np.float64]):
         **observed: Unpack[Observed],
     ) -> None:
         super().__init__(A, **observed)
-        check_weight("regularization", regularization)
+        if not 0 < regularization < np.inf:
+            raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q = with_backgrounds(smooth_basis(self.observation, B, rank_tolerance), self.observation)
+        Q, _ = ambient_basis(self.observation, B, rank_tolerance)
         if self.observation.mask is not None:
             A = used_rows(A, self.observation.mask.ravel())
         self.transport = TransportOperator(A, Q)
@@ -124,15 +122,31 @@ class IterativePeriscope(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
-        end, noise = (self._total_variation if self.regularization else self._least_squares)(y)
-        warn_unconverged("iterative recovery", end.iterations, end.error, self.tolerance)
+        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
+        h = self.transport.rmatmat(y)
+        data, energy = problem.data(h), problem.energy(y, h)
+        pixels, rank = self.transport.Q.shape
+        freedom = pixels - rank - len(problem.eigenvectors.energy)
+
+        def noise_of(f: Array, product: Array) -> Array:
+            return residual_noise(energy, np.sum(f * (2 * data - product), axis=0), freedom)
+
+        end = problem.minimize(
+            h,
+            lambda f, product: self._weight(noise_of(f, product)),
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+        )
+        noise = noise_of(end.f, end.product)
+        iterations, change = len(end.path), end.path_of_last_third()
+        warn_unconverged("iterative recovery", iterations, change, self.tolerance)
         return IterativeReconstruction(
             image=self.observation.image(end.f),
             noise=noise,
             weight=self._weight(noise),
-            iterations=end.iterations,
-            change=end.error,
-            converged=end.error <= self.tolerance,
+            iterations=iterations,
+            change=change,
+            converged=change <= self.tolerance,
         )
 
     def projected_transport(self) -> TransportOperator:
@@ -146,40 +160,7 @@ class IterativePeriscope(StillMethod[np.float64]):
             max(min(EIGENVECTORS, self.transport.shape[1] // 8), 1)
         )
 
-    def _least_squares(self, y: Array) -> tuple[Iterate, Array]:
-        """Return P y and no weights."""
-        h = self.transport.rmatmat(y)
-        end = least_squares(
-            self.transport, h, tolerance=self.tolerance, max_iterations=self.max_iterations
-        )
-        explained = np.sum(end.f * (2 * h - end.product), axis=0)
-        return end, self._noise(np.sum(y**2, axis=0), explained, self.transport.shape[1])
-
-    def _total_variation(self, y: Array) -> tuple[Iterate, Array]:
-        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
-        h = self.transport.rmatmat(y)
-        weighed, energy = problem.data(h), problem.energy(y, h)
-
-        def noise(f: Array, product: Array) -> Array:
-            explained = np.sum(f * (2 * weighed - product), axis=0)
-            return self._noise(energy, explained, len(problem.eigenvectors.energy))
-
-        end = minimize(
-            problem,
-            weighed,
-            lambda f, product: self._weight(noise(f, product)),
-            problem.start(h),
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-        )
-        return end, noise(end.f, end.product)
-
     def _weight(self, noise: Array) -> Array:
         """Return λ."""
         weight: Array = self.regularization * noise * np.sqrt(self.transport.squared_norm)
         return weight
-
-    def _noise(self, energy: Array, explained: Array, dimensions: int) -> Array:
-        """Return σ; see `residual_noise`. The image counts as so many dimensions."""
-        pixels, rank = self.transport.Q.shape
-        return residual_noise(energy, explained, pixels - rank - dimensions)

@@ -1,4 +1,6 @@
-"""Least squares where A can only be passed over: as they are, and weighed for total variation.
+"""Least squares with total variation where A can only be passed over.
+
+    f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV
 
 One iteration is one pass over A for all columns of y together. What makes iterations many is the
 range of A⊥'s singular values. Its k strongest singular vectors are few and cheap to find, once for
@@ -7,56 +9,61 @@ the k strongest and s the least of them, lets no direction of the photograph wei
 k-th. P, which is W with all the singular values equal, would let noise weigh as much as signal.
 The k are measured so well that they lose nothing.
 
+With total variation an iteration is an accelerated proximal gradient step, whose proximal operator
+starts from the last one's dual field. The steps are longer than 1/L and the momentum is full until
+it points uphill ("greedy FISTA"), which took two thirds of the iterations of FISTA with restarts on
+the package's photographs.
+
 References
 ----------
-Hestenes, Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
+Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear inverse problems",
+2009.
+Liang, Luo, Schönlieb, "Improving fast iterative shrinkage-thresholding algorithm: faster, smarter,
+and greedier", 2022.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.transport_operator import (
-    Eigenvectors,
-    TransportOperator,
-)
-from periscopy_sim.reconstruction.total_variation.least_squares import (
-    Iterate,
-    path_of_last_third,
-    ratio,
-)
+from periscopy_sim.model.transport_operator import Eigenvectors, TransportOperator
+from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+
+LONGEST_STEP, STEP_SHRINKAGE = 1.3, 0.96
+"""First step times L; factor on the step, down to 1/L, where the image changes by more than at
+first."""
+
+PROXIMAL_ITERATIONS = 200
+"""Of one proximal operator; the next one goes on from where it ended."""
 
 
-def least_squares(
-    transport: TransportOperator, h: Array, *, tolerance: float, max_iterations: int
-) -> Iterate:
-    """Minimize ‖A⊥f − y⊥‖² by conjugate gradients on the normal equations, h = A⊥ᵀy⊥, (N, K).
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """Where iterations ended: images f and G f, (N, K), of the quadratic fᵀG f."""
 
-    Each column is a problem of its own; all share the passes. They stop when `path_of_last_third`
-    is at most the tolerance.
-    """
-    f, descent, direction = np.zeros_like(h), h.copy(), h.copy()
-    slope = np.sum(descent**2, axis=0)
-    path: list[Array] = []
-    iterate = Iterate(f, h - descent, descent, 0, path, np.inf)
-    while len(path) < max_iterations and iterate.error > tolerance:
-        image = transport.gram_product(direction)
-        step = ratio(slope, np.sum(direction * image, axis=0))
-        f = f + step * direction
-        descent = descent - step * image
-        path.append(ratio(step * np.linalg.norm(direction, axis=0), np.linalg.norm(f, axis=0)))
-        previous, slope = slope, np.sum(descent**2, axis=0)
-        direction = descent + ratio(slope, previous) * direction
-        iterate = Iterate(f, h - descent, descent, len(path), path, np.inf)
-        iterate = replace(iterate, error=path_of_last_third(iterate))
-    return iterate
+    f: Array
+    product: Array
+    path: Sequence[Array]
+    """(K,) length of each iteration's change, as a part of the image's norm."""
+
+    def path_of_last_third(self, fewest: int = 6) -> float:
+        """Return the way that the images went in the last third of the iterations, the longest.
+
+        As a part of their norm; infinity before the `fewest` iterations that tell anything. It
+        bounds the way that is left where the changes fall at least like 1/k², up to a factor of 2.
+        Here they fall exponentially: on photographs of the package, 25 to 60 dB, what was left was
+        less than a tenth of it.
+        """
+        count = len(self.path)
+        return (
+            float(np.sum(self.path[2 * count // 3 :], axis=0).max()) if count >= fewest else np.inf
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,3 +103,50 @@ class Weighed:
         V, energy = self.eigenvectors.V, self.eigenvectors.energy[:, None]
         image: Array = V @ ((V.T @ h) / energy)
         return image
+
+    def minimize(
+        self,
+        h: Array,
+        weight: Callable[[Array, Array], Array],
+        *,
+        tolerance: float,
+        max_iterations: int,
+    ) -> Iterate:
+        """Minimize ‖W (A⊥ f − y⊥)‖² + λ‖f‖_TV for each column of h = A⊥ᵀy⊥, (N, K).
+
+        λ, (K,), follows from f and G f; a weight that grows with the misfit keeps the problem
+        convex. The iterations stop when the path of the last third is at most the tolerance; the
+        proximal operators' relative duality gap, which bounds a squared distance, is the hundredth
+        part of the squared tolerance.
+        """
+        data, f = self.data(h), self.start(h)
+        z, Gf = f, self.product(f)
+        Gz, dual = Gf, None
+        end, first = Iterate(f, Gf, []), np.full(h.shape[1], np.inf)
+        reach = np.full(h.shape[1], LONGEST_STEP)
+        while len(end.path) < max_iterations and end.path_of_last_third() > tolerance:
+            step = reach / self.lipschitz
+            proximal = solve_total_variation(
+                (z - step * (Gz - data)).reshape(*self.image_shape, -1),
+                step * weight(f, Gf),
+                tolerance=tolerance**2 / 100,
+                max_iterations=PROXIMAL_ITERATIONS,
+                start=dual,
+            )
+            previous, G_previous, dual = f, Gf, proximal.dual
+            f = proximal.image.reshape(h.shape)
+            Gf = self.product(f)
+            length = np.linalg.norm(f - previous, axis=0)
+            first = first if end.path else length
+            end = Iterate(f, Gf, [*end.path, _ratio(length, np.linalg.norm(f, axis=0))])
+            # The product with the next z follows from those with f by linearity.
+            momentum = np.sum((z - f) * (f - previous), axis=0) <= 0  # or it points uphill
+            reach = np.where(length > first, np.maximum(STEP_SHRINKAGE * reach, 1), reach)
+            z = f + momentum * (f - previous)
+            Gz = Gf + momentum * (Gf - G_previous)
+        return end
+
+
+def _ratio(a: Array, b: Array) -> Array:
+    """Divide; 0 where both are: a black channel, or one that has converged to the last bit."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)

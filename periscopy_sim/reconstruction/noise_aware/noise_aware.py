@@ -43,15 +43,6 @@ from periscopy_sim.reconstruction.report import Note, Report
 
 Array = NDArray[np.float64]
 
-REGULARIZATION = 0.02
-"""The default, see `NoiseAware`."""
-
-PENALTY = 0.2
-"""λ/ρ over the image's scale: the step of the splitting that needed the fewest iterations."""
-
-CHECKED = 10
-"""Iterations between two looks at the residuals."""
-
 FIRST = 20
 """Iterations for the image that corrections start from; more change nothing."""
 
@@ -141,7 +132,7 @@ class NoiseAware(StillMethod[np.float64]):
         B: Image | None = None,
         *,
         rank_tolerance: float = RANK_TOLERANCE,
-        regularization: float = REGULARIZATION,
+        regularization: float = 0.02,
         positive: bool = True,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
@@ -295,4 +286,4 @@ class NoiseAware(StillMethod[np.float64]):
         return [*(paint if self.observation.backgrounds else []), WallGain]
 
     def _schedule(self, max_iterations: int) -> Schedule:
-        return Schedule(PENALTY, self.tolerance, max_iterations, CHECKED)
+        return Schedule(self.tolerance, max_iterations)

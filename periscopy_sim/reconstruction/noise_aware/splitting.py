@@ -11,6 +11,7 @@ In a video v is drawn towards the frame before it, by Σ‖v − v_prev‖ over 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,9 +38,9 @@ class Splitting:
     q: Image  # (3, R, C) its multiplier over ρ
 
     @classmethod
-    def zeros(cls, shape: tuple[int, int]) -> Splitting:
-        """Return the start from a black image of (R, C) patches, in single precision."""
-        shapes = [(2, 3, *shape)] * 2 + [(3, *shape)] * 2
+    def zeros(cls, shape: tuple[int, ...]) -> Splitting:
+        """Return the start from a black image, (3, R, C), in single precision."""
+        shapes = [(2, *shape)] * 2 + [shape] * 2
         return cls(*(np.zeros(each, np.float32) for each in shapes))
 
     def scaled(self, image: float, multiplier: float) -> Splitting:
@@ -52,7 +53,7 @@ def right_hand_side(split: Splitting) -> Image:
     """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
     g = np.empty_like(split.v)
     _set_right_hand_side(split.u, split.p, split.v, split.q, g)
-    return g.reshape(3, -1)
+    return g.reshape(len(g), -1)
 
 
 def advance(
@@ -63,8 +64,8 @@ def advance(
     previous: Image | None = None,
     pull: float = 0.0,
     black: float = 0.0,
-) -> tuple[float, float]:
-    """Update u, v, p and q of a split in place from a new f, and return the residuals.
+) -> float:
+    """Update u, v, p and q of a split in place from a new f, and return the larger residual.
 
     f and the frame before, if any, are (3, R, C) in single precision, the latter ≥ 0 where v is.
     The threshold is λ/ρ, `pull` the weight of the distance to that frame over ρ. The residuals are
@@ -75,8 +76,8 @@ def advance(
     fields = split.u, split.p, split.v, split.q
     sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)
     gap, change, size, split_size = (math.sqrt(value) for value in sums)
-    whole, split_size = max(size, split_size, black), max(split_size, black)
-    return (gap / whole if gap else 0.0), (change / split_size if change else 0.0)
+    least = max(black, sys.float_info.min)
+    return max(gap / max(size, split_size, least), change / max(split_size, least))
 
 
 @compiled_reordered

@@ -26,12 +26,6 @@ from periscopy_sim.numerics.products import subtract_combinations, times_rows
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
-PROBES = 8
-"""Random vectors of ±1 on which I − P A is looked at."""
-
-UNREFINED = 1e-9
-"""Refine P where an entry of (I − P A) v exceeds this, v a vector of N random signs."""
-
 
 @dataclass(frozen=True, eq=False)
 class Preconditioner:
@@ -81,7 +75,7 @@ class Preconditioner:
         y is (K, M) with range(B) projected out, f = P y is (K, N). ‖A⊥ f‖ = ‖R f‖, R the Cholesky
         factor or a copy of it in single precision.
         """
-        light = times_rows(f, self.cholesky if factor is None else factor, upper=True)
+        light = times_rows(f, self.cholesky if factor is None else factor)
         energy, explained = (np.einsum("km,km->k", rows, rows) for rows in (y, light))
         M, N = self.A.shape
         return residual_noise(energy, explained, M - N - self.Q.shape[1])
@@ -89,20 +83,11 @@ class Preconditioner:
     def matrix(self) -> Array:
         """Form P itself, (N, M) float64."""
         A, Q = self.A, self.Q
-        inverse = self._inverse_gram()
+        inverse, _ = linalg.lapack.dpotri(self.cholesky.T, lower=True)
+        inverse += np.tril(inverse, -1).T
         P: Array = inverse @ A.T
         subtract_combinations(P, inverse @ (Q.T @ A).T, np.ascontiguousarray(Q.T))
-        # Where the Gram matrix, which squares A's condition number, has lost too much, the
-        # refinement of `apply`, for all columns: P ← P + (I − P A) P.
-        probes = np.random.default_rng(0).choice([-1.0, 1.0], (A.shape[1], PROBES))
-        if np.abs(P @ (A @ probes) - probes).max() > UNREFINED:
-            P += (np.eye(len(P)) - P @ A) @ P
         return P
-
-    def _inverse_gram(self) -> Array:
-        inverse, _ = linalg.lapack.dpotri(self.cholesky.T, lower=True)
-        full: Array = inverse + np.tril(inverse, -1).T
-        return full
 
     @cached_property
     def noise_gain(self) -> Array:

@@ -12,8 +12,6 @@ from periscopy_sim.numerics.validation import checked_companion, checked_image
 
 Array = NDArray[Any]  # of the type of the image given
 
-NEIGHBOURS = np.array([[[1, 1, 1], [1, 0, 1], [1, 1, 1]]])
-
 
 def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None) -> Array:
     """Replace the patches whose magnitude is far from their neighbours' mean (Algorithm 2).
@@ -35,8 +33,7 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
     Parameters
     ----------
     image
-        f̄, (rows, columns, channels) or a stack (images, rows, columns, channels), each repaired
-        on its own; of a floating-point type, finite.
+        f̄, (rows, columns, channels), of a floating-point type, finite.
     threshold
         κ ≥ 0 in units of the image; infinity repairs nothing.
     previous
@@ -55,43 +52,30 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
         of another shape, or the threshold is negative or NaN.
     """
     values = checked_image(image)
-    if values.ndim not in (3, 4) or values.size == 0:
-        raise ValueError(
-            f"image has shape {values.shape}: give (rows, columns, channels) or "
-            "(images, rows, columns, channels)"
-        )
+    if values.ndim != 3 or values.size == 0:
+        raise ValueError(f"image has shape {values.shape}: give (rows, columns, channels)")
     if not threshold >= 0:
         raise ValueError(f"threshold is {threshold}: give a number that is not negative")
-    frames = values.reshape(-1, *values.shape[-3:])
-    magnitude = np.linalg.norm(frames.astype(np.float64), axis=-1)
+    magnitude = np.linalg.norm(values.astype(np.float64), axis=-1)
+    ring = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]])
     total, count = (
-        ndimage.convolve(each, NEIGHBOURS, mode="constant")
+        ndimage.convolve(each, ring, mode="constant")
         for each in (magnitude, np.ones(magnitude.shape))
     )
     outliers = np.abs(magnitude - total / np.maximum(count, 1)) > threshold
     outliers &= count > 0
-    windows = _windows(frames, outliers)
+    windows = _windows(values, outliers)
     if previous is not None:
-        before = checked_companion(previous, "previous", values).reshape(frames.shape)
         windows[..., 4] = np.nan
+        before = checked_companion(previous, "previous", values)
         windows = np.concatenate([windows, _windows(before, outliers)], axis=-1)
-    repaired = frames.copy()
-    repaired[outliers] = _medians(windows)
-    return repaired.reshape(values.shape)
+    repaired = values.copy()
+    repaired[outliers] = np.nanmedian(windows, axis=-1)
+    return repaired
 
 
-def _windows(frames: Array, where: NDArray[np.bool_]) -> Array:
+def _windows(image: Array, where: NDArray[np.bool_]) -> Array:
     """Return the 3 x 3 windows about some patches, (n, channels, 9), NaN beyond the border."""
-    padded = np.pad(frames, ((0, 0), (1, 1), (1, 1), (0, 0)), constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))[where]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))[where]
     return windows.reshape(*windows.shape[:2], 9)
-
-
-def _medians(values: Array) -> Array:
-    """Return medians along the last axis, NaN left out."""
-    ordered = np.sort(values, axis=-1)  # NaN last
-    count = np.isfinite(values).sum(axis=-1, keepdims=True)
-    middle = [
-        np.take_along_axis(ordered, k, axis=-1)[..., 0] for k in ((count - 1) // 2, count // 2)
-    ]
-    return np.asarray((middle[0] + middle[1]) / 2, values.dtype)

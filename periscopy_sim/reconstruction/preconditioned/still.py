@@ -10,25 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import smooth_basis, with_backgrounds
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.numerics.memory import fits_in_memory
 from periscopy_sim.numerics.products import project_out, times_rows
-from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.numerics.validation import plain_array
-from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
+from periscopy_sim.reconstruction.method import BATCH, Image, Observed, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.preconditioned.repair import repair
 from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 Array = NDArray[np.float64]
-
-BATCH = 64
-"""Photographs preconditioned in one product: 6 MB each at 500 x 500 pixels."""
-
-BYTES_FOR_P = 24
-"""For each entry of A, while P is formed: A and P in single precision, each in double beside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +81,10 @@ class Periscope(StillMethod[np.floating[Any]]):
     repair_threshold
         κ as a part of the 99th percentile, as above; infinity repairs nothing.
     explicit
-        Form P in float32 once, for speed; otherwise apply it in factored float64. None: where P
-        fits in half of this machine's memory. The background is projected out in float64 either
-        way. Of the chair's 29 x 36 patches the images differ by 2e-5 of their root mean square
-        where the SNR is 60 dB, and by 3e-3 at 100 dB, where the rounding adds to the noise.
+        Form P in float32 once, for speed; otherwise apply it in factored float64, which takes half
+        of the memory. The background is projected out in float64 either way. Of the chair's
+        29 x 36 patches the images differ by 2e-5 of their root mean square where the SNR is 60 dB,
+        and by 3e-3 at 100 dB, where the rounding adds to the noise.
 
     Raises
     ------
@@ -108,7 +100,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
-        explicit: bool | None = None,
+        explicit: bool = True,
         **observed: Unpack[Observed],
     ) -> None:
         super().__init__(A, **observed)
@@ -117,14 +109,11 @@ class Periscope(StillMethod[np.floating[Any]]):
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
                 "are not negative"
             )
-        if explicit is None:
-            explicit = fits_in_memory(BYTES_FOR_P * A.size)
         self.explicit = explicit
         self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        smooth = smooth_basis(self.observation, B, rank_tolerance)
-        ambient = with_backgrounds(smooth, self.observation)
+        ambient, _ = ambient_basis(self.observation, B, rank_tolerance)
         self.preconditioner = form_preconditioner(self.observation.used(A), ambient)
         self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
@@ -147,36 +136,8 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
-    def reconstruct_batch(self, photographs: Image) -> Image:
-        """Recover the hidden images of many photographs, P applied to all in one product.
-
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, each in any unit.
-
-        Returns
-        -------
-        ndarray
-            (K, R, C, 3), what `reconstruct` gives for each.
-
-        Raises
-        ------
-        ValueError
-            As `reconstruct`.
-        """
-        images: list[Image] = []
-        for estimate in self.estimates(photographs):
-
-            def image(k: int, estimate: Estimate = estimate) -> Image:
-                return self._finished(estimate, k).image
-
-            images += in_parallel(image, range(len(estimate.noise)))
-        stack: Image = np.array(images, self.precision)
-        return stack.reshape(-1, *self.hidden_shape, 3)
-
     def estimates(self, photographs: Image) -> Iterator[Estimate]:
-        """Precondition photographs, `BATCH` of them at a time; see `reconstruct_batch`."""
+        """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), `BATCH` at a time."""
         photographs = np.asarray(photographs)
         for start in range(0, max(len(photographs), 1), BATCH):
             yield self.estimate(photographs[start : start + BATCH])

@@ -20,26 +20,17 @@ difference counts and 0 where it does not. So no loop knows a border, and all ve
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled_reordered
-from periscopy_sim.numerics.threads import in_parallel
 
 Array = NDArray[np.float64]
-Image = NDArray[Any]
 Strides = NDArray[np.int64]
-
-RESOLVED = 16
-"""Relative duality gaps below this many roundings are left to double precision."""
 
 GAP_INTERVAL = 10
 """Iterations between two duality gaps, each of which costs as much as one of them."""
-
-SMALL = 1 << 13
-"""Values in all below which waking threads takes longer than the work they share."""
 
 
 def solve_dual(
@@ -49,7 +40,6 @@ def solve_dual(
     w: float,
     stop: tuple[float, int],
     duals: Array,
-    precision: type,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 
@@ -66,8 +56,6 @@ def solve_dual(
     duals
         (K, axes, frames · rows · columns) q/τ to start from, which receive that of f; those of
         channels whose f is known without iterating stay.
-    precision
-        Of the iterations: float32 where it resolves the gap to stop at, or float64.
     """
     τ, τ2 = (bound.reshape(-1, 1, 1, 1) for bound in bounds)
     first, axes = g[:, :1, :1, :1], (1, 2, 3)
@@ -86,26 +74,12 @@ def solve_dual(
     step = 1 / (8 + w**2 * (2 + 2 * math.cos(math.pi / g.shape[1])))  # of 1/‖∇‖² at least
     τ2 = np.minimum(τ2, 2 * peak + largest)  # which gives p already
     limits = np.stack([τ / scale, τ2 / scale], axis=1).reshape(-1, 2)
-    # Where div q nearly cancels g, the roundings of q count.
-    energy, energy_p = (np.sum(each**2, axis=axes) for each in (scaled, scaled_p))
-    with np.errstate(over="ignore"):  # of images that are known
-        rounded = np.maximum(energy, energy_p) + 2 * g[0].size * limits[:, 0] ** 2
-    resolved = RESOLVED * np.finfo(np.float32).eps * rounded <= stop[0] * energy
-
-    def solve(k: int) -> None:
-        kind = np.float32 if resolved[k] and precision == np.float32 else np.float64
-        own, own_p, dual, mask = (
-            each.astype(kind) for each in (scaled[k].ravel(), scaled_p[k].ravel(), duals[k], inside)
-        )
-        weights = np.array([1, 1, w], kind)[: len(strides)]
+    fixed = strides, np.array([1, 1, w])[: len(strides)], inside.astype(np.float64), step, stop
+    for k in np.flatnonzero(~(flat | unchanged)).tolist():
         solution, iterations[k], gaps[k] = _minimize(
-            own, own_p, tuple(limits[k]), strides, weights, mask, step, stop, dual
+            scaled[k].ravel(), scaled_p[k].ravel(), tuple(limits[k]), *fixed, duals[k]
         )
-        duals[k], f[k] = dual, mean[k] + scale[k] * solution.reshape(g.shape[1:])
-
-    unknown = np.flatnonzero(~(flat | unchanged)).tolist()
-    for _ in map(solve, unknown) if g.size < SMALL else in_parallel(solve, unknown):
-        pass
+        f[k] = mean[k] + scale[k] * solution.reshape(g.shape[1:])
     return f, iterations, gaps
 
 
@@ -138,36 +112,34 @@ def _differences(shape: tuple[int, ...], w: float) -> tuple[Strides, NDArray[np.
 
 @compiled_reordered
 def _minimize(
-    g: Image,
-    p: Image,
+    g: Array,
+    p: Array,
     bounds: tuple[float, float],
     strides: Strides,
-    weights: Image,
-    inside: Image,
+    weights: Array,
+    inside: Array,
     step: float,
     stop: tuple[float, int],
-    relative_dual: Image,
-) -> tuple[Image, int, float]:
+    relative_dual: Array,
+) -> tuple[Array, int, float]:
     """Minimize for one channel of numbers near 1, from q/τ, which receives that of f.
 
     `weights` are those of differences along the axes, (axes,); `inside` is 1 where there is a next
     pixel, 0 elsewhere. Returns f, the iterations taken and the relative duality gap.
     """
     axes, size = inside.shape
-    margin, real = strides.max(), g.dtype.type
-    τ, τ2 = real(bounds[0]), real(bounds[1])
-    q = np.zeros((axes, margin + size), g.dtype)
+    margin, (τ, τ2) = strides.max(), bounds
+    q = np.zeros((axes, margin + size))
     q[:, margin:] = τ * relative_dual
-    r, f = q.copy(), np.zeros(margin + size, g.dtype)
-    moved, shrink = np.empty((axes, size), g.dtype), np.empty(size, g.dtype)
+    r, f = q.copy(), np.zeros(margin + size)
+    moved, shrink = np.empty((axes, size)), np.empty(size)
     t, gap, iteration = 1.0, math.inf, 0
     while iteration < stop[1] and gap > stop[0]:
         iteration += 1
         _apply_dual(g, p, τ2, r, strides, weights, f)
         t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        momentum = real((t - 1) / t_next)
-        _climb(f, r, strides, weights, inside, τ, real(step), moved, shrink)
-        t = t_next
+        _climb(f, r, strides, weights, inside, τ, step, moved, shrink)
+        momentum, t = (t - 1) / t_next, t_next
         if _extrapolate(moved, shrink, momentum, q, r) > 0:
             r[:] = q
             t = 1.0
@@ -180,7 +152,7 @@ def _minimize(
 
 @compiled_reordered
 def _apply_dual(
-    g: Image, p: Image, τ2: float, q: Image, strides: Strides, weights: Image, f: Image
+    g: Array, p: Array, τ2: float, q: Array, strides: Strides, weights: Array, f: Array
 ) -> None:
     """Set f = g + div q − s."""
     margin = q.shape[1] - len(g)
@@ -197,15 +169,15 @@ def _apply_dual(
 
 @compiled_reordered
 def _climb(
-    f: Image,
-    r: Image,
+    f: Array,
+    r: Array,
     strides: Strides,
-    weights: Image,
-    inside: Image,
+    weights: Array,
+    inside: Array,
     τ: float,
     step: float,
-    moved: Image,
-    shrink: Image,
+    moved: Array,
+    shrink: Array,
 ) -> None:
     """Set `moved` to r + step · ∇f, and `shrink` to what brings its length down to τ."""
     axes, size = inside.shape
@@ -222,14 +194,14 @@ def _climb(
 
 
 @compiled_reordered
-def _extrapolate(moved: Image, shrink: Image, momentum: float, q: Image, r: Image) -> float:
+def _extrapolate(moved: Array, shrink: Array, momentum: float, q: Array, r: Array) -> float:
     """Set q to what was moved, shrunk, and r to q + momentum · (change of q).
 
     Returns ⟨r − q, change of q⟩, positive where the momentum points uphill.
     """
     axes, size = moved.shape
     margin = q.shape[1] - size
-    uphill = q.dtype.type(0)
+    uphill = 0.0
     for axis in range(axes):
         own, extrapolated, new = q[axis, margin:], r[axis, margin:], moved[axis]
         for n in range(size):
@@ -238,22 +210,22 @@ def _extrapolate(moved: Image, shrink: Image, momentum: float, q: Image, r: Imag
             uphill += (extrapolated[n] - value) * change
             own[n] = value
             extrapolated[n] = value + momentum * change
-    return float(uphill)
+    return uphill
 
 
 @compiled_reordered
 def _relative_gap(
-    g: Image,
-    p: Image,
-    f: Image,
+    g: Array,
+    p: Array,
+    f: Array,
     strides: Strides,
-    weights: Image,
-    inside: Image,
+    weights: Array,
+    inside: Array,
     τ: float,
     τ2: float,
-    q: Image,
+    q: Array,
 ) -> float:
-    """Return the duality gap over the primal objective at f, summed in double precision."""
+    """Return the duality gap over the primal objective at f."""
     margin = q.shape[1] - len(g)
     gap = objective = 0.0
     for n in range(len(g)):

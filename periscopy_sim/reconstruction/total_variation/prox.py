@@ -47,8 +47,8 @@ class TotalVariationResult:
     tolerance
         The largest gap that counts as converged.
     dual
-        (channels in all, axes, pixels) the dual field over its largest length λ/2, to start a
-        similar problem from.
+        (channels, axes, pixels) the dual field over its largest length λ/2, to start a similar
+        problem from.
     """
 
     image: Image
@@ -95,12 +95,12 @@ def prox_total_variation(
     Parameters
     ----------
     image
-        g, of a floating-point type, finite: (rows, columns), (rows, columns, channels) or a stack
-        (images, rows, columns, channels), all denoised on their own. With a temporal weight
-        (frames, rows, columns) or (frames, rows, columns, channels), each channel on its own.
+        g, of a floating-point type, finite: (rows, columns) or (rows, columns, channels), with a
+        temporal weight (frames, rows, columns) or (frames, rows, columns, channels). Each channel
+        is denoised on its own.
     weight
-        λ ≥ 0 in units of the image: one number, one for each channel, or, for a stack,
-        (images, channels). Zero returns the image, infinity its mean.
+        λ ≥ 0 in units of the image: one number, or one for each channel. Zero returns the image,
+        infinity its mean.
     temporal_weight
         w ≥ 0, finite; zero denoises each frame on its own. None for images without time.
     tolerance
@@ -163,23 +163,27 @@ def solve_total_variation(
     if temporal_weight is not None and not 0 <= temporal_weight < math.inf:
         raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
     values = checked_image(image)
-    stack = _stacked(values, temporal_weight)
-    g = p = stack.reshape(-1, *stack.shape[2:])
+    planes = _planes(values, temporal_weight)
+    channels, frames = planes.shape[:2]
+    w = float(temporal_weight) if temporal_weight and frames > 1 else 0.0
+    shape = planes.shape if w else (-1, 1, *planes.shape[2:])  # frames that time does not tie
+    g = p = planes.reshape(shape)
     if previous is not None:
-        p = _stacked(checked_companion(previous, "previous", values), temporal_weight)
-        p = p.reshape(g.shape)
-    weights = _weight_of_each_channel(weight, "weight", stack)
-    l1_weights = _weight_of_each_channel(l1_weight, "l1_weight", stack)
+        before = checked_companion(previous, "previous", values)
+        p = _planes(before, temporal_weight).reshape(shape)
+    weights, l1_weights = (
+        np.repeat(_of_each_channel(*each, channels), len(g) // channels)
+        for each in ((weight, "weight"), (l1_weight, "l1_weight"))
+    )
     if l1_weights.any() and (previous is None or np.isinf(weights).any()):
         raise ValueError("an l1_weight needs a previous image and a finite weight beside it")
 
-    w = float(temporal_weight) if temporal_weight and g.shape[1] > 1 else 0.0
     dual = np.zeros((len(g), 3 if w else 2, g[0].size))
     if start is not None and start.shape == dual.shape:
         dual[:] = start
     bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
-    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual, values.dtype.type)
-    images = np.moveaxis(f.reshape(stack.shape), 1, -1)
+    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual)
+    images = np.moveaxis(f.reshape(planes.shape), 0, -1)
     return TotalVariationResult(
         image=images.reshape(values.shape).astype(values.dtype),
         iterations=int(iterations.max()),
@@ -189,32 +193,26 @@ def solve_total_variation(
     )
 
 
-def _stacked(image: Image, temporal_weight: float | None) -> Array:
-    """Return (stack, channels, frames, rows, columns) float64; the stack is independent images."""
-    known = (2, 3, 4) if temporal_weight is None else (3, 4)
-    if image.ndim not in known or image.size == 0:
+def _planes(image: Image, temporal_weight: float | None) -> Array:
+    """Return an image's or a video's (channels, frames, rows, columns) in double precision."""
+    known = 2 if temporal_weight is None else 3
+    if image.ndim not in (known, known + 1) or image.size == 0:
         raise ValueError(
-            f"image has shape {image.shape}: give (rows, columns[, channels]) or (images, rows, "
-            "columns, channels), or with a temporal_weight (frames, rows, columns[, channels])"
+            f"image has shape {image.shape}: give (rows, columns[, channels]), or with a "
+            "temporal_weight (frames, rows, columns[, channels])"
         )
-    with_channels = image.ndim > known[0]
-    *leading, rows, columns, channels = image.shape if with_channels else (*image.shape, 1)
-    count = math.prod(leading)
-    stack, frames = (1, count) if temporal_weight else (count, 1)
-    planes = np.moveaxis(image.reshape(stack, frames, rows, columns, channels), -1, 1)
-    return np.ascontiguousarray(planes, np.float64)
+    with_channels = image if image.ndim > known else image[..., np.newaxis]
+    frames = with_channels.reshape(-1, *with_channels.shape[-3:])
+    return np.ascontiguousarray(np.moveaxis(frames, -1, 0), np.float64)
 
 
-def _weight_of_each_channel(weight: ArrayLike, name: str, stack: Array) -> Array:
-    images, channels = stack.shape[:2]
-    weights = np.asarray(weight, dtype=np.float64)
-    if weights.shape not in ((), (channels,), (images, channels)):
+def _of_each_channel(weight: ArrayLike, name: str, channels: int) -> Array:
+    weights = np.asarray(weight, np.float64)
+    if weights.shape not in ((), (channels,)):
         raise ValueError(
-            f"{name} has shape {weights.shape} for {images} images of {channels} channels: give "
-            "one number, one for each channel, or (images, channels)"
+            f"{name} has shape {weights.shape} for {channels} channels: give one number, or one "
+            "for each channel"
         )
     if not (weights >= 0).all():
         raise ValueError(f"{name} is {weights}: give a number that is not negative")
-    each = np.empty((images, channels))
-    each[:] = weights
-    return each.ravel()
+    return np.broadcast_to(weights, channels)

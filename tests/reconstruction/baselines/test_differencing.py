@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
@@ -13,7 +12,6 @@ PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)
 M, N = 360, 30
 LINEAR = {"tv_weight": 0.0, "repair_threshold": np.inf}
-wrapped_or_not = pytest.mark.parametrize("wrap", [True, False])
 either_stop = pytest.mark.parametrize("stop", ["converged", "published"])
 
 
@@ -21,8 +19,8 @@ A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
 FAINT = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.02)
 
 
-def difference_matrix(wrap):
-    """The D of [15] as a matrix; without wrapping, its rows across columns and the last dropped."""
+def difference_matrix():
+    """The D of [15] as a matrix."""
     rows, columns = PHOTOGRAPH
     order = [i * columns + j for j in range(columns) for i in range(rows)]
     D = np.zeros((M, M))
@@ -30,7 +28,7 @@ def difference_matrix(wrap):
         D[k, order[k]] = -1 if k + 1 < M else 1
         if k + 1 < M:
             D[k, order[k + 1]] = 1
-    return D if wrap else np.delete(D, np.arange(rows - 1, M, rows), axis=0)
+    return D
 
 
 def photograph_of(image, noise=0.0, seed=0, A=A):
@@ -52,73 +50,41 @@ def relative_error(value, truth):
     return np.linalg.norm(value - truth) / np.linalg.norm(truth)
 
 
-def least_cost(DA, Dy, weight):
-    """Eq. 2 with lengths √(d² + ε²), ε falling, by L-BFGS on an orthogonalized variable."""
-    index = np.arange(N).reshape(HIDDEN)
-    down, across = np.zeros((2, N, N))
-    for i, j in np.ndindex(HIDDEN):
-        if i + 1 < HIDDEN[0]:
-            down[index[i, j], [index[i, j], index[i + 1, j]]] = -1, 1
-        if j + 1 < HIDDEN[1]:
-            across[index[i, j], [index[i, j], index[i, j + 1]]] = -1, 1
-    U, σ, Vt = np.linalg.svd(DA, full_matrices=False)
-    to_f, target = Vt.T / σ, U.T @ Dy
-    x = target
-    for ε in 10.0 ** -np.arange(1, 7):
-
-        def smooth(x, ε=ε):
-            dx, dy = down @ to_f @ x, across @ to_f @ x
-            length = np.sqrt(dx**2 + dy**2 + ε**2)
-            slope = weight * to_f.T @ (down.T @ (dx / length) + across.T @ (dy / length))
-            return np.sum((x - target) ** 2) + weight * length.sum(), 2 * (x - target) + slope
-
-        options = {"maxiter": 3000, "maxfun": 6000, "ftol": 1e-15, "gtol": 1e-10, "maxcor": 40}
-        x = minimize(smooth, x, jac=True, method="L-BFGS-B", options=options).x
-    return to_f @ x
-
-
-@wrapped_or_not
-def test_differencing_minimizes_eq_2_with_the_weight_it_reports(wrap):
+def test_differencing_minimizes_eq_2_with_the_weight_it_reports(minimizer):
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
-    result = differencing(wrap=wrap, tolerance=1e-10).solve(y)
-    D = difference_matrix(wrap)
+    result = differencing(tolerance=1e-6).solve(y)
+    D = difference_matrix()
+    unit = np.linalg.norm(D @ A)
     for c in range(3):
-        expected = least_cost(D @ A, D @ y.reshape(M, 3)[:, c], result.weight[c])
-        assert relative_error(result.image[..., c].ravel(), expected) < 1e-3
+        Dy, λ = D @ y.reshape(M, 3)[:, c], result.weight[c]
+        expected = minimizer(Dy / unit, λ / unit**2, K=D @ A / unit, shape=HIDDEN, ρ=0.01)
+        assert relative_error(result.image[..., c], expected) < 1e-3
+    assert (result.residual <= 1e-6).all() and (result.iterations > 10).all()
 
 
-@wrapped_or_not
 @either_stop
-def test_noiseless_photograph_gives_the_hidden_image(wrap, stop):
+def test_noiseless_photograph_gives_the_hidden_image(stop):
     image = np.random.default_rng(3).random((*HIDDEN, 3))
-    result = differencing(wrap=wrap, stop=stop).reconstruct(photograph_of(image))
+    result = differencing(stop=stop).reconstruct(photograph_of(image))
     assert result.shape == (*HIDDEN, 3) and result.dtype == np.float64
     assert relative_error(result, image) < 1e-4
 
 
-@wrapped_or_not
-def test_weight_is_tv_weight_standard_deviations_of_the_noise_in_the_gram_form(wrap):
+def test_weight_is_tv_weight_standard_deviations_of_the_noise_in_the_gram_form():
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=3e-3)
-    DA, Dy = (difference_matrix(wrap) @ v for v in (A, y.reshape(M, 3)))
+    DA, Dy = (difference_matrix() @ v for v in (A, y.reshape(M, 3)))
     _, squares, _, _ = np.linalg.lstsq(DA, Dy)
     noise = np.sqrt(squares / (len(DA) - N))
-    result = differencing(wrap=wrap, tv_weight=1.7).solve(y)
+    result = differencing(tv_weight=1.7).solve(y)
     np.testing.assert_allclose(result.noise, noise, rtol=1e-6)
     np.testing.assert_allclose(result.weight, 1.7 * noise * np.linalg.norm(DA) / np.sqrt(N))
-
-
-def test_background_constant_along_columns_is_rejected_without_wrapping():
-    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3)
-    background = 50 * y.mean() * np.random.default_rng(1).random((1, PHOTOGRAPH[1], 3))
-    method = differencing(wrap=False)
-    assert relative_error(method.reconstruct(y + background), method.reconstruct(y)) < 1e-6
 
 
 def test_with_wrapping_a_constant_background_enters_by_the_last_pixel_alone():
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3)
     method = differencing(tv_weight=0.0)
     change = method.reconstruct(y + 5.0) - method.reconstruct(y)
-    expected = 5 * np.linalg.pinv(difference_matrix(True) @ A)[:, -1]
+    expected = 5 * np.linalg.pinv(difference_matrix() @ A)[:, -1]
     assert np.linalg.norm(expected) > 0.1
     np.testing.assert_allclose(change[..., 0].ravel(), expected, rtol=1e-6)
 
@@ -131,15 +97,13 @@ def test_published_differencing_ends_at_its_cap_near_the_minimum():
     )
     np.testing.assert_array_equal(published.iterations, 1100)
     np.testing.assert_array_equal(published.weight, converged.weight)
-    assert (published.gap > 1e-7).all()
     assert 1e-4 < relative_error(published.image, converged.image) < 0.5
 
 
-@wrapped_or_not
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
-def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(wrap, scale):
+def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(scale):
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
-    method = differencing(wrap=wrap, tolerance=1e-9)
+    method = differencing(tolerance=1e-6)
     expected, scaled = method.solve(y), method.solve(scale * y)
     assert relative_error(scaled.image, scale * expected.image) < 1e-4
     np.testing.assert_allclose(scaled.weight, scale * expected.weight, rtol=1e-9)

@@ -37,14 +37,6 @@ def test_differences_are_the_product_with_the_matrix_d(shape, wrap, matrix):
         np.testing.assert_array_equal(values, before)
 
 
-def test_background_constant_along_columns_is_rejected_but_where_they_wrap():
-    background = np.tile([3.0, 5.0, 4.0], (4, 1)).ravel()
-    assert not neighbour_differences(background, (4, 3), wrap=False).any()
-    differences = neighbour_differences(background, (4, 3), wrap=True)
-    np.testing.assert_array_equal(differences.nonzero()[0], [3, 7, 11])
-    np.testing.assert_array_equal(differences[[3, 7, 11]], [2.0, -1.0, 4.0])
-
-
 def test_matrix_that_does_not_fit_the_photograph_is_refused():
     with pytest.raises(ValueError, match=r"3x4 pixels does not fit the 11 rows"):
         neighbour_differences(np.zeros((11, 2)), (3, 4))

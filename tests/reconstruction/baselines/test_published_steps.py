@@ -3,24 +3,38 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.baselines import published_steps
 from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.reconstruction.total_variation.test_least_squares import (
-    SHAPE,
-    N,
-    cost,
-    ill_conditioned,
-    measured,
-    problem_of,
-    solved,
-)
+
+SHAPE = (5, 6)
+M, N = 200, 30
+
+
+def ill_conditioned(condition):
+    """K with a wide spectrum, whose largest singular vector is nearly the uniform image."""
+    rng = np.random.default_rng(0)
+    U, V = np.linalg.qr(rng.normal(size=(M, N)))[0], rng.normal(size=(N, N)) / 10
+    V[:, 0] += 1
+    σ = np.geomspace(1, 1 / condition, N)
+    σ[0] = 3
+    return (U * σ) @ np.linalg.qr(V)[0].T
+
+
+def measured(K):
+    """A noisy measurement of a flat patch on a ground."""
+    f = np.full(SHAPE, 0.2)
+    f[1:4, 2:5] = 1.0
+    return K @ f.ravel() + 0.02 * np.random.default_rng(1).normal(size=M)
+
+
+def descended(K, b, weight, **settings):
+    start = np.linalg.lstsq(K, b)[0].reshape(SHAPE)
+    return descend_as_published(K.T @ K, K.T @ b, start, weight, **settings)
 
 
 def test_black_measurement_gives_a_black_image():
-    problem = problem_of(ill_conditioned())
-    published = descend_as_published(problem, np.zeros(N), 0.0, unit=1.0, white=0.0)
-    assert not published.f.any() and published.iterations == 11
+    image, iterations = descended(ill_conditioned(300), np.zeros(M), 0.0, unit=1.0, white=0.0)
+    assert not image.any() and iterations == 11
 
 
 def published_solver(K, b, weight, white, most):
@@ -60,38 +74,18 @@ def published_solver(K, b, weight, white, most):
 
 @pytest.mark.parametrize(("white", "scale"), [(1.0, 1.0), (1.0, 1e3), (40.0, 1e5)])
 @pytest.mark.parametrize(("weight", "most"), [(1e-5, 1100), (1e-4, 1100), (1e-2, 30), (0.3, 30)])
-def test_published_steps_are_those_of_a_second_implementation(
-    white, scale, weight, most, monkeypatch
-):
-    monkeypatch.setattr(published_steps, "MOST_ITERATIONS", most)  # later, rounding decides
+def test_published_steps_are_those_of_a_second_implementation(white, scale, weight, most):
     K = ill_conditioned(condition=5.0)
-    _, b = measured(K)
-    b, weight = white * b, white * weight
+    b, weight = white * measured(K), white * weight
     expected, iterations = published_solver(scale * K, scale * b, scale**2 * weight, white, most)
-    minimum = descend_as_published(problem_of(K), K.T @ b, weight, unit=scale, white=white)
-    assert minimum.iterations == iterations
+    found, own = descended(
+        K, b, weight, unit=scale, white=white, most=most
+    )  # later, rounding decides
+    assert own == iterations
     assert (iterations < most) == (most == 1100)
-    assert np.linalg.norm(minimum.f - expected) < 1e-5 * np.linalg.norm(expected)
+    assert np.linalg.norm(found.ravel() - expected) < 1e-5 * np.linalg.norm(expected)
 
 
 def test_published_steps_give_up_at_their_cap_where_the_problem_is_hard():
     K = ill_conditioned(condition=3000.0)
-    _, b = measured(K)
-    published = descend_as_published(problem_of(K), K.T @ b, 1e-3, unit=1e3, white=1.0)
-    assert published.iterations == 1100
-    best = solved(K, b, 1e-3, tolerance=1e-10)
-    excess = cost(published.f, K, b, 1e-3) - cost(best.f, K, b, 1e-3)
-    energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
-    assert 1e-8 * energy < excess <= published.gap * energy * (1 + 1e-6)
-
-
-@pytest.mark.parametrize("weight", [1e-4, 1e-2, 1e-1])
-def test_gap_of_the_published_steps_bounds_what_they_leave(weight):
-    K = ill_conditioned(condition=5.0)
-    _, b = measured(K)
-    published = descend_as_published(problem_of(K), K.T @ b, weight, unit=1e3, white=1.0)
-    best = solved(K, b, weight, tolerance=1e-12)
-    energy = np.sum((K @ np.linalg.lstsq(K, b)[0]) ** 2)
-    excess = (cost(published.f, K, b, weight) - cost(best.f, K, b, weight)) / energy
-    assert excess <= published.gap * (1 + 1e-6)
-    assert published.gap < 100 * excess
+    assert descended(K, measured(K), 1e-3, unit=1e3, white=1.0)[1] == 1100

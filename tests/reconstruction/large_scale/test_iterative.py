@@ -6,7 +6,6 @@ import pytest
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.total_variation.least_squares import LeastSquares
 
 PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
 M, N = 420, 30
@@ -41,20 +40,7 @@ class Blocks:
         yield slice(100, M), A[100:]
 
 
-def test_without_total_variation_it_is_the_exact_preconditioner():
-    y = photograph()
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0, tolerance=1e-12)
-    exact = form_preconditioner(A, B).apply(y.reshape(M, 3)).reshape(*HIDDEN, 3)
-    solved = periscope.solve(y)
-    assert np.linalg.norm(solved.image - exact) < 1e-7 * np.linalg.norm(exact)
-    assert solved.converged and not solved.weight.any()
-    left = y.reshape(M, 3) - B @ np.linalg.lstsq(B, y.reshape(M, 3))[0]
-    A_left = A - B @ np.linalg.lstsq(B, A)[0]
-    misfit = np.sum((left - A_left @ exact.reshape(N, 3)) ** 2, axis=0)
-    np.testing.assert_allclose(solved.noise, np.sqrt(misfit / (M - 3 - N)), rtol=1e-6)
-
-
-def test_image_and_noise_are_those_of_the_dense_problem():
+def test_image_and_noise_are_those_of_the_dense_problem(minimizer):
     y = photograph().reshape(M, 3)
     solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0.02).solve(y)
     Q = background_basis(B)
@@ -70,13 +56,10 @@ def test_image_and_noise_are_those_of_the_dense_problem():
     np.testing.assert_allclose(solved.noise, 1e-3, rtol=0.14)
     expected = 0.02 * solved.noise * np.linalg.norm(dense)
     np.testing.assert_allclose(solved.weight, expected, rtol=1e-6)
-    quadratic = LeastSquares(K.T @ K, np.linalg.cholesky(K.T @ K).T, HIDDEN)
     for c in range(3):
-        minimum = quadratic.minimize(
-            K.T @ b[:, c], float(solved.weight[c]), tolerance=1e-14, max_iterations=20_000
-        )
-        error = np.linalg.norm(solved.image[..., c].ravel() - minimum.f)
-        assert error < 1e-5 * np.linalg.norm(minimum.f)
+        minimum = minimizer(b[:, c], float(solved.weight[c]), K=K, shape=HIDDEN, ρ=0.02)
+        error = np.linalg.norm(solved.image[..., c] - minimum)
+        assert error < 1e-3 * np.linalg.norm(minimum)
 
 
 @pytest.mark.thorough
@@ -118,17 +101,14 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
     np.testing.assert_allclose(from_blocks, from_array, atol=1e-3)
 
 
-@pytest.mark.parametrize("regularization", [0, 0.015])
-def test_iterations_that_do_not_suffice_are_said_to(regularization):
-    periscope = IterativePeriscope(
-        A, B, hidden_shape=HIDDEN, regularization=regularization, tolerance=1e-9, max_iterations=3
-    )
+def test_iterations_that_do_not_suffice_are_said_to():
+    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tolerance=1e-9, max_iterations=3)
     with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
         solved = periscope.solve(photograph())
     assert not solved.converged and solved.change > 1e-9
 
 
-@pytest.mark.parametrize("wrong", [{"regularization": -1}, {"tolerance": 0}, {"max_iterations": 0}])
+@pytest.mark.parametrize("wrong", [{"regularization": 0}, {"tolerance": 0}, {"max_iterations": 0}])
 def test_settings_out_of_range_are_rejected(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         IterativePeriscope(A, B, hidden_shape=HIDDEN, **wrong)

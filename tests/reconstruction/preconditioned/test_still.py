@@ -177,6 +177,9 @@ def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch)
     rng = np.random.default_rng(1)
     periscope = Periscope(rng.random((20, 6)), hidden_shape=(2, 3))
     photographs = rng.random((5, 20, 3))
-    batch = periscope.reconstruct_batch(photographs)
-    np.testing.assert_array_equal(batch, [periscope.reconstruct(y) for y in photographs])
-    assert [len(e.noise) for e in periscope.estimates(photographs)] == [2, 2, 1]
+    estimates = list(periscope.estimates(photographs))
+    assert [len(e.noise) for e in estimates] == [2, 2, 1]
+    together = np.concatenate([e.preconditioned for e in estimates])
+    np.testing.assert_array_equal(
+        together, [periscope.solve(y).preconditioned for y in photographs]
+    )

@@ -142,15 +142,6 @@ def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
     np.testing.assert_array_equal(prox_total_variation(g, 0.1)[..., 0], alone[0])
 
 
-@pytest.mark.parametrize("shape", [(5, 12, 15, 2), (9, 40, 30, 3), (40, 40, 30, 1)])
-def test_each_image_of_a_stack_is_denoised_on_its_own(shape, random_image):
-    images = np.cumsum(random_image(*shape), axis=2)
-    weights = np.random.default_rng(1).uniform(0, 1, (shape[0], shape[3]))
-    alone = [prox_total_variation(g, λ) for g, λ in zip(images, weights, strict=True)]
-    np.testing.assert_array_equal(prox_total_variation(images, weights), np.stack(alone))
-    np.testing.assert_array_equal(prox_total_variation(images, weights[0])[0], alone[0])
-
-
 @pytest.mark.parametrize(
     ("shape", "given", "name"),
     [
