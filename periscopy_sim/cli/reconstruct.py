@@ -154,12 +154,10 @@ def _calibrated_transport(session: Session, samples: int) -> ps.UncertainTranspo
         session.warn(sentence("no_silhouette", scene=scene))
         return None
     changed = ", ".join(covariance.changed(scenario.path, scenario.parameters))
-    transport, reason = None, f"{changed} changed since" if changed else "no effect on A"
+    transport, reason = None, f"{changed} changed since"
     if not changed:
-        from periscopy_sim.calibration.uncertain_scene import calibrated_transport
-
         try:
-            transport = _derivatives(session, lambda **how: calibrated_transport(
+            transport = _derivatives(session, lambda **how: ps.uncertain_transport(
                 scenario, covariance, samples=samples, **how
             ))  # fmt: skip
         except PeriscopyError as error:
