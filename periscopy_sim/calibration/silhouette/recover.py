@@ -42,6 +42,10 @@ from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.pictures import area_average
 
+COARSE, FINE, FEW = 32, 63, 8
+"""Pixels along the longer side of the photograph, of first descents and at least afterwards; cells
+of first descents, at most: a letter F of 16 x 16 cells is found from 8 x 8."""
+
 UNSEEN = 1e-2
 """Fraction of the largest cell's shadow below which a cell's is not seen."""
 
@@ -121,7 +125,7 @@ def recover_silhouette(
         )
     size, off = first.photograph_shape, named(backgrounds)
     read = [Photograph.of(np.asarray(y), size, mask=mask, monitor_off=off) for y in light]
-    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST)))
+    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), FINE, LARGEST)))
     used, agreeing, starts = averaged.pixels, 0, 0
     patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)
     ys = [each[used] for each in averaged.light]
@@ -132,8 +136,13 @@ def recover_silhouette(
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
-            image = UnknownImage(ys[0], Q, Images.hats(patches, patches))
-            fit, agreeing = search(masked, image, seed, progress or (lambda _: None))
+            images, coarse = Images.hats(patches, patches), Averaged.of(read, COARSE)
+            rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
+            few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
+            image = UnknownImage(ys[0], Q, images)
+            seen = UnknownImage(coarse.light[0][coarse.pixels], Q_few, images)
+            report = progress or (lambda _: None)
+            fit, agreeing = search((few, seen), (masked, image), seed, report)
             starts = STARTS
             likelihood = image.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
         without = masked.fit(np.zeros(cells), fit.gain, likelihood)

@@ -19,10 +19,8 @@ from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import CALIBRATED
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.scenario import Array
 
 _OWN = ("string", "float", "integer", "boolean", "point", "vector", "rgb", "spectrum")
 """Tags that are a shape's numbers; its place and its material are others."""
@@ -41,38 +39,16 @@ def write_masked_scene(
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
     move it. In the scene its file is called `mesh_name`, which it has once both are in their place.
-    If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`.
-
-    Raises
-    ------
-    SceneError
-        As `with_mesh`, or if the scene does not load from where it is written.
+    If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`. For the
+    errors see `with_mesh`.
     """
-    to_local = local_coordinates(path, solution.name, values)
+    _, to_world = SceneNodes(path, values).plugin_and_place(solution.name)
     whole = cell_mesh(solution.plane, solution.opaque)
-    vertices = whole.vertices @ to_local[:3, :3].T + to_local[:3, 3]
+    vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
     write_ply(mesh, TriangleMesh(vertices, whole.faces))
     doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
     defaults = {**values, **({CALIBRATED: doubted.text()} if solution.doubts else {})}
-    for name in (mesh.name, mesh_name):
-        write_document(with_mesh(path, solution.name, name, defaults, copy.parent, remark), copy)
-        if name == mesh.name:
-            load_scenario(copy, (1, 1))
-
-
-def local_coordinates(path: Path, name: str, values: Mapping[str, str]) -> Array:
-    """Return the matrix, (4, 4), from a scene's coordinates to a shape's own.
-
-    A SceneError says that the shape is flattened, so that no other can take its place.
-    """
-    _, to_world = SceneNodes(path, values).plugin_and_place(name)
-    try:
-        return np.asarray(np.linalg.inv(to_world))
-    except np.linalg.LinAlgError:
-        raise SceneError(
-            f"scene '{path}': the to_world of '{name}' scales it to nothing along an axis; make it "
-            "a rectangle"
-        ) from None
+    write_document(with_mesh(path, solution.name, mesh_name, defaults, copy.parent, remark), copy)
 
 
 def with_mesh(

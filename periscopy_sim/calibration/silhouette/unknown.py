@@ -12,30 +12,40 @@ of the photograph that need not be explained yet: the larger, the smoother is E.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, zoom
 from scipy.optimize import nnls
 from scipy.special import ndtr
 
 from periscopy_sim.calibration.evidence import ROUNDING, Images, Matrix, explain
-from periscopy_sim.calibration.silhouette.mask import Explained, Mask, MaskFit, opaque
+from periscopy_sim.calibration.silhouette.mask import (
+    Explained,
+    Mask,
+    MaskFit,
+    opaque,
+    usual_opacity,
+)
 from periscopy_sim.scenario import Array
 
 ALLOWANCES, STEPS = (1e-1, 1e-2, 0.0), 30
-"""Fractions τ of a descent, one after the other, and how many steps are taken with each."""
+"""Fractions τ of a descent, one after the other, and how many steps are taken with each. On two
+photographs of the tests' flag 12 of 12 descents end at the true mask; where α shrinks in their
+place, 9 of 12."""
 
-STARTS = 6
-"""Random masks that the search begins with."""
+STARTS, FINALISTS = 6, 3
+"""Random masks of few cells that the search begins with; of where they lead, followed to all cells.
+Of a letter F of 16 x 16 cells, 9 of 12 descents with 8 x 8 end near it, with 16 x 16 one of 6."""
 
 SMOOTH = 1 / 6
 """Of random masks: the deviation of the Gaussian that smooths them, over the cells along a side."""
 
-AGREEING = 0.8
-"""Cells opaque in both of two masks, over those opaque in either, from which they are one."""
+AGREEING = 0.6
+"""Cells opaque in both of two masks, over those opaque in either, from which they are one; masks of
+few cells have coarse edges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,25 +94,46 @@ class UnknownImage:
 
 
 def search(
-    mask: Mask, image: UnknownImage, seed: int, report: Callable[[float], None]
+    coarse: tuple[Mask, UnknownImage],
+    fine: tuple[Mask, UnknownImage],
+    seed: int,
+    report: Callable[[float], None],
 ) -> tuple[MaskFit, int]:
-    """Return the best end of the descents, and how many of these ended at it."""
-    random, ends = np.random.default_rng(seed), []
+    """Return the best mask, and how many of the starts ended near it."""
+    random, ends, fits = np.random.default_rng(seed), [], []
     for k in range(STARTS):
-        ends.append(_descend(mask, image, smooth_mask(mask.cells, random)))
-        report((k + 1) / STARTS)
-    best = min(ends, key=lambda fit: fit.objective)
-    ours, masks = opaque(best.opacities), [opaque(end.opacities) for end in ends]
+        opacities = smooth_mask(coarse[0].cells, random)
+        ends.append(_descend(*coarse, opacities, np.zeros(len(coarse[0].terms)), ALLOWANCES))
+        report(0.3 * (k + 1) / STARTS)
+    ends.sort(key=lambda end: end.objective)
+    cells = fine[0].cells
+    for k, end in enumerate(ends[:FINALISTS]):
+        start = np.minimum(resized(end.opacities / usual_opacity(end.opacities), cells), 1.0)
+        fits.append(_descend(*fine, start, end.gain, ALLOWANCES[1:]))
+        report(0.3 + 0.7 * (k + 1) / FINALISTS)
+    best = min(fits, key=lambda fit: fit.objective)
+    ours, masks = opaque(best.opacities), [opaque(resized(end.opacities, cells)) for end in ends]
     return best, sum(bool((ours & m).sum() >= AGREEING * (ours | m).sum()) for m in masks)
 
 
-def _descend(mask: Mask, image: UnknownImage, opacities: Array) -> MaskFit:
-    gain = np.zeros(len(mask.terms))
-    for allowance in ALLOWANCES:
+def _descend(
+    mask: Mask,
+    image: UnknownImage,
+    opacities: Array,
+    gain: Array,
+    allowances: Sequence[float],
+) -> MaskFit:
+    for allowance in allowances:
         likelihood = image.at(mask.transport(opacities, gain), allowance)
         fit = mask.descend(opacities, gain, likelihood, STEPS)
         opacities, gain = fit.opacities, fit.gain
     return mask.fit(opacities, gain, image.at(mask.transport(opacities, gain), 0.0))
+
+
+def resized(opacities: Array, cells: tuple[int, int]) -> Array:
+    """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
+    factors = np.divide(cells, opacities.shape)
+    return np.asarray(zoom(opacities, factors, order=0, grid_mode=True, mode="nearest"))
 
 
 def smooth_mask(cells: tuple[int, int], random: np.random.Generator) -> Array:

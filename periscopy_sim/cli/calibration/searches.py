@@ -145,7 +145,7 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette.plane import MaskPlane
     from periscopy_sim.calibration.silhouette.recover import recover_silhouette
-    from periscopy_sim.calibration.silhouette.scene import local_coordinates, write_masked_scene
+    from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.silhouette import draw_silhouette
 
     session = inputs.session
@@ -156,7 +156,6 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
     outputs = out, mesh, out.with_suffix(".json"), picture
     inputs.spare(*outputs)
     MaskPlane.of(session.scenario, shape)
-    local_coordinates(path, shape, given)
     with ExitStack() as stack:
         scene, ply, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         files, doing = inputs.read(), "find the silhouette"

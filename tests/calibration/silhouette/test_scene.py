@@ -5,7 +5,6 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.scene import (
     cell_mesh,
-    local_coordinates,
     with_mesh,
     write_masked_scene,
 )
@@ -30,14 +29,6 @@ def test_a_shape_of_an_included_file_raises(tmp_path):
     (tmp_path / "inner.xml").write_text(SCENE)
     with pytest.raises(SceneError, match="'card'"):
         with_mesh(path, "card", "mask.ply", {}, tmp_path)
-
-
-@pytest.mark.usefixtures("scenario")  # which chooses a variant
-def test_a_shape_scaled_to_nothing_raises(tmp_path):
-    flat = tmp_path / "flat.xml"
-    flat.write_text(SCENE.replace('<scale value="$size"/>', '<scale x="0.04" y="0.04" z="0"/>'))
-    with pytest.raises(SceneError, match="'card'"):
-        local_coordinates(flat, "card", {})
 
 
 def corners_of(path, values):
