@@ -42,9 +42,10 @@ from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.pictures import area_average
 
-COARSE, FINE, FEW = 32, 63, 8
-"""Pixels along the longer side of the photograph, of first descents and at least afterwards; cells
-of first descents, at most: a letter F of 16 x 16 cells is found from 8 x 8."""
+FEW = 8
+"""Cells of first descents along the longer side, at most: a letter F of 16 x 16 is found from 8 x
+8. They look at a quarter of the pixels along a side that a photograph may have, later ones at half
+of them or more."""
 
 UNSEEN = 1e-2
 """Fraction of the largest cell's shadow below which a cell's is not seen."""
@@ -125,7 +126,7 @@ def recover_silhouette(
         )
     size, off = first.photograph_shape, named(backgrounds)
     read = [Photograph.of(np.asarray(y), size, mask=mask, monitor_off=off) for y in light]
-    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), FINE, LARGEST)))
+    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST)))
     used, agreeing, starts = averaged.pixels, 0, 0
     patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)
     ys = [each[used] for each in averaged.light]
@@ -136,7 +137,7 @@ def recover_silhouette(
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
-            images, coarse = Images.hats(patches, patches), Averaged.of(read, COARSE)
+            images, coarse = Images.hats(patches, patches), Averaged.of(read, LARGEST // 4)
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
             image = UnknownImage(ys[0], Q, images)
