@@ -1,30 +1,26 @@
-"""A scene file with other defaults: its text is kept, comments and all."""
+"""A scene file with other defaults: all else stays, comments too."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.sax.saxutils import quoteattr, unescape
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 
-_TAG = re.compile(r"<!--.*?-->|<(?:\"[^\"]*\"|'[^']*'|[^>\"'])*>", re.DOTALL)
-_ATTRIBUTE = re.compile(r"([\w:.-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
-
 
 def write_copy(path: Path, values: Mapping[str, str], copy: Path, remark: str = "") -> None:
     """Write a scene with other defaults, see `with_defaults`, to where it names the same files.
-
-    A remark becomes the first comment in it.
 
     Raises
     ------
     SceneError
         As `with_defaults`, or if a file beside the copy would be taken for one of the scene's.
     """
-    copy.write_text(with_defaults(path, values, copy.parent, remark), encoding="utf-8")
+    write_document(with_defaults(path, values, copy.parent, remark), copy)
     ours = [file.resolve() for file in read_document(copy).files[1:]]
     theirs = [file.resolve() for file in read_document(path, values).files[1:]]
     if ours != theirs:
@@ -32,56 +28,65 @@ def write_copy(path: Path, values: Mapping[str, str], copy: Path, remark: str = 
         raise SceneError(f"scene '{copy}' would take '{other}' for a file of '{path}'")
 
 
-def with_defaults(path: Path, values: Mapping[str, str], folder: Path, remark: str = "") -> str:
-    """Return the text of a scene file, UTF-8, with other values of its ``<default>``s, by name.
+def with_defaults(
+    path: Path, values: Mapping[str, str], folder: Path, remark: str = ""
+) -> minidom.Document:
+    """Return a scene file's document with other values of its ``<default>``s, by name.
 
-    One that only an included file declares is declared before it. `folder` is where the text will
-    lie: if the scene names files and lies elsewhere, a ``<path>`` to its folder is added, relative
-    where that lies below, else absolute. A remark is added as a comment. A SceneError says that
-    the file cannot be read.
+    One that only an included file declares is declared before it. `folder` is where the document
+    will lie: if the scene names files and lies elsewhere, a ``<path>`` to its folder is added,
+    relative where that lies below, else absolute. A remark becomes the first comment.
+
+    Raises
+    ------
+    SceneError
+        If the file is not XML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise SceneError(f"scene '{path}' is not UTF-8; save it as that") from None
+        document = minidom.parse(str(path))
+    except ExpatError as error:
+        raise SceneError(f"scene '{path}' is not XML in its encoding, UTF-8 ({error})") from None
     missing = dict(values)
-
-    def rewritten(match: re.Match[str]) -> str:
-        tag = match[0]
-        name = _attribute(tag, "name") or ""
-        if not tag.startswith("<default") or name not in values:
-            return tag
-        missing.pop(name, None)
-        value = next(found for found in _ATTRIBUTE.finditer(tag) if found[1] == "value")
-        return tag[: value.start(2)] + quoteattr(values[name]) + tag[value.end(2) :]
-
-    copied = _TAG.sub(rewritten, text)
-    added = [
-        f"<default name={quoteattr(name)} value={quoteattr(value)}/>"
-        for name, value in missing.items()
+    for default in document.getElementsByTagName("default"):
+        name = default.getAttribute("name")
+        if name in values:
+            default.setAttribute("value", values[name])
+            missing.pop(name, None)
+    added: list[minidom.Element | minidom.Comment] = [
+        element(document, "default", name=name, value=value) for name, value in missing.items()
     ]
     home, folder = path.parent.resolve(), folder.resolve()
     if home != folder and len(read_document(path, values).files) > 1:
         # Forward slashes, which all systems take: a scene may travel.
         place = (home.relative_to(folder) if home.is_relative_to(folder) else home).as_posix()
-        dollars_escaped = place.replace("$", "\\$")
-        added.insert(0, f"<path value={quoteattr(dollars_escaped)}/>")
+        added.insert(0, element(document, "path", value=place.replace("$", "\\$")))
     if remark:
-        added.insert(0, f"<!-- {re.sub('-(?=-)', '- ', remark)} -->")
-    root = next((m for m in _TAG.finditer(copied) if m[0].startswith("<scene")), None)
-    end = len(copied) if root is None else root.end()
-    return copied[:end] + "".join(f"\n    {tag}" for tag in added) + copied[end:]
+        added.insert(0, document.createComment(f" {re.sub('-(?=-)', '- ', remark)} "))
+    prepend(document, document.getElementsByTagName("scene")[0], added)
+    return document
 
 
-def tags(text: str) -> Iterator[tuple[re.Match[str], str, dict[str, str]]]:
-    """Yield the tags of an XML text, comments left out: each match, its name and its attributes."""
-    for match in _TAG.finditer(text):
-        name = re.match(r"</?([\w:.-]+)", match[0])
-        if name is not None:
-            found = {attribute[1] for attribute in _ATTRIBUTE.finditer(match[0])}
-            yield match, name[1], {each: _attribute(match[0], each) or "" for each in found}
+def element(document: minidom.Document, tag: str, **attributes: str) -> minidom.Element:
+    """Return an element without children."""
+    created = document.createElement(tag)
+    for name, value in attributes.items():
+        created.setAttribute(name, value)
+    return created
 
 
-def _attribute(tag: str, name: str) -> str | None:
-    found = next((m for m in _ATTRIBUTE.finditer(tag) if m[1] == name), None)
-    return None if found is None else unescape(found[2][1:-1], {"&quot;": '"', "&apos;": "'"})
+def prepend(
+    document: minidom.Document,
+    parent: minidom.Element,
+    nodes: Sequence[minidom.Element | minidom.Comment],
+) -> None:
+    """Put nodes before the children of an element, each on a line of its own."""
+    first = parent.firstChild
+    for node in nodes:
+        parent.insertBefore(document.createTextNode("\n    "), first)
+        parent.insertBefore(node, first)
+
+
+def write_document(document: minidom.Document, path: Path) -> None:
+    """Write a document as UTF-8."""
+    nodes = (node.toxml() for node in document.childNodes)
+    path.write_text("\n".join(nodes) + "\n", encoding="utf-8")

@@ -10,9 +10,9 @@ from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
-DETERMINED = 0.7
-"""Fraction of the prior's standard deviation below which the photograph rather than the ruler
-determines a parameter: it then tells as much as the ruler, or more."""
+LEARNED = 0.5
+"""Fraction of a prior's variance: where more is left, the ruler rather than the photograph
+determines a parameter, and photographs that take less from all of them together tell nothing."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Parameter:
     @property
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
-        return self.trusted and self.standard_error < DETERMINED * self.ruler_error
+        return self.trusted and self.standard_error**2 < LEARNED * self.ruler_error**2
 
     @property
     def ruler_errors_off(self) -> float:

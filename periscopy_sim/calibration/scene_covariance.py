@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MARKS = {"trusted": True, "not trusted": False}
-"""The first words of the text, and whether to trust the calibration."""
-
 SAME = 1e-6
 """Fraction of a parameter's standard error, or of its size, within which a value is as written."""
 
@@ -100,40 +97,42 @@ class SceneCovariance:
         return [
             name
             for name, value, tolerance in zip(self.names, self.values, tolerances, strict=True)
-            if not _is(texts.get(name, ""), value, tolerance)
+            if not abs(_number(texts.get(name, "")) - value) <= tolerance
         ]
 
     def text(self) -> str:
         """Return the text that the scene carries; see the module."""
+        columns = zip(self.names, self.values, self.ruled, self.errors, strict=True)
         entries = [
             f"{name} = {value:.9g} from {start:.9g} +- {error:.6g}: "
-            + " ".join([*(f"{each:.6g}" for each in row[:k]), "1"])
-            for k, (name, value, start, error, row) in enumerate(
-                zip(self.names, self.values, self.ruled, self.errors, self.correlation, strict=True)
-            )
+            + " ".join(f"{each:.6g}" for each in self.correlation[k, : k + 1])
+            for k, (name, value, start, error) in enumerate(columns)
         ]
-        mark = next(words for words, trusted in MARKS.items() if trusted == self.trusted)
-        return "; ".join([mark, *entries])
+        return "; ".join(["trusted" if self.trusted else "not trusted", *entries])
 
     @classmethod
     def parse(cls, text: str) -> SceneCovariance:
         """Return what a text holds; a ValueError says that it is damaged."""
         mark, *entries = text.split(";")
-        matches = [_ENTRY.fullmatch(entry) for entry in entries]
-        rows = [match.groups() for match in matches if match is not None]
-        count, trusted = len(entries), MARKS.get(mark.strip())
-        numbers = np.array([row[1:4] for row in rows], np.float64).reshape(count, 3)
-        correlation = np.eye(count)
+        rows = [match.groups() for match in map(_ENTRY.fullmatch, entries) if match is not None]
+        numbers = np.array([row[1:4] for row in rows], np.float64).reshape(-1, 3)
+        values, ruled, errors = numbers.T
+        correlation = np.eye(len(rows))
         for k, row in enumerate(rows):
             correlation[k, : k + 1] = np.array(row[4].split(), np.float64).reshape(k + 1)
-        correlation += np.tril(correlation, -1).T
-        values, ruled, errors = numbers.T
-        right = trusted is not None and (count > 0 or not trusted)
-        right = right and bool(np.isfinite(numbers).all() and (errors > 0).all())
-        if not (right and (np.abs(correlation) <= 1).all() and (np.diag(correlation) == 1).all()):
+            correlation[: k + 1, k] = correlation[k, : k + 1]
+        if not (
+            mark.strip() in (["trusted", "not trusted"] if rows else ["not trusted"])
+            and len(rows) == len(entries)
+            and np.isfinite(numbers).all()
+            and (errors > 0).all()
+            and (np.abs(correlation) <= 1).all()
+            and (np.diag(correlation) == 1).all()
+        ):
             raise ValueError
         covariance = correlation * np.outer(errors, errors)
-        return cls(tuple(row[0] for row in rows), values, covariance, bool(trusted), ruled)
+        names = tuple(row[0] for row in rows)
+        return cls(names, values, covariance, mark.strip() == "trusted", ruled)
 
 
 def scene_covariance(path: Path) -> SceneCovariance | None:
@@ -173,9 +172,8 @@ def ruled_values(path: Path, names: Sequence[str], given: Mapping[str, str]) -> 
     )
 
 
-def _is(text: str, value: float, tolerance: float) -> bool:
-    """Return whether a text is a number near a value."""
+def _number(text: str) -> float:
     try:
-        return abs(float(text) - value) <= tolerance
+        return float(text)
     except ValueError:
-        return False
+        return np.nan

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from periscopy_sim.calibration.level import Look
+from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.scenario import Array
 
 FARTHEST = 3.0
@@ -16,12 +17,6 @@ MISFIT = 0.4
 """Fraction of the light that no smooth ambient light explains, above which too much of it stays
 unexplained: simulated photographs beside near lamps left more, and their images were worse by
 10 dB."""
-
-CHANCE = 0.01
-"""Probability of gaining as much where the ruler is right."""
-
-LEARNED = 0.5
-"""Of one parameter, in variance: photographs that tell less than this of all tell nothing."""
 
 
 def learned(look: Look, count: int) -> float:
@@ -34,14 +29,15 @@ def learned(look: Look, count: int) -> float:
     return float(count - np.sum(look.precision[:count] * np.diag(covariance)))
 
 
-def is_significant(gain: float, parameters: float) -> bool:
+def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool:
     """Return whether a gain in the objective over the start is more than chance makes it.
 
-    Where the start is right the gain of so many parameters has the χ² distribution (Wilks).
+    Where the start is right the gain of so many parameters has the χ² distribution (Wilks), and
+    exceeds this threshold with a probability of `chance`.
     """
     from scipy.stats import chi2
 
-    return bool(gain > chi2.isf(CHANCE, max(parameters, 1.0)))
+    return bool(gain > chi2.isf(chance, max(parameters, 1.0)))
 
 
 def doubts(names: Sequence[str], distances: Array, known: float, look: Look) -> tuple[str, ...]:

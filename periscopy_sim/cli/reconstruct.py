@@ -129,14 +129,11 @@ def _uncertain_transport(
             return None
         if not known.names:
             return None
-    from periscopy_sim.calibration.uncertain_scene import calibrated_transport
-
     label = "rendering the scene's parameter derivatives"
     with session.timed("uncertain scene"), progress(label) as report:
-        how: Any = {"samples": samples, "seed": session.seed, "progress": report}
-        if known is None:
-            return ps.uncertain_transport(scenario, errors, **how)
-        return calibrated_transport(scenario, known, **how)
+        return ps.uncertain_transport(
+            scenario, known or errors, samples=samples, seed=session.seed, progress=report
+        )
 
 
 def write_report(

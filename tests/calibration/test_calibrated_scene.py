@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.dom import minidom
 
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
+from periscopy_sim.calibration.calibrated_scene import (
+    with_defaults,
+    write_copy,
+    write_document,
+)
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -35,7 +40,11 @@ def scene(tmp_path: Path) -> Path:
 
 def test_only_the_value_changes_beside_the_scene(scene: Path) -> None:
     copied = with_defaults(scene, {"dx": "0.25"}, scene.parent)
-    assert copied == SCENE.replace("""value = "0\"""", """value = "0.25\"""")
+    expected = minidom.parseString(SCENE.replace("""value = "0\"""", """value = "0.25\""""))
+    assert copied.toxml() == expected.toxml()
+    copy = scene.with_name("copy.xml")
+    write_document(copied, copy)
+    assert '<!-- <default name="dx" value="not this"/> -->\n<scene' in copy.read_text()
 
 
 @pytest.mark.usefixtures("scene")
@@ -43,7 +52,7 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path: Path) -> 
     outer = tmp_path / "outer.xml"
     outer.write_text('<scene version="3.0.0">\n    <include filename="scene.xml"/>\n</scene>\n')
     copied = tmp_path / "copied.xml"
-    copied.write_text(with_defaults(outer, {"dx": r"7\g<9>"}, tmp_path))
+    write_copy(outer, {"dx": r"7\g<9>"}, copied)
     assert copied.read_text().index('name="dx"') < copied.read_text().index("include")
     assert 'filename="scene.xml"' in copied.read_text()
     assert read_document(outer).defaults["dx"] == "0"
@@ -116,7 +125,7 @@ def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
 def test_the_copy_of_a_shipped_scene_is_the_scene_at_those_values(tmp_path: Path) -> None:
     values = {"occluder_dx": "0.0123", "monitor_dz": "-0.004", "resolution": "20"}
     copied = tmp_path / "calibrated.xml"
-    copied.write_text(with_defaults(find_scene("chair"), values, tmp_path), encoding="utf-8")
+    write_copy(find_scene("chair"), values, copied)
     ours, theirs = load_scenario(copied, (4, 5)), load_scenario("chair", (4, 5), values)
     assert ours.photograph_shape == (20, 20)
     np.testing.assert_array_equal(ours.patch_centers, theirs.patch_centers)

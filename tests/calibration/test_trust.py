@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 from periscopy_sim.calibration.level import Look
-from periscopy_sim.calibration.trust import LEARNED, MISFIT, doubts, is_significant, learned
+from periscopy_sim.calibration.result import LEARNED
+from periscopy_sim.calibration.trust import MISFIT, doubts, is_significant, learned
 
 NAMES = ("dx", "dy")
 

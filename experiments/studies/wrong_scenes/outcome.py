@@ -14,7 +14,7 @@ import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.wrong_scenes.subjects import Photographed
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.calibration.uncertain_scene import calibrated_transport
+from periscopy_sim.calibration.uncertain_scene import uncertain_transport
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.scenario import Scenario
@@ -196,7 +196,7 @@ def reconstructed(
     them.
     """
     try:
-        uncertain = calibrated_transport(scene, known)
+        uncertain = uncertain_transport(scene, known)
     except SceneError as error:
         print(f"{scene.path.stem}: errors leave out the scene's ({error})", file=sys.stderr)
         uncertain = None

@@ -10,13 +10,9 @@ from periscopy_sim.calibration.silhouette.mask import opaque, usual_opacity
 from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
 from periscopy_sim.scenario import Array
 
-TWICE = 2
-"""Starts that must end at a mask: one may be luck."""
-
 UNDECIDED, DECIDED = (0.2, 0.8), 0.9
 """Opacities, over the usual one, between which a cell is neither opaque nor open, and the fraction
 of cells seen that must be one of both."""
-
 
 UNEXPLAINED = 0.5
 """Of what stays unexplained without a mask, the fraction above which the mask explains little."""
@@ -26,8 +22,7 @@ UNEXPLAINED = 0.5
 class Silhouette:
     """A flat mask that explains photographs, found with the hidden image or by known pictures.
 
-    Beside an unknown image the mask may be shifted, and the image against it: the photograph hardly
-    changes.
+    Beside an unknown image, both may be shifted against each other.
 
     Attributes
     ----------
@@ -50,8 +45,8 @@ class Silhouette:
     evidence
         Twice the negative logarithm of the photograph's likelihood: less is better.
     agreeing, starts
-        How many of the search's starts ended at this mask, roughly; of how many. Both are 0 where
-        pictures are known, which leave nothing to search.
+        How many of the search's starts ended at this mask; of how many. Both are 0 where pictures
+        are known.
     """
 
     name: str
@@ -93,9 +88,9 @@ class Silhouette:
                 "are more than the photographs tell, the occluder's outline lies between them, or "
                 "the scene is wrong elsewhere"
             )
-        if self.agreeing < min(TWICE, self.starts):
+        if self.starts and self.agreeing < 2:
             doubts.append(
-                f"{self.agreeing} of the search's {self.starts} starts ended near it: there may be "
-                "a better one"
+                f"only one of the search's {self.starts} starts ended near it: there may be a "
+                "better one"
             )
         return tuple(doubts)

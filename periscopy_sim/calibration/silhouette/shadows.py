@@ -74,12 +74,6 @@ class CellShadows:
         blocked = self.blocked @ opacities.astype(np.float32)
         return np.asarray(self.open - blocked.reshape(self.open.shape))
 
-    def of_image(self, image: Array) -> Array:
-        """Return the light A_k f that each cell holds off the wall, (K, M, C), of images (N, C)."""
-        N = self.open.shape[1]
-        rows = (self.blocked[i : i + N].T @ image for i in range(0, self.blocked.shape[0], N))
-        return np.stack(list(rows), axis=1)
-
     def along(self, gradient: NDArray[np.float32]) -> Array:
         """Return ⟨gradient, A_k⟩ of each cell, (K,), for a gradient (M, N)."""
         return np.asarray(self.blocked.T @ gradient.ravel(), np.float64)
@@ -117,10 +111,8 @@ def _cross(
     share = 1.0 / (P * Q * R * S)
     for j in range(len(patches)):
         patch = patches[j]
-        reach = 0.0  # twice what parallel planes need
-        for d in range(2):
-            for e in range(1, 3):
-                reach += abs(pixel[e, d]) + abs(patch[e, d])
+        # Twice what parallel planes need.
+        reach = np.abs(pixel[1:, :2]).sum() + np.abs(patch[1:, :2]).sum()
         t = pixel[0, 2] / (pixel[0, 2] - patch[0, 2])
         middle = pixel[0] + t * (patch[0] - pixel[0])
         if not (-reach < middle[0] < columns + reach and -reach < middle[1] < rows + reach):

@@ -1,33 +1,18 @@
-"""A calibration as `periscopy calibrate` prints it, and as its JSON file has it."""
+"""A calibration as `periscopy calibrate` prints it, and results as its JSON files have them."""
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from periscopy_sim.cli.output import say
 from periscopy_sim.numerics.percentages import percentages
 
 if TYPE_CHECKING:
-    from periscopy_sim.calibration.result import Calibration, Parameter
-
-TIED = 0.9
-"""Correlation of two parameters' errors from which the pair is named."""
-
-PAIRS = 3
-"""Most tied pairs that are named."""
-
-EVEN = 0.02
-"""Gain over the wall, less 1, from which it is named."""
-
-FAR = 2.0
-"""Standard deviations from its measured value from which a value is marked: one in 20 right ones
-is as far."""
+    from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.calibration.silhouette.result import Silhouette
 
 
-def as_record(result: Calibration) -> dict[str, Any]:
+def calibration_record(result: Calibration) -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
     held = result.uncertain
     return {
@@ -64,57 +49,58 @@ def as_record(result: Calibration) -> dict[str, Any]:
         "overdispersion": result.overdispersion,
         "gain": {"least": result.gain.min(), "largest": result.gain.max()},
         "colour_matrix": result.colour_matrix,
-        "path": [
-            {
-                "photograph_shape": visited.photograph_shape,
-                "hidden_shape": visited.hidden_shape,
-                "values": visited.values,
-                "evidence": visited.evidence,
-            }
-            for visited in result.path
-        ],
+        "path": [vars(visited) for visited in result.path],
+    }
+
+
+def silhouette_record(solution: Silhouette) -> dict[str, Any]:
+    """Return a silhouette as its JSON file has it."""
+    plane = solution.plane
+    return {
+        "shape": solution.name,
+        "trusted": not solution.doubts,
+        "doubts": solution.doubts,
+        "rectangle": {"corner": plane.corner, "across": plane.across, "down": plane.down},
+        "opaque": ["".join("#" if cell else "." for cell in row) for row in solution.opaque],
+        "opacities": solution.opacities,
+        "cells_seen": int(solution.seen.sum()),
+        "cells_decided": solution.decided,
+        "unexplained_open": solution.unexplained_open,
+        "unexplained": solution.unexplained,
+        "starts": solution.starts,
+        "starts_agreeing": solution.agreeing,
+        "evidence": solution.evidence,
     }
 
 
 def say_calibration(result: Calibration) -> None:
-    """Print what is unexplained, the parameters, and what hardly tells them apart."""
+    """Print what is unexplained, the parameters, the gain and the colour matrix."""
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained: {before} % of the photograph by the measured scene, {after} % now{verdict}")
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
-        far = abs(p.ruler_errors_off)
-        mark = f"  <-- {far:.1f} standard errors off" if far > FAR else ""
+        source = "by the photograph" if p.determined else "by the ruler"
         say(
-            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}"
-            f"  measured {p.start:.4g} ± {p.ruler_error:.2g}  {_source(p)}{mark}"
+            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}  measured {p.start:.4g} "
+            f"± {p.ruler_error:.2g}  {source if p.trusted else 'not to be trusted'}"
         )
-    if tied := _tied(result):
-        say(f"hardly told apart (correlation of their errors): {tied}")
     if result.uncertain.names:
         say(f"errors count those of what stays: {', '.join(result.uncertain.names)}")
-    if np.abs(result.gain - 1).max() > EVEN:
-        say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
+    say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is not None:
         rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
 
 
-def _source(p: Parameter) -> str:
-    """Return whether the photograph or the ruler knows a parameter."""
-    if not p.trusted:
-        return "not to be trusted"
-    return "by the photograph" if p.determined else "by the ruler"
-
-
-def _tied(result: Calibration) -> str:
-    """Return the pairs of parameters whose errors are correlated most, as a list."""
-    names = list(result.values)
-    pairs = [
-        (
-            abs(result.correlation[j, k]),
-            f"{names[j]} and {names[k]} ({result.correlation[j, k]:.2f})",
-        )
-        for j, k in combinations(range(len(names)), 2)
-    ]
-    return ", ".join(text for size, text in sorted(pairs, reverse=True)[:PAIRS] if size >= TIED)
+def say_silhouette(solution: Silhouette) -> None:
+    """Print what the mask looks like and how far it is to be believed."""
+    for row in solution.opaque:
+        say("  " + "".join("##" if cell else " ." for cell in row))
+    say(
+        f"of {solution.opaque.size} cells the photograph shows the shadows of {solution.seen.sum()}"
+    )
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
+    if solution.starts:
+        say("silhouette and image may both be shifted, against each other")

@@ -99,18 +99,8 @@ def empty(scenario):
 
 
 def silhouette(plane, opaque):
-    nothing = np.zeros((1, 1, 3))
-    return Silhouette(
-        "card",
-        plane,
-        opaque.astype(float),
-        np.ones(opaque.shape, bool),
-        nothing,
-        0.0,
-        0.0,
-        nothing,
-        0.0,
-    )
+    seen, nothing = np.ones(opaque.shape, bool), np.zeros((1, 1, 3))
+    return Silhouette("card", plane, opaque.astype(float), seen, nothing, 0.0, 0.0, nothing, 0.0)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.silhouette.plane import MaskPlane, require_coarse
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import HIDDEN
@@ -22,21 +22,6 @@ def test_a_turned_one_is_in_its_own_plane(scene):
     assert plane.across[1] / plane.across[0] == pytest.approx(np.tan(np.pi / 6), rel=1e-4)
 
 
-def test_a_thick_shape_has_it_in_its_middle_parallel_to_the_wall(scene, tmp_path):
-    thick = tmp_path / "thick.xml"
-    thick.write_text(
-        scene.read_text().replace('"rectangle" id="card"', '"cube" id="card"').replace(
-            '<scale value="$size"/>', '<scale x="0.03" y="0.05" z="0.02"/>'
-        )
-    )  # fmt: skip
-    plane = MaskPlane.of(load_scenario(thick, HIDDEN), "card")
-    # The way from the middle of the monitor to that of the wall goes aslant through 4 cm of it.
-    aslant = 0.04 * np.array([0.29 - 0.27, 0.74 - 0.228]) / 1.03
-    assert plane.sides == pytest.approx(np.array([0.1, 0.06]) + aslant, abs=1e-5)
-    assert plane.corner[1] == pytest.approx(0.57, abs=1e-6)
-    assert abs(plane.across[1]) + abs(plane.down[1]) < 1e-6
-
-
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -44,7 +29,7 @@ def test_a_thick_shape_has_it_in_its_middle_parallel_to_the_wall(scene, tmp_path
         ("crad", {}),
         ("card", {"depth": "1.05"}),
         ("card", {"depth": "-0.1"}),
-        ("card", {"turn": "64"}),
+        ("card", {"turn": "66"}),
     ],
 )
 def test_what_can_be_no_mask_raises(scene, name, values):
@@ -52,9 +37,16 @@ def test_what_can_be_no_mask_raises(scene, name, values):
         MaskPlane.of(load_scenario(scene, HIDDEN, values), name)
 
 
+def test_a_thick_shape_raises(scene, tmp_path):
+    thick = tmp_path / "thick.xml"
+    thick.write_text(scene.read_text().replace('"rectangle" id="card"', '"cube" id="card"'))
+    with pytest.raises(SceneError, match="flat"):
+        MaskPlane.of(load_scenario(thick, HIDDEN), "card")
+
+
 def test_cells_are_square_and_not_finer_than_pixels(plane, scenario):
-    assert plane.default_cells == (16, 16)
-    require_coarse(scenario, plane, (8, 8))
+    assert plane.square_cells() == (16, 16)
+    assert plane.pixels_a_cell(scenario, (8, 8)) == pytest.approx(0.01 / (0.011 * 0.57 / 1.03))
     for cells in ((16, 16), (1, 1)):
         with pytest.raises(SceneError):
-            require_coarse(scenario, plane, cells)
+            plane.pixels_a_cell(scenario, cells)
