@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.ambient.background import Part
+from periscopy_sim.rendering.ambient.background import Part, refined
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, best_fit, chosen_sites
 
 SHAPE = (32, 28)
@@ -101,3 +101,15 @@ def test_rounds_are_averaged_and_take_further_seeds():
         part.add_round(seeds)
     assert part.rounds == 4 and next(seeds) == 4 * REPLICAS
     assert part.fit.squared_error.mean() < once / 2
+
+
+def test_rounds_go_to_the_noisier_part():
+    sites = chosen_sites(SHAPE)
+    parts = [
+        Part(lambda seed, σ=σ: noisy(np.ones((len(sites), 3)), σ, seed, 1)[0], sites, SHAPE)
+        for σ in (0.2, 1e-3)
+    ]
+    light, errors = refined(parts, 2e-3, 64, itertools.count(), lambda _: None)
+    np.testing.assert_allclose(light, 2, atol=0.02)
+    assert np.hypot(*errors) <= 2e-3
+    assert parts[0].rounds > 2 and parts[1].rounds == 1

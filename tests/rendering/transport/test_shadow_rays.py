@@ -5,6 +5,7 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
+from periscopy_sim.rendering.transport import kernel
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -159,6 +160,29 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(shipped, pixel_s
     assert first.tobytes() == again.tobytes()
     lit = (first > 0) & (other > 0)
     assert np.mean(first[lit] != other[lit]) > 0.99
+
+
+def test_jitter_of_neighbouring_samples_and_of_other_keys_is_uncorrelated():
+    """At 5 standard errors: of a sample's two numbers, of others, and of the next lane's."""
+    import mitsuba as mi
+
+    many, one = mi.UInt32(np.arange(1 << 17, dtype=np.uint32)), mi.UInt32(123456789)
+    keys, others = (kernel._hash(mi, many, mi.UInt32(b))[0] for b in (6, 8))
+    lanes = [(keys, mi.UInt32(0)), (keys, mi.UInt32(1)), (others, mi.UInt32(0)), (one, many)]
+    draws = np.concatenate([kernel._two_units(mi, kernel._scrambled(mi, *of)) for of in lanes])
+    np.testing.assert_allclose(draws.mean(axis=1), 0.5, atol=5 / np.sqrt(12 << 17))
+    correlations = np.corrcoef(draws, np.roll(draws, 1, axis=1)) - np.eye(16)
+    assert np.abs(correlations).max() < 5 / np.sqrt(1 << 17)
+
+
+def test_strata_beat_independent_samples(room):
+    """Of a smooth integrand n strata leave a variance of n^-2, not n^-1."""
+    seen = room.load()
+    spread = [
+        np.std([render_transport(seen, samples=n, seed=s) for s in range(20)], axis=0).mean()
+        for n in (1, 16)
+    ]
+    assert spread[1] < spread[0] / 12
 
 
 @pytest.mark.parametrize(
