@@ -173,6 +173,15 @@ def test_units_shift_the_evidence_alone(wall: Wall, images: SmoothImages) -> Non
     assert other.unexplained == pytest.approx(one.unexplained)
 
 
+@pytest.mark.parametrize("unit", [1e-5, 1e5])
+def test_the_unit_of_the_matrix_changes_nothing(
+    wall: Wall, images: SmoothImages, unit: float
+) -> None:
+    one, other = explained(wall, images), explained(wall, images, unit * wall.A)
+    assert other.evidence == pytest.approx(one.evidence, abs=1e-4)
+    np.testing.assert_allclose(unit * other.lights, one.lights, rtol=1e-5)
+
+
 def test_a_black_channel_is_explained_by_darkness(wall: Wall, images: SmoothImages) -> None:
     wall.y[:, 1] = 0
     found = explained(wall, images)

@@ -65,6 +65,14 @@ def test_p_inverts_a_at_every_tolerance(opacity, tolerance):
     np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
 
 
+def test_p_inverts_an_a_whose_gram_matrix_has_lost_its_smallest_values():
+    A = transport(1e-4)
+    assert np.linalg.cond(A) > 1e5
+    P = form_preconditioner(A)
+    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
+    np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
+
+
 @pytest.mark.parametrize("opacity", OPACITIES)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_p_leaves_of_each_background_no_more_than_the_tolerance(opacity, tolerance):

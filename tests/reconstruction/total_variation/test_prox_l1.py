@@ -62,6 +62,14 @@ def test_a_huge_l1_weight_gives_the_previous_image(l1_weight, blocks):
     np.testing.assert_allclose(f, p, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("distance", [1e2, 1e5])
+def test_a_distant_previous_image_draws_each_patch_by_half_its_weight(distance, blocks):
+    g = blocks().astype(np.float32)
+    f = prox_l1(g, g + np.float32(distance), 0.3, 0.2, tolerance=1e-10)
+    expected = prox_total_variation(g.astype(np.float64), 0.3, tolerance=1e-9) + 0.1
+    np.testing.assert_allclose(f, expected, atol=2e-3)
+
+
 def test_each_channel_has_its_own_weights(blocks):
     g = np.stack([blocks(seed) for seed in range(3)], axis=-1)
     p = np.stack([blocks(seed) for seed in range(3, 6)], axis=-1)
