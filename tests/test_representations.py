@@ -50,7 +50,7 @@ def test_other_things_are_told_briefly(transport, photograph):
         (ps.NoiseAwareVideo(still), "3x4 patches"),
         (ps.form_preconditioner(transport, None), "12 patches, 48 pixels"),
         (Photograph(values, warnings=("dim",)), f"6x8, mean {values[1:].mean():.3g}, 1 warnings"),
-        (ps.Background(photograph, 3e-4, 2e-3), "6x8, relative error 0.03 %"),
+        (ps.Background(photograph, 3e-4, 2e-3), "relative_error=0.0003"),
         (calibration, "dx=0.0123±0.0002, unexplained 2.00 -> 1.00 %, not trusted"),
     ]:
         line = repr(thing)

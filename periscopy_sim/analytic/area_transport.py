@@ -105,10 +105,15 @@ def pixel_transport(scenario: Scenario, points: int = 126) -> NDArray[np.float32
 def has_areas(scenario: Scenario, finer: int = 1) -> bool:
     """Return whether a scene is of the kind that `area_transport` takes."""
     try:
-        _view(scenario, finer)
+        require_areas(scenario, finer)
     except ClosedFormError:
         return False
     return True
+
+
+def require_areas(scenario: Scenario, finer: int = 1) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
+    _view(scenario, finer)
 
 
 def area_derivatives(
@@ -206,9 +211,9 @@ def _view(scenario: Scenario, finer: int) -> _View:
             raise refusal(scenario, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
         meshes.append((vertices, occluder.faces))
-        height = vertices[:, 2] / points[..., 2].min()
-        if height.min() <= FLATNESS or height.max() >= 1 - FLATNESS:
-            end = "monitor's plane" if height.min() <= FLATNESS else "wall's nearest point"
+        above = vertices[:, 2] / points[..., 2].min()
+        if above.min() <= FLATNESS or above.max() >= 1 - FLATNESS:
+            end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
             raise refusal(scenario, occluder.name, f"reaches the {end}; move it between the two")
     exponents = np.array([emission.vertical, emission.horizontal])
     scale = reflectance / np.pi * width * height

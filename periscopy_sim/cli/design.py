@@ -32,7 +32,7 @@ class By(StrEnum):
 
 def design(
     session: Annotated[Session, {"hidden": "15x18"}],
-    light: Annotated[Light, {"samples": 36, "model": Model.rendered}],
+    light: Annotated[Light, {"model": Model.analytic}],
     vary: Annotated[
         str,
         option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05."),
@@ -57,6 +57,7 @@ def design(
     The command compares scenes over one or two of their <default>s, and writes the best scene. The
     same command resumes an interrupted design.
     """
+    from periscopy_sim.analytic.area_transport import require_areas
     from periscopy_sim.evaluation import design as designs
     from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.figures.design import draw_design
@@ -78,6 +79,8 @@ def design(
         raise PeriscopyError("--by told needs images; leave --images out")
     shown = {name: session.hidden_image(name) for name in names}
     check_memory(session.scenario)
+    if light.model is Model.analytic:
+        require_areas(session.scenario)
     pixels = session.scenario.transport_shape[0]
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:

@@ -39,8 +39,10 @@ def _of_machine() -> int | None:
 def _of_container(folder: Path = Path("/sys/fs/cgroup")) -> int | None:
     """Return what cgroups (version 2) leave, without what their cache could give back."""
     try:
-        limit, used = (int((folder / f"memory.{name}").read_text()) for name in ("max", "current"))
-        cached = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))
-        return limit - used + int(cached.get("inactive_file", 0))
+        limit, used, statistics = (
+            (folder / f"memory.{name}").read_text("ascii") for name in ("max", "current", "stat")
+        )
+        cached = dict(map(str.split, statistics.splitlines())).get("inactive_file", 0)
+        return int(limit) - int(used) + int(cached)
     except (ValueError, OSError):  # no container, or no limit
         return None

@@ -42,7 +42,7 @@ def path_traced(folder: Path, picture: Array) -> Array:
     ps.use_variant()
     image = folder / "image.exr"
     mi.Bitmap(np.flipud(picture).astype(np.float32).copy()).write(str(image))
-    text = with_defaults(find_scene("chair"), {}, folder)
+    text = with_defaults(find_scene("chair"), {}, folder).toxml()
     plain = '<rgb name="radiance" value="1"/>'
     assert plain in text
     (folder / "lit.xml").write_text(text.replace(plain, TEXTURE.format(image)))
@@ -202,7 +202,7 @@ CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 def test_shapes_without_a_closed_form_are_named(
     tmp_path: Path, old: str, new: str, name: str
 ) -> None:
-    text = with_defaults(find_scene("chair"), {}, tmp_path)
+    text = with_defaults(find_scene("chair"), {}, tmp_path).toxml()
     assert old in text
     if new == CURVED:  # the rectangle's transformation is none of a sphere
         text = re.sub(rf"({WALL})\s*<transform.*?</transform>", r"\1", text, flags=re.DOTALL)

@@ -110,7 +110,7 @@ def test_interrupt_is_one_line_and_the_same_command_goes_on(succeeds, configurat
     run.send_signal(signal.SIGINT)
     out, err = run.communicate(timeout=60)
     assert (run.returncode, out) == (130, "")
-    assert all(line.startswith("periscopy: ") for line in err.splitlines())
+    assert all(line.startswith("periscopy: ") for line in err.splitlines()), err
     done = len(list(marks.glob("[0-9]*.json")))
     assert 0 < done < 1000
     configuration(count=3 * done + 3, samples_per_geometry=3000)

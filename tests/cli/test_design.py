@@ -104,6 +104,7 @@ def test_what_a_user_can_fix_is_one_line(refused, arguments, offender):
 
 def test_scene_that_determines_nothing_has_no_best(periscopy, tmp_path):
     ended = periscopy(*design("--vary", "occluder_dz=0:0.01", "--grid", "2", "--images", "none",
+                              "--model", "rendered",
                               "-D", "occluder_dy=-2"))  # fmt: skip
     assert ended.code == 0 and ended.err
     assert record_of(tmp_path / "out")["best"] is None

@@ -8,7 +8,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from periscopy_sim.errors import OutputError
@@ -86,12 +86,20 @@ def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
 
     `undo` removes the file or folder of that name.
     """
+    for parent in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
+        undo.callback(_remove_empty, parent)
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob(f".{glob.escape(target.name)}-????????.partial{target.suffix}"):
         _remove(leftover)
     staged = folder / f".{target.name}-{uuid.uuid4().hex[:8]}.partial{target.suffix}"
     undo.callback(_remove, staged)
     return staged
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder, unless it holds something."""
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _remove(path: Path) -> None:

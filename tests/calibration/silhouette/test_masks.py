@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize, sparse
 from scipy.optimize import approx_fprime
 
-from periscopy_sim.calibration.evidence import Images
+from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.silhouette.mask import (
     Mask,
     known_pictures,
@@ -48,7 +48,7 @@ def background(random):
 def unknown(random, mask, background):
     """A photograph of an image half dark."""
     light = mask.transport(RIGHT, GAIN) @ np.maximum(random.standard_normal((PATCHES, 3)), 0)
-    return UnknownImage(light, background, Images.hats(HIDDEN, HIDDEN), RATIO, ALLOWANCE)
+    return UnknownImage(light, background, SmoothImages.hats(HIDDEN, HIDDEN), RATIO, ALLOWANCE)
 
 
 @pytest.fixture

@@ -68,8 +68,9 @@ def test_p_inverts_a_at_every_tolerance(opacity, tolerance):
 def test_p_inverts_an_a_whose_gram_matrix_has_lost_its_smallest_values():
     A = transport(1e-4)
     assert np.linalg.cond(A) > 1e5
+    """Refined, without forming P; P itself serves in single precision."""
     P = form_preconditioner(A)
-    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-8)
+    np.testing.assert_allclose(P.matrix() @ A, np.eye(N), atol=1e-5)
     np.testing.assert_allclose(P.apply(A), np.eye(N), atol=1e-8)
 
 
