@@ -132,13 +132,13 @@ class Search:
     def followed(self, point: Array) -> Look:
         """Return the coldest fine look, from a point, that the prior allows.
 
-        Parameters are expected to lie where the penalty is as large as their number. Photographs
-        that move them farther show more than the scene has: they count for less.
+        Photographs that move the parameters farther than chance errs in measured values show
+        something that the scene lacks: they count for less.
         """
         look = self.fine.look(point)
         for temperature in FINE_COOLING:
             colder = descend(self.fine, look, temperature, partial(self.visit, 1))
-            if temperature < FINE_COOLING[0] and colder.penalty > len(point):
+            if temperature < FINE_COOLING[0] and is_significant(colder.penalty, len(point)):
                 break
             look = colder
         return look
