@@ -154,12 +154,6 @@ class Scenario:
         """(M, N), the shape of the light transport matrix."""
         return len(self.wall_points), len(self.patch_centers)
 
-    @property
-    def patch_areas(self) -> Array:
-        """(N,) areas of the patches in square metres."""
-        areas: Array = np.linalg.norm(np.cross(self.patch_across, self.patch_up), axis=1)
-        return areas
-
 
 def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
     """Return the edges, (M, 2, 3) down and across, of pixels whose centres are the (M, 3) points.

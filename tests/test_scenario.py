@@ -73,12 +73,6 @@ def test_nothing_is_emitted_backwards_or_within_the_screens_plane(exponents):
         np.testing.assert_array_equal(profile(*in_plane), 0)
 
 
-def test_patch_areas_are_those_of_parallelograms():
-    np.testing.assert_allclose(make_scenario().patch_areas, 6)
-    sheared = make_scenario(patch_up=np.tile([5.0, 0, 3.0], (6, 1)))
-    np.testing.assert_allclose(sheared.patch_areas, 6)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_frame_follows_the_photograph_however_the_wall_stands(seed):
     points, normals = field()

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.adapters.sizes import Shape, Sizes, sizes_of
+from periscopy_sim.model.transport_operator import row_blocks
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[Any]
@@ -45,22 +46,16 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
 
     def _matmat(self, X: Array) -> Array:
         f = self._planes(X)
-        if isinstance(self.A, np.ndarray):
-            y = self.A @ f
-        else:
-            y = np.empty((self.A.shape[0], f.shape[1]), self.dtype)
-            for rows, block in self.A.row_blocks():
-                y[rows] = block @ f
+        y = np.empty((self.A.shape[0], f.shape[1]), self.dtype)
+        for rows, block in row_blocks(self.A):
+            y[rows] = block @ f
         return self._coloured(y).reshape(-1, X.shape[1])
 
     def _rmatmat(self, Y: Array) -> Array:
         y = self._coloured(self._planes(Y))
-        if isinstance(self.A, np.ndarray):
-            f = self.A.T @ y
-        else:
-            f = np.zeros((self.A.shape[1], y.shape[1]), self.dtype)
-            for rows, block in self.A.row_blocks():
-                f += block.T @ y[rows]
+        f = np.zeros((self.A.shape[1], y.shape[1]), self.dtype)
+        for rows, block in row_blocks(self.A):
+            f += block.T @ y[rows]
         return f.reshape(-1, Y.shape[1])
 
     def _rmatvec(self, y: Array) -> Array:

@@ -23,7 +23,7 @@ from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 
 Image = NDArray[np.floating[Any]]
@@ -115,7 +115,11 @@ def calibrate(
     defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
     held = uncertain_parameters(path, names, defaults, uncertain or {})
     scenario = load_scenario(path, hidden, defaults)
-    _check(scenario)
+    if hidden_fraction(scenario) < LEAST:
+        raise SceneError(
+            f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
+            "add an occluder, or move one into the view"
+        )
     size, off = scenario.photograph_shape, named(backgrounds)
     checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
     deviations = np.array(list(errors.values()))
@@ -124,15 +128,6 @@ def calibrate(
     # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
         return _calibrated(problem, seed, progress or (lambda _: None))
-
-
-def _check(scenario: Scenario) -> None:
-    """Raise a SceneError unless the scene is one that can be calibrated."""
-    if hidden_fraction(scenario) < LEAST:
-        raise SceneError(
-            f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
-            "add an occluder, or move one into the view"
-        )
 
 
 def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Calibration:

@@ -69,14 +69,7 @@ def analyze(
             metadata=session.metadata,
         )
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
-        session.write_summary(
-            folder / "summary.json",
-            {
-                **light.origin(),
-                "rank_tolerance": rank_tolerance,
-                **left_out(used),
-                **numbers,
-            },
-        )
+        summary = {**light.origin(), "rank_tolerance": rank_tolerance, **left_out(used), **numbers}
+        session.write_summary(folder / "summary.json", summary)
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")

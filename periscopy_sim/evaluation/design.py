@@ -98,7 +98,7 @@ def errors_of(
         return photograph, noise_level(photograph, snr) * finer
 
     _, σ = exposed(np.ones((*scenario.hidden_shape, 3)))
-    grey = σ * np.sqrt(np.mean(1 / observed.used_gain**2))  # each channel divided by its gain
+    grey = σ * np.sqrt(np.mean(1 / observed.channel_gain**2))  # each channel divided by its gain
     bound = float(grey * _unit_bound(Fit(observed, A, B, RANK_TOLERANCE)))
     if not images:
         return {"bound": bound}

@@ -13,12 +13,6 @@ from periscopy_sim.figures.animation import draw_animation
 from periscopy_sim.figures.panels import Image, displayable, write_enlarged
 
 
-def picture_names(count: int) -> list[str]:
-    """Name the picture of each frame: 0000.png and so on."""
-    digits = max(4, len(str(count - 1)))
-    return [f"{k:0{digits}}.png" for k in range(count)]
-
-
 def white_of(frames: Image, most: int = 1000) -> float:
     """Choose one white for a whole sequence, so that its brightness does not flicker.
 
@@ -34,12 +28,12 @@ def draw_frames(
     text: dict[str, str],
     progress: Callable[[float], None],
 ) -> None:
-    """Draw each frame as a picture of its own, with one white for all."""
+    """Draw each frame as a picture of its own, 0000.png and so on, with one white for all."""
     folder.mkdir()
-    names = picture_names(len(images))
-    for k, (name, image) in enumerate(zip(names, images, strict=True), 1):
-        write_enlarged(folder / name, displayable(image, white), text)
-        progress(k / len(images))
+    digits = max(4, len(str(len(images) - 1)))
+    for k, image in enumerate(images):
+        write_enlarged(folder / f"{k:0{digits}}.png", displayable(image, white), text)
+        progress((k + 1) / len(images))
 
 
 def draw_sheet(

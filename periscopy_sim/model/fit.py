@@ -15,12 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.ambient import (
-    ROUNDING,
-    background_basis,
-    joined_basis,
-    wall_profiles,
-)
+from periscopy_sim.model.ambient import ROUNDING, background_basis, joined_basis, wall_profiles
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
@@ -152,12 +147,9 @@ class Fit:
         """M', the pixels used."""
         return int(self.transport.shape[1])
 
-    def operator(self) -> TransportOperator:
-        """Return A⊥ as a linear operator, (M', N)."""
-        return self._operator
-
     @cached_property
-    def _operator(self) -> TransportOperator:
+    def operator(self) -> TransportOperator:
+        """A⊥ as a linear operator, (M', N)."""
         return TransportOperator(self.transport.T, self.background.T, self.gram)
 
     def project_out(self, rows: Image) -> Image:
@@ -202,7 +194,7 @@ class Fit:
 
     def unexplained(self, rows: Array) -> Array:
         """Return what no hidden image and no ambient light explain of rows, (J, M')."""
-        return self.operator().unexplained(rows.T).T
+        return self.operator.unexplained(rows.T).T
 
     def response(self, light: Array) -> Array:
         """Return A⊥ᵀ of light, (K, 3, M'), as (K, 3, N)."""

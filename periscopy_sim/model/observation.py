@@ -1,7 +1,7 @@
 """The pixels of a photograph that are used, and the way from images to the vectors of y = A f.
 
 With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B c_j + n_j, g the
-wall's colour, or its mean over the pixels. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
+wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Observation:
 
     pixels: int  # M, of the photograph
     hidden_shape: tuple[int, int]  # (R, C)
-    channel_gain: Array  # (3,) colour of the wall, or (M, 3) of each pixel's
+    channel_gain: Array  # (3,) colour of the wall
     mask: Mask | None = None  # (rows, columns) or (M,), True in the M' pixels used; None for all
     photograph_shape: tuple[int, int] | None = None  # (rows, columns), where it is known
     backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
@@ -49,13 +49,6 @@ class Observation:
         if len(matrix) != self.pixels:
             raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
         return matrix if self.mask is None else matrix[self.mask.ravel()]
-
-    @property
-    def used_gain(self) -> Array:
-        """(3,) colour of the wall, or (M', 3) of the pixels used."""
-        if self.mask is None or self.channel_gain.ndim == 1:
-            return self.channel_gain
-        return self.channel_gain[self.mask.ravel()]
 
     def ambient(self, B: Image | None) -> Image:
         """Return the columns of ambient light, (M', L + 3 K): B's used rows, and K backgrounds."""
@@ -124,8 +117,7 @@ class Observation:
         if self.mask is not None:
             values = values[:, self.mask.ravel()]
         planes = np.moveaxis(values, -1, 1)
-        gain = self.used_gain.reshape(-1, 3).T
-        grey = np.divide(planes, gain, order="C", dtype=np.float64)
+        grey = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
         if not np.isfinite(grey).all():
             raise ValueError("the photograph must be finite")
         largest = float(np.abs(grey).max(initial=0))
@@ -194,22 +186,14 @@ def observation_of(
             f"{A.shape[1]} columns"
         )
     gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
-    lit = np.ones(A.shape[0], bool)
-    if gain.shape == (A.shape[0], 3):
-        lit = np.asarray((gain > 0).all(axis=1))
-    elif gain.shape != (3,) or not (gain > 0).all():
+    if gain.shape != (3,) or not (gain > 0).all():
         raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
-    if not lit.all():  # a pixel so dark in a channel tells nothing of it
-        whole = np.ones(photograph_shape or lit.shape, bool) if used is None else used
-        used = checked_mask(whole & lit.reshape(whole.shape), A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
     planes = _background_planes(alone, backgrounds)
     if colour_matrix is None:
         return replace(alone, backgrounds=planes)
-    colour = np.atleast_2d(alone.used_gain).mean(axis=0)
-    mixing = colour_matrix.matrix * colour / colour[:, None]
-    return replace(alone, backgrounds=planes, mixing=mixing)
+    return replace(alone, backgrounds=planes, mixing=colour_matrix.matrix * gain / gain[:, None])
 
 
 def _background_planes(

@@ -25,7 +25,7 @@ the hidden image's light, is left to the columns of B.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -81,17 +81,14 @@ class Paint:
 class Unevenness:
     """What the background photographs of an observation show of paint; see the module.
 
-    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'. The
-    fields that have nothing to do with the wall are moved by `moves`, parts of the photograph.
+    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
     """
 
-    def __init__(
-        self, smooth: Array, observation: Observation, moves: Sequence[float] = (1 / 3, 2 / 3)
-    ) -> None:
+    def __init__(self, smooth: Array, observation: Observation) -> None:
         rows = np.concatenate(list(observation.backgrounds.values()))
         self._fields = np.array([fine_structure(row, smooth) for row in rows])
         mask = None if observation.mask is None else observation.mask.ravel()
-        self._others = [_moved(self._fields, fraction, mask) for fraction in moves]
+        self._others = [_moved(self._fields, fraction, mask) for fraction in (1 / 3, 2 / 3)]
 
     def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
         """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.

@@ -121,7 +121,7 @@ def prepare(
                 f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
                 "only, where it is worst; measure more of them, further apart"
             )
-    elif not is_whole_blocks(light.size, shape):
+    elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
         raise PhotographError(
             f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
             f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
@@ -163,9 +163,3 @@ def prepare(
         placement=film.placement if film else 0.0,
         warnings=tuple(warnings),
     )
-
-
-def is_whole_blocks(size: tuple[int, int], shape: tuple[int, int]) -> bool:
-    """Return whether whole square blocks of a photograph of a size average to a film's shape."""
-    side = size[0] // shape[0]
-    return side > 0 and size == (side * shape[0], side * shape[1])

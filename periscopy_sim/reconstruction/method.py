@@ -40,7 +40,7 @@ class SceneSizes(Protocol):
 
     @property
     def channel_gain(self) -> Array:
-        """(3,) colour of the wall, or (M, 3) of each pixel's."""
+        """(3,) colour of the wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +106,7 @@ class StillMethod(ABC, Generic[Precision]):
     hidden_shape
         (R, C) with R C = N.
     channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall; or (M, 3)
-        of each pixel, one of which is left out where a channel is 0.
+        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     rank_tolerance
         Of methods that know backgrounds: relative tolerance on B's singular values, see
         `background_basis`.

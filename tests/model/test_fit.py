@@ -55,7 +55,7 @@ def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
     assert fit.pixels == USED.sum() and len(fit.background) == 6 and fit.smooth_rank == 3
     smooth = fit.background[:3]
     np.testing.assert_allclose(unexplained_by(B[USED], smooth.T), 0, atol=1e-12)
-    np.testing.assert_allclose(fit.operator() @ np.eye(N), PROJECTED, atol=1e-6)
+    np.testing.assert_allclose(fit.operator @ np.eye(N), PROJECTED, atol=1e-6)
 
 
 def test_all_ambient_light_is_projected_out_and_nothing_else(fit):

@@ -87,28 +87,6 @@ def test_what_is_used_must_be_finite(method):
         ALL[method](A, B, mask=MASK).reconstruct(y)
 
 
-@pytest.mark.parametrize("mask", [None, MASK])
-@pytest.mark.parametrize("method", ["periscope", "iterative", "noise-aware", "svd"])
-def test_colour_of_each_pixel_is_divided_out(method, mask):
-    gain = np.random.default_rng(9).uniform(0.5, 2, (M, 3))
-    grey = FITTED[method](A, B, channel_gain=None, mask=mask).reconstruct(Y)
-    painted = (Y.reshape(M, 3) * gain).reshape(Y.shape)
-    found = FITTED[method](A, B, channel_gain=gain, mask=mask).reconstruct(painted)
-    np.testing.assert_allclose(found, grey, rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize("mask", [None, MASK])
-def test_pixels_without_one_of_the_colours_are_left_out(mask):
-    gain = np.ones((M, 3))
-    gain[40:60, 1] = 0
-    lit = np.arange(M).reshape(PHOTOGRAPH)
-    lit = ((lit < 40) | (lit >= 60)) & (True if mask is None else mask)
-    y = np.where(lit[..., None], Y, np.nan)
-    found = FITTED["periscope"](A, B, channel_gain=gain, mask=mask).reconstruct(y)
-    expected = FITTED["periscope"](A, B, channel_gain=np.ones(3), mask=lit).reconstruct(Y)
-    np.testing.assert_array_equal(found, expected)
-
-
 # -- one row left --------------------------------------------------------------------------------
 
 

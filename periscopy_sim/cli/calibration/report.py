@@ -78,6 +78,11 @@ def say_calibration(result: Calibration) -> None:
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained: {before} % of the photograph by the measured scene, {after} % now{verdict}")
+    if result.overdispersion > 1:
+        say(
+            f"the photograph counts 1/{result.overdispersion:g} of what its noise allows: it shows "
+            "something that the scene lacks"
+        )
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         source = "by the photograph" if p.determined else "by the ruler"

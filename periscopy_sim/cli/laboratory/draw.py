@@ -25,7 +25,7 @@ def draw(
 ) -> None:
     """Draw a scene to scale: plan, side view, shadows.
 
-    The drawing shows wrong signs and units.
+    Look at it to find wrong signs and units.
     """
     from periscopy_sim.figures.laboratory.drawing import draw_laboratory
 

@@ -277,7 +277,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
-        return self.fit.operator()
+        return self.fit.operator
 
     def _default_corrections(self) -> list[Callable[[Fit], Correction]]:
         if self.observation.rows_and_columns is None:

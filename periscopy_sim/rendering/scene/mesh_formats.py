@@ -69,8 +69,11 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
             raise ValueError(f"cannot be read (... {reason})") from None
     announced = _announced(content, kind)
     parts = _parts(content, kind)
-    if kind == "glb":
-        _check_glb(content)
+    # Geometry of a GLB file that trimesh skips or takes for another.
+    end = 20 + int.from_bytes(content[12:16], "little")
+    if kind == "glb" and (found := UNREAD.search(content, 20, end)):
+        what = found[0].decode().replace('"', "")
+        raise ValueError(f"has what is not supported ({what}); write plain triangles of floats")
     mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:
         raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
@@ -148,14 +151,6 @@ def _announced(content: bytes, kind: str) -> int | None:
     if not content.lstrip().startswith(b"solid") or b"endsolid" not in content[-200:]:
         raise ValueError("is cut short, or no STL file")
     return len(re.findall(rb"^\s*facet\b", content, re.M))
-
-
-def _check_glb(content: bytes) -> None:
-    """Refuse a GLB file with geometry that trimesh skips or takes for another."""
-    found = UNREAD.search(content, 20, 20 + int.from_bytes(content[12:16], "little"))
-    if found:
-        what = found[0].decode().replace('"', "")
-        raise ValueError(f"has what is not supported ({what}); write plain triangles of floats")
 
 
 def _check_polygons(content: bytes) -> None:

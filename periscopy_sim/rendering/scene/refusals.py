@@ -34,9 +34,16 @@ of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes, or is changed by on its way."""
+    """Refuse what light passes, wherever it stands, or is changed by on its way."""
     check_media(nodes)
-    check_opaque(nodes)
+    for props in nodes.of_type("Shape"):
+        for name in _see_through(nodes, props):
+            raise SceneError(
+                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
+                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
+                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
+                "own goes into a twosided one)"
+            )
 
 
 def check_media(nodes: SceneNodes) -> None:
@@ -49,18 +56,6 @@ def check_media(nodes: SceneNodes) -> None:
                     f"medium ({medium.plugin_name()}), and light is taken to travel through empty "
                     "space; remove the medium"
                 )
-
-
-def check_opaque(nodes: SceneNodes) -> None:
-    """Refuse shapes that let light through, wherever they stand."""
-    for props in nodes.of_type("Shape"):
-        for name in _see_through(nodes, props):
-            raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
-                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
-                "own goes into a twosided one)"
-            )
 
 
 def check_monitor(monitor: Any, path: Path) -> None:

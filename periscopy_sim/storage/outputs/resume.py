@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.staging import claim, staged_file
 
 SETTINGS = "settings.json"
 """File that holds what a folder's results were made with."""
@@ -31,17 +30,10 @@ def alone_in(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror}; name another") from error
     with stream:
-        if sys.platform != "win32":
-            import fcntl
-
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise OutputError(
-                    f"another process is at work in {folder}; wait for its end, or name another"
-                ) from None
-            except OSError:  # a file system without locks
-                pass
+        if not claim(stream.fileno()):
+            raise OutputError(
+                f"another process is at work in {folder}; wait for its end, or name another"
+            )
         yield
 
 

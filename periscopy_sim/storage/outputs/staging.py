@@ -6,6 +6,7 @@ import errno
 import glob
 import os
 import shutil
+import sys
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -42,6 +43,7 @@ def staged_file(path: Path) -> Iterator[Path]:
                 raise OutputError(f"cannot write {path}: it is no regular file; name another")
             staged = _temporary_name(target, target.parent, undo)
             staged.touch()  # shows before hours of work whether the place can be written
+            _hold(staged, undo)
         with out_of_space_reported(path):
             yield staged
         with _reported(path):
@@ -64,6 +66,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
                 raise OutputError(f"cannot write {path}: it is a file; name a folder")
             staged = _temporary_name(target, target if target.is_dir() else target.parent, undo)
             staged.mkdir()
+            _hold(staged, undo)
         with out_of_space_reported(path):
             yield staged
         with _reported(path):
@@ -90,10 +93,39 @@ def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
         undo.callback(_remove_empty, parent)
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob(f".{glob.escape(target.name)}-????????.partial{target.suffix}"):
-        _remove(leftover)
+        with suppress(OSError), ExitStack() as briefly:
+            if _hold(leftover, briefly):
+                _remove(leftover)
     staged = folder / f".{target.name}-{uuid.uuid4().hex[:8]}.partial{target.suffix}"
     undo.callback(_remove, staged)
     return staged
+
+
+def _hold(path: Path, undo: ExitStack) -> bool:
+    """Lock a file or folder until `undo`; return whether no other process had."""
+    if sys.platform == "win32":  # which renames nothing that is open
+        return True
+    descriptor = os.open(path, os.O_RDONLY)
+    undo.callback(os.close, descriptor)
+    return claim(descriptor)
+
+
+def claim(descriptor: int) -> bool:
+    """Lock what is open as long as it is; return whether no other process had.
+
+    Without locks, as on Windows and some file systems, nobody is thought to have.
+    """
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def _remove_empty(folder: Path) -> None:

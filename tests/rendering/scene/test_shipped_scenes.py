@@ -38,7 +38,8 @@ def test_hidden_patches_cover_the_published_rectangle_of_the_screen(name):
     np.testing.assert_allclose(upper_left[..., 0], np.tile(x[:-1], (29, 1)), atol=1e-6)
     np.testing.assert_allclose(upper_left[..., 2], np.tile(z[:-1, None], (1, 36)), atol=1e-6)
     np.testing.assert_allclose(lower_right[..., 0], np.tile(x[1:], (29, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.patch_areas, 0.011156 * 0.010544, rtol=1e-4)
+    areas = np.linalg.norm(np.cross(seen.patch_across, seen.patch_up), axis=1)
+    np.testing.assert_allclose(areas, 0.011156 * 0.010544, rtol=1e-4)
     assert seen.emission == EmissionProfile(18, 1)
 
 

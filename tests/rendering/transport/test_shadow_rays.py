@@ -108,7 +108,8 @@ def test_shadows_are_those_of_the_occluders_triangles(shipped, name):
     ray = seen.wall_points[:, None] - seen.patch_centers
     distance = np.linalg.norm(ray, axis=2)
     profile = seen.emission(*np.moveaxis(ray @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], 2, 0))
-    unblocked = 0.8 / np.pi * profile * ray[..., 1] ** 2 / distance**4 * seen.patch_areas
+    areas = np.linalg.norm(np.cross(seen.patch_across, seen.patch_up), axis=1)
+    unblocked = 0.8 / np.pi * profile * ray[..., 1] ** 2 / distance**4 * areas
     np.testing.assert_allclose(A[A > 0], unblocked[A > 0], rtol=2e-5)
 
 
