@@ -40,8 +40,6 @@ class Look:
         (P + K,) derivatives of half of either.
     information, precision
         (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
-    beyond
-        (P + K, M, C) what no image can follow of how photographs change with the point, over σ.
     temperature
         κ, by which the evidence is divided.
     """
@@ -54,7 +52,6 @@ class Look:
     prior_slope: Array
     information: Array
     precision: Array
-    beyond: Array
     temperature: float = 1.0
 
     @property
@@ -193,6 +190,5 @@ class ResolutionLevel:
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,
             precision=self.precision,
-            beyond=free,
             temperature=temperature,
         )

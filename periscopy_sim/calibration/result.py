@@ -90,8 +90,8 @@ class Calibration:
     gain
         (rows, columns) what the monitor's light was multiplied by; 1 in pixels not used.
     overdispersion
-        By how much the photographs count for less than white noise would let them: what is
-        unexplained varies more from place to place.
+        Temperature of the search's end: the photographs count for so many times less than white
+        noise allows, because else they move parameters farther than chance errs in measured values.
     moved
         Whether the values explain the photographs better than the start does, by more than chance;
         otherwise they are those of the start.

@@ -5,8 +5,8 @@ doubt leaves the prior, and goes on as it counts for more and more (a homotopy: 
 Visual Reconstruction, 1987). What the photographs leave open stays where the prior is centred. So
 descents with centres that are drawn from the prior end in different places that explain the
 photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
-2014). From the prior's own end and from the best of the others, descents on all edges of the image
-go on.
+2014). Two fine descents follow, whose images are nonnegative and have few edges: from the end of
+the prior itself and from the best of the other ends.
 """
 
 from __future__ import annotations

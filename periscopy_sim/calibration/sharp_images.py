@@ -26,8 +26,8 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Array
 
 ROUNDS, TOLERANCE = 4, 1e-4
-"""Images, each of the σ and λ that the one before has, and their tolerance: the slope is that of
-the evidence to a few per cent, where 3 and 1e-3 left a sixth."""
+"""How often σ and λ are updated, and the tolerance of each image: the slope then agrees with
+differences of the evidence to a tenth (`test_sharp_images`); 3 and 1e-3 left a seventh."""
 
 REGULARIZATION = 0.01
 """Of the first of these images, see `NoiseAware`."""

@@ -21,9 +21,7 @@ def look(information: Any = None, unexplained: float = 0.1) -> Look:
     nothing = np.zeros(2)
     information = np.eye(2) if information is None else information
     explanation: Any = SimpleNamespace(unexplained=unexplained)
-    return Look(
-        nothing, (explanation,), 0.0, 0.0, nothing, nothing, information, np.ones(2), nothing
-    )
+    return Look(nothing, (explanation,), 0.0, 0.0, nothing, nothing, information, np.ones(2))
 
 
 def test_what_nothing_speaks_against_is_not_doubted() -> None:
