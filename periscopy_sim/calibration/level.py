@@ -27,27 +27,45 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """What photographs say at a point: the objective and its derivatives.
+class Trial:
+    """Photographs explained at a point.
 
     Attributes
     ----------
     point, explanations
-        (P + K,), and the photographs explained there, a group each.
-    evidence, penalty
-        Of the photographs, and of the prior: each twice a negative logarithm, less a constant.
+        (P + K,), and the photographs explained there, a group each; () where there is no scene.
+    penalty
+        Of the prior: twice a negative logarithm, less a constant, as `evidence` is.
+    """
+
+    point: Array
+    explanations: tuple[Explanation, ...]
+    penalty: float
+
+    @cached_property
+    def evidence(self) -> float:
+        """Of the photographs; infinite where there is no scene."""
+        return sum(each.evidence for each in self.explanations) if self.explanations else np.inf
+
+    def objective_at(self, temperature: float) -> float:
+        """Twice the negative logarithm of the tempered posterior density, less a constant."""
+        return self.evidence / temperature + self.penalty
+
+
+@dataclass(frozen=True, eq=False)
+class Look(Trial):
+    """What photographs say at a point: the objective and its derivatives.
+
+    Attributes
+    ----------
     slope, prior_slope
-        (P + K,) derivatives of half of either.
+        (P + K,) derivatives of half the evidence, and of half the penalty.
     information, precision
         (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
     temperature
         κ, by which the evidence is divided.
     """
 
-    point: Array
-    explanations: tuple[Explanation, ...]
-    evidence: float
-    penalty: float
     slope: Array
     prior_slope: Array
     information: Array
@@ -56,12 +74,8 @@ class Look:
 
     @property
     def objective(self) -> float:
-        """Twice the negative logarithm of the tempered posterior density, less a constant."""
+        """The objective at the look's own temperature."""
         return self.objective_at(self.temperature)
-
-    def objective_at(self, temperature: float) -> float:
-        """Return the objective at another temperature."""
-        return self.evidence / temperature + self.penalty
 
     @property
     def downhill(self) -> Array:
@@ -145,31 +159,24 @@ class ResolutionLevel:
         """Return twice the negative logarithm of the prior's density, less a constant."""
         return float(self.precision @ (point - self.center) ** 2)
 
-    def bright_transport(self, point: Array) -> Matrix:
-        """Return g A, (M, N); a SceneError says that the point is no scene."""
-        return self.gain(point)[:, None] * self.scene.transport(self.values(point))
-
-    def objective(self, point: Array, temperature: float = 1.0) -> float:
-        """Return the objective, infinite where there is no scene."""
+    def trial(self, point: Array) -> Trial:
+        """Return the photographs explained at a point."""
         try:
-            A = self.bright_transport(point)
+            A = self.gain(point)[:, None] * self.scene.transport(self.values(point))
         except SceneError:
-            return np.inf
-        evidence = sum(each.evidence for each in self._explain(A))
-        return evidence / temperature + self.penalty(point)
+            return Trial(point, (), self.penalty(point))
+        explained = (g.images.explain(A, self.background, g.light) for g in self.groups)
+        return Trial(point, tuple(explained), self.penalty(point))
 
-    def _explain(self, A: Matrix) -> tuple[Explanation, ...]:
-        return tuple(g.images.explain(A, self.background, g.light) for g in self.groups)
-
-    def look(self, point: Array, temperature: float = 1.0) -> Look:
+    def look(self, trial: Trial, temperature: float = 1.0) -> Look:
         """Return what the photographs say at a point; a SceneError says that it is no scene."""
+        point = trial.point
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]
         bright = gain * A
-        explanations = self._explain(bright)
         slope = np.zeros(len(point))
         motions, beyond = [], []
-        for each in explanations:
+        for each in trial.explanations:
             lights = each.lights.astype(np.float32)
             by_gain = self.terms[:, :, None] * (bright @ lights)
             motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
@@ -183,9 +190,8 @@ class ResolutionLevel:
         crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
         return Look(
             point=point,
-            explanations=explanations,
-            evidence=sum(each.evidence for each in explanations),
-            penalty=self.penalty(point),
+            explanations=trial.explanations,
+            penalty=trial.penalty,
             slope=slope,
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Look, ResolutionLevel
+from periscopy_sim.calibration.level import Look, ResolutionLevel, Trial
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -57,17 +57,20 @@ def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visi
             break
         for _ in range(TRIALS):
             step = _step(level, look, damping)
-            objective = level.objective(look.point + step, temperature)
-            if objective < look.objective:
+            trial = level.trial(look.point + step)
+            if trial.objective_at(temperature) < look.objective:
                 break
             damping = max(damping, DAMPING) * 10
         else:
             break
         # Valleys are rough: the information nearby exceeds that over the valley.
-        while (farther := level.objective(look.point + 2 * step, temperature)) < objective:
-            step, objective = 2 * step, farther
-        gain, damping = look.objective - objective, damping / 5
-        look = level.look(look.point + step, temperature)
+        while True:
+            farther = level.trial(look.point + 2 * step)
+            if farther.objective_at(temperature) >= trial.objective_at(temperature):
+                break
+            step, trial = 2 * step, farther
+        gain, damping = look.objective - trial.objective_at(temperature), damping / 5
+        look = level.look(trial, temperature)
         visit(look)
         if gain < NEGLIGIBLE:
             break
@@ -114,31 +117,32 @@ class Search:
                 others.append(self._coarse_end(replace(self.coarse, centers=centers)))
             except SceneError:
                 continue
-        look = self.followed(own)
+        look = self.followed(self.fine.trial(own))
         if not others:
             return look
-        other = self.followed(min(others, key=self.fine.objective))
+        trials = [self.fine.trial(point) for point in others]
+        other = self.followed(min(trials, key=lambda trial: trial.objective_at(1.0)))
         # Where photographs cannot tell, the end that is likelier before them is kept.
         hottest = max(look.temperature, other.temperature)
         gain = look.objective_at(hottest) - other.objective_at(hottest)
         return other if is_significant(gain, len(own)) else look
 
     def _coarse_end(self, level: ResolutionLevel) -> Array:
-        look = level.look(level.center)
+        look = level.look(level.trial(level.center))
         for temperature in COOLING:
             look = descend(level, look, temperature, partial(self.visit, 0))
         return look.point
 
-    def followed(self, point: Array) -> Look:
-        """Return the coldest fine look, from a point, that the prior allows.
+    def followed(self, start: Trial) -> Look:
+        """Return the coldest fine look, from a start, that the prior allows.
 
         Photographs that move the parameters farther than chance errs in measured values show
         something that the scene lacks: they count for less.
         """
-        look = self.fine.look(point)
+        look = self.fine.look(start)
         for temperature in FINE_COOLING:
             colder = descend(self.fine, look, temperature, partial(self.visit, 1))
-            if temperature < FINE_COOLING[0] and is_significant(colder.penalty, len(point)):
+            if temperature < FINE_COOLING[0] and is_significant(colder.penalty, len(start.point)):
                 break
             look = colder
         return look

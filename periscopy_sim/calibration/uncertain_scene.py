@@ -1,35 +1,30 @@
-"""How errors of a scene's parameters change its light transport: A on either side of the scene.
-
-A comes by areas, without noise (`area_transport`), or by rays where the scene has no closed form.
-"""
+"""How errors of a scene's parameters change the light of a hidden image, in closed form."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from periscopy_sim.analytic.area_transport import area_transport, has_areas
+from periscopy_sim.analytic.area_transport import require_areas
+from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.prior import check_error, start_values
+from periscopy_sim.calibration.problem import fitted
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Array, Scenario
+
+LONGEST = 42
+"""Rows and columns, at most, for which derivatives are computed; between them light is linear."""
 
 
 def uncertain_transport(
-    scenario: Scenario,
-    errors: Mapping[str, float] | SceneCovariance,
-    *,
-    samples: int = 16,
-    seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    scenario: Scenario, errors: Mapping[str, float] | SceneCovariance
 ) -> UncertainTransport:
-    """Render how errors of a scene's parameters change A, for `NoiseAware`.
+    """Return how errors of a scene's parameters change the light of images, for `NoiseAware`.
 
     Parameters
     ----------
@@ -37,11 +32,7 @@ def uncertain_transport(
         The scene at its measured values.
     errors
         Standard errors of ``<default>``s, independent of each other, by name; or the covariance
-        that a calibration wrote. Directions in which A does not change are left out.
-    samples, seed
-        Of A by rays, see `render_transport`; both sides use the same rays.
-    progress
-        Called with the fraction done.
+        that a calibration wrote.
 
     Returns
     -------
@@ -50,11 +41,10 @@ def uncertain_transport(
 
     Raises
     ------
+    ClosedFormError
+        If the scene has no closed form, see `area_transport`.
     SceneError
-        If a parameter is unknown or no number, an error not positive, the scene not physical on
-        either side, or A does not change.
-    VariantError
-        In scalar variants, of a scene without closed form.
+        If a parameter is unknown or no number, or an error not positive.
     """
     if isinstance(errors, SceneCovariance):
         names, values, directions = errors.names, errors.values, errors.directions
@@ -64,32 +54,20 @@ def uncertain_transport(
         for name, error in errors.items():
             check_error(name, error)
         directions = np.diag(list(errors.values()))
-    if not has_areas(scenario):
-        require_vectorized("an uncertain scene by rays")
+    require_areas(scenario)
+    shape = scenario.photograph_shape
+    coarse = fitted(shape, LONGEST)
     movable = load_scenario(
-        scenario.path,
-        scenario.hidden_shape,
-        scenario.parameters,
-        photograph=scenario.photograph_shape,
+        scenario.path, scenario.hidden_shape, scenario.parameters, photograph=coarse
     )
+    deviations = np.sqrt(np.sum(directions**2, axis=1))
+    scene = MovingScene(movable, names, deviations, np.ones(coarse, bool), 1)
+    _, changes = scene.linearized(values)
 
-    def transport(place: Array) -> NDArray[np.float32]:
-        moved = movable.at(**{n: f"{v:.9g}" for n, v in zip(names, place, strict=True)})
-        if has_areas(scenario):
-            return area_transport(moved)
-        # None of A's own rays, whose noise the image follows.
-        return render_transport(moved, samples=samples, seed=seed + 1)
+    def slopes(image: Array) -> NDArray[np.float32]:
+        light = (changes @ image.reshape(-1, 3).astype(np.float32)).reshape(-1, *coarse, 3)
+        finer = 1, *np.divide(shape, coarse), 1
+        smooth = ndimage.zoom(light, finer, order=1, mode="nearest", grid_mode=True)
+        return np.asarray(smooth.reshape(len(names), -1, 3))
 
-    changes = np.empty((directions.shape[1], *scenario.transport_shape), np.float32)
-    for k, direction in enumerate(directions.T):
-        try:
-            changes[k] = (transport(values + direction) - transport(values - direction)) / 2
-        except (SceneError, ClosedFormError) as error:
-            name = names[int(np.argmax(np.abs(direction)))]
-            raise SceneError(f"an error of '{name}' is too large ({error})") from None
-        if progress is not None:
-            progress((k + 1) / len(changes))
-    shown = changes.any(axis=(1, 2))
-    if not shown.any():
-        raise SceneError(f"the photograph shows no error of {', '.join(names)}; leave that out")
-    return UncertainTransport(names, values, directions[:, shown], changes[shown])
+    return UncertainTransport(names, values, directions, slopes)

@@ -20,6 +20,10 @@ SENTENCES = {
         "the monitor's light over the wall is {low:.2f} to {high:.2f} times the scene's; the image "
         "allows for this smooth gain"
     ),
+    "place": (
+        "errors of the scene displace the image by {down:.1f} patches down and {across:.1f} across "
+        "(one standard error), which no photograph of an unknown image shows"
+    ),
     "does_not_fit": (
         "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
         "photograph, where noise alone would leave {noise_alone:.3g} %. Export linear values, "
@@ -28,6 +32,9 @@ SENTENCES = {
         "more of them (--samples 256)"
     ),
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
+    "no_derivatives": (
+        "{scene} has no closed form: the standard errors do not count the errors that it declares"
+    ),
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (
         "{scene}: the standard errors ignore the calibration's ({names} changed since); pass "
@@ -71,8 +78,9 @@ def residual_summary(residual: Residual) -> str:
 
 def assumptions(uncertain: Iterable[str]) -> str:
     """Return what standard errors assume, but for the uncertain parameters that they count."""
-    names = ", ".join(uncertain)
-    scene = f"the scene is right but for {names}" if names else "the scene is right"
+    counted = list(uncertain)
+    names = f"its {len(counted)} uncertain numbers" if counted[3:] else ", ".join(counted)
+    scene = f"the scene is right but for {names}" if counted else "the scene is right"
     return f"{scene}, and that unseen details vary like seen ones"
 
 

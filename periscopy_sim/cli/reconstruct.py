@@ -8,8 +8,8 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
-from periscopy_sim.cli.light import SAMPLES, Light
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.output import fixable, output_folder, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
@@ -68,21 +68,19 @@ def reconstruct(
         wall = session.wall(photo, mask, monitor_off)
         known = None if truth is None else session.hidden_image(truth)
         moved = None
-        if named or (counts_errors and uncertain is None):
-            moved = _uncertain_transport(session, named, light.samples or SAMPLES)
+        if counts_errors and uncertain != "none":
+            moved = _uncertain_transport(session, named)
         fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
         with (
             session.timed("reconstruct"),
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
-            report = Report()
-            if method in METHODS:
-                solution = fitted.solve(wall.values)
-                image, report = solution.image, fitted.report(wall.values, solution)
-            else:
-                image = fitted.reconstruct(wall.values)
+            solution = fitted.solve(wall.values) if method in METHODS else None
+            image = fitted.reconstruct(wall.values) if solution is None else solution.image
             image = promised(image, session.scenario.hidden_shape).astype(np.float64)
+        with session.timed("residual and standard errors"):
+            report = Report() if solution is None else fitted.report(wall.values, solution)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")
         write_report(folder, report, image, wall.values, session.metadata)
@@ -105,35 +103,32 @@ def reconstruct(
         say(messages.comparison(compared))
 
 
-def _uncertain_transport(
-    session: Session, errors: dict[str, float], samples: int
-) -> ps.UncertainTransport | None:
-    """Render derivatives of A by parameters: of the errors named, or those left by a calibration.
+def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.UncertainTransport | None:
+    """Return what errors do to light: those named, those a calibration left, or the declared ones.
 
     Warn where that calibration does not hold.
     """
-    from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
+    from periscopy_sim.analytic.area_transport import has_areas
+    from periscopy_sim.calibration.prior import free_parameters
+    from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 
-    scenario, scene, known = session.scenario, session.scene, None
-    if not errors:
-        if CALIBRATED not in read_document(scenario.path).defaults:
-            return None
-        from periscopy_sim.calibration.scene_covariance import scene_covariance
-
-        known = scene_covariance(scenario.path)
-    if known is not None:
+    scenario, scene = session.scenario, session.scene
+    errors: dict[str, float] | SceneCovariance = named
+    if not named and (known := scene_covariance(scenario.path)) is not None:
         if not known.trusted:
             session.warn(messages.sentence("untrusted", scene=scene))
         if changed := ", ".join(known.changed(scenario.path, scenario.parameters)):
             session.warn(messages.sentence("uncounted", scene=scene, names=changed))
             return None
-        if not known.names:
-            return None
-    label = "rendering the scene's parameter derivatives"
-    with session.timed("uncertain scene"), progress(label) as report:
-        return ps.uncertain_transport(
-            scenario, known or errors, samples=samples, seed=session.seed, progress=report
-        )
+        errors = known
+    elif not named:
+        errors = free_parameters(scenario.path, None, scenario.parameters)
+    count = len(errors.names if isinstance(errors, SceneCovariance) else errors)
+    if count and not named and not has_areas(scenario):
+        say(messages.sentence("no_derivatives", scene=scene))
+    elif count:
+        return ps.uncertain_transport(scenario, errors)
+    return None
 
 
 def write_report(

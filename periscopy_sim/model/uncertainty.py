@@ -107,6 +107,31 @@ def standard_errors(
     return np.asarray(np.sqrt(variances).reshape(f.shape))
 
 
+def displacement(gram: Array, image: NDArray[np.floating[Any]], response: Array) -> Array:
+    """Return how far the scene's own errors displace the image, in patches down and across, (2,).
+
+    The root mean square over the directions k of the shift s_k of which the light A⊥ s_k·∇f̂ is
+    nearest to what the direction does to the light: what no photograph of an unknown image shows.
+
+    Parameters
+    ----------
+    gram
+        (N, N) A⊥ᵀA⊥.
+    image
+        (R, C, 3) f̂.
+    response
+        (K, 3, N) A⊥ᵀT Σ^½, as `standard_errors` counts it.
+    """
+    f = np.asarray(image, np.float64)
+    slopes = np.zeros((2, 3, len(gram)))
+    for axis in (0, 1):
+        if f.shape[axis] > 1:
+            slopes[axis] = np.gradient(f, axis=axis).reshape(-1, 3).T
+    information = np.einsum("acn,nm,bcm->ab", slopes, gram, slopes, optimize=True)
+    shifts = np.einsum("acn,kcn->ka", slopes, response) @ np.linalg.pinv(information)
+    return np.asarray(np.sqrt(np.sum(shifts**2, axis=0)))
+
+
 def contrast(misfit: float, pulled: float, squared: float) -> float:
     """Return τ, from the misfit and the sums of tr X and tr X².
 

@@ -33,7 +33,7 @@ from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
-from periscopy_sim.model.uncertainty import standard_errors
+from periscopy_sim.model.uncertainty import displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
@@ -45,6 +45,9 @@ Array = NDArray[np.float64]
 
 FIRST = 20
 """Iterations for the image that corrections start from; more change nothing."""
+
+UNCERTAIN_PLACE = 0.5
+"""Standard error of the image's place, in patches, above which a report has a note of it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,8 +113,8 @@ class NoiseAware(StillMethod[np.float64]):
         None for the default: paint where there are background photographs, and a smooth gain over
         the wall, both where the rows and columns of photographs are known.
     uncertain
-        What errors of the scene's parameters do to A: standard errors then count them. None where
-        the scene is taken for right.
+        What errors of the scene's parameters do to light: standard errors then count them. None
+        where the scene is taken for right.
 
     Attributes
     ----------
@@ -149,8 +152,6 @@ class NoiseAware(StillMethod[np.float64]):
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        if uncertain is not None:
-            uncertain.check(A.shape)
         self.uncertain = uncertain
         self.fit = Fit(self.observation, A, B, rank_tolerance, profiles=profiles)
         if corrections is None:
@@ -235,16 +236,22 @@ class NoiseAware(StillMethod[np.float64]):
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return standard errors, residual and corrections beside the image; see `StillMethod`."""
         report = super().report(photograph, solution)
-        notes = []
+        response, notes = self._response(solution), []
         if solution.corrections.get("wall_gain_found"):
             low, high = solution.corrections["wall_gain_range"]
             notes.append(Note("wall_gain", {"low": low, "high": high}))
         counted = [] if self.uncertain is None else list(self.uncertain.names)
+        numbers = {**report.numbers, "standard_errors_count": counted}
+        if response is not None:
+            down, across = displacement(self.fit.gram, solution.image, response).tolist()
+            numbers["place_standard_error"] = down, across
+            if max(down, across) > UNCERTAIN_PLACE:
+                notes.append(Note("place", {"down": down, "across": across}))
         return replace(
             report,
-            numbers={**report.numbers, "standard_errors_count": counted},
+            numbers=numbers,
             notes=[*report.notes, *notes],
-            standard_errors=self.standard_errors(solution),
+            standard_errors=self._standard_errors(solution, response),
         )
 
     def standard_errors(self, solution: NoiseAwareReconstruction) -> Array:
@@ -254,11 +261,11 @@ class NoiseAware(StillMethod[np.float64]):
         errors of uncertain parameters, that the corrections are, and that what the wall hides of
         the image varies like what it shows.
         """
-        evidence, response, M = solution.evidence, None, self.observation.mixing
+        return self._standard_errors(solution, self._response(solution))
+
+    def _standard_errors(self, solution: NoiseAwareReconstruction, response: Array | None) -> Array:
+        evidence, M = solution.evidence, self.observation.mixing
         _, rest = self.fit.explicable(evidence, solution.image)
-        if self.uncertain is not None:
-            light = self.uncertain.lights(solution.image, self.observation.mask)
-            response = self.fit.response(light)
         return standard_errors(
             self.fit.gram,
             (M.T / (evidence.level * evidence.noise) ** 2) @ M,
@@ -268,6 +275,12 @@ class NoiseAware(StillMethod[np.float64]):
             len(self.fit.curvatures),
             response,
         )
+
+    def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
+        """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, 3, N)."""
+        if self.uncertain is None:
+            return None
+        return self.fit.response(self.uncertain.lights(solution.image, self.observation.mask))
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
         """Return the photograph without the corrections' light; see `StillMethod`."""

@@ -7,6 +7,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
+from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.rendering.scene.document import CALIBRATED
 from periscopy_sim.shipped import find_scene
@@ -60,11 +61,20 @@ def run(periscopy, tmp_path):
 
 def test_errors_of_parameters_widen_the_standard_errors_alone(run, photo):
     image, errors, summary = run(photo, *CHAIR, "--uncertain", "occluder_dx=0.004,occluder_dz")
-    plain, narrower, before = run(photo, *CHAIR)
+    plain, narrower, before = run(photo, *CHAIR, "--uncertain", "none")
     np.testing.assert_array_equal(image, plain)
     assert (errors >= narrower).all() and errors.mean() > 1.05 * narrower.mean()
     assert summary["standard_errors_count"] == ["occluder_dx", "occluder_dz"]
     assert before["standard_errors_count"] == []
+
+
+def test_declared_errors_count_by_default(run, photo):
+    _, errors, summary = run(photo, *CHAIR)
+    _, narrower, _ = run(photo, *CHAIR, "--uncertain", "occluder_dx")
+    declared = free_parameters(find_scene("chair"), None, {})
+    assert summary["standard_errors_count"] == list(declared)
+    assert (errors >= narrower).all()
+    assert max(summary["place_standard_error"]) > 0
 
 
 def test_a_calibrated_scene_widens_the_standard_errors_by_itself(run, photo, calibrated):
