@@ -361,8 +361,27 @@ def sunset() -> Field:
     return picture
 
 
+def blocks() -> Field:
+    """Blocks of bright colours: the picture to show during a calibration.
+
+    Of the pictures that `experiments.studies.picture_to_show` compares, it determines the chair and
+    the plate best.
+    """
+    colours = {
+        "W": (1, 1, 1), "R": (1, 0, 0), "G": (0, 1, 0), "B": (0, 0, 1),
+        "Y": (1, 1, 0), "C": (0, 1, 1), "M": (1, 0, 1),
+    }  # fmt: skip
+    lines = "YCWCGY", "BRMWBR", "YBWRWG", "WMRYCR", "GBGMWM"
+    grid = np.array([[colours[letter] for letter in line] for line in lines], np.float64)
+    x, y = coordinates()
+    rows, columns = y.astype(int) * len(lines) // ROWS, x.astype(int) * len(lines[0]) // COLUMNS
+    picture: Field = grid[rows, columns]
+    return picture
+
+
 IMAGES: dict[str, Callable[[], Field]] = {
     "bars": bars,
+    "blocks": blocks,
     "mushroom": mushroom,
     "letters": letters,
     "digits": digits,
