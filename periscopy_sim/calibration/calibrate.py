@@ -17,7 +17,7 @@ from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
 from periscopy_sim.calibration.standard_errors import standard_errors
-from periscopy_sim.calibration.trust import doubts, is_significant, learned
+from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
@@ -146,7 +146,7 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     best = end if moved else measured
     values = fine.values(best.point)
     distances = (values - problem.centers) / problem.errors
-    reasons = doubts(names, distances, known, end)
+    reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
     errors = standard_errors(problem, joint)
     columns = problem.centers, values, errors.statistical, errors.total, problem.errors
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))

@@ -58,8 +58,8 @@ class Explanation(ABC):
         (N, C) light of the patches.
     residual
         (M, C) y⊥ − A⊥ f̂.
-    unexplained
-        Its root mean square over that of y⊥.
+    energy
+        (C,) ‖y⊥‖².
     background
         (M, r) orthonormal basis of range(B).
     """
@@ -68,7 +68,7 @@ class Explanation(ABC):
     noise: Array
     lights: Array
     residual: Array
-    unexplained: float
+    energy: Array
     background: Array
 
     @property
@@ -193,7 +193,7 @@ class SmoothImages:
             noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
             lights=np.asarray(self.basis @ coefficients),
             residual=residual,
-            unexplained=float(np.linalg.norm(residual) / (np.linalg.norm(y_free) or 1.0)),
+            energy=energy,
             background=Q,
             coefficients=coefficients,
             ratios=ratios,

@@ -17,6 +17,7 @@ from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.ambient import background_basis, joined_basis
+from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
@@ -104,6 +105,17 @@ class CalibrationProblem:
     def has_unknown_images(self) -> bool:
         """Whether the monitor showed an unknown image in one of the photographs."""
         return len(self.pictures) < len(self.photographs)
+
+    @property
+    def camera_noise(self) -> Array:
+        """(3 K,) standard deviation of white noise in the averaged photographs, 0 if unknown."""
+        averaged = self._averaged
+        light = np.where(
+            averaged.pixels[..., None], averaged.light, np.nan
+        )  # (K, rows, columns, 3)
+        planes = np.moveaxis(light, 3, 1).reshape(-1, *averaged.pixels.shape)
+        noise = camera_noise(planes)
+        return np.zeros(len(planes)) if noise is None else noise
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""

@@ -57,7 +57,6 @@ class SharpImages:
         )
         freedom, dimensions = len(A) - background.shape[1], 3 * A.shape[1]
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
-        y_free = method.fit.project_out(y.T)
         evidence, images, residuals, noises = 0.0, [], [], []
         for light in y.T.reshape(-1, 3, len(A)):
             (shown,) = method.evidence(light.T[None])
@@ -81,7 +80,7 @@ class SharpImages:
             noise=np.concatenate(noises),
             lights=np.hstack([image.reshape(-1, 3) for image in images]),
             residual=np.concatenate(residuals).T.astype(np.float64),
-            unexplained=float(np.linalg.norm(residuals) / (np.linalg.norm(y_free) or 1.0)),
+            energy=np.sum(method.fit.project_out(y.T) ** 2, axis=1, dtype=np.float64),
             background=background,
             images=tuple(images),
             columns=A - background @ (background.T @ A),

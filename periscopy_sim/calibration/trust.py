@@ -14,9 +14,8 @@ FARTHEST = 3.0
 """Standard deviations within which a ruler errs: all but 3 of 1000 times."""
 
 MISFIT = 0.4
-"""Fraction of the light that no smooth ambient light explains, above which too much of it stays
-unexplained: simulated photographs beside near lamps left more, and their images were worse by
-10 dB."""
+"""Largest `misfits` of a photograph that is believed: simulated photographs beside near lamps left
+more, and their images were worse by 10 dB."""
 
 
 def learned(look: Look, count: int) -> float:
@@ -40,7 +39,21 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
     return bool(gain > chi2.isf(chance, max(parameters, 1.0)))
 
 
-def doubts(names: Sequence[str], distances: Array, known: float, look: Look) -> tuple[str, ...]:
+def misfits(look: Look, noise: Array) -> Array:
+    """Return how much of each photograph no scene explains, (K,): the residual over the light.
+
+    Of both, the light of far lamps is projected out and the camera's white noise, of standard
+    deviation `noise`, (3 K,), is subtracted.
+    """
+    residuals = np.concatenate([np.sum(each.residual**2, axis=0) for each in look.explanations])
+    energies = np.concatenate([each.energy for each in look.explanations])
+    background = look.explanations[0].background
+    grain = (len(background) - background.shape[1]) * noise**2
+    rest, whole = ((each - grain).reshape(-1, 3).sum(axis=1) for each in (residuals, energies))
+    return np.asarray(np.sqrt(np.maximum(rest, 0) / np.maximum(whole, np.abs(rest) + 1e-300)))
+
+
+def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) -> tuple[str, ...]:
     """Return why not to believe parameters; empty where nothing says so.
 
     Parameters
@@ -49,8 +62,8 @@ def doubts(names: Sequence[str], distances: Array, known: float, look: Look) -> 
         (P) parameters, and how many of the prior's standard deviations each ended from its start.
     known
         How many of them the photographs determine.
-    look
-        The photographs at the end.
+    misfit
+        (K,) of `misfits`.
     """
     reasons = [
         f"{name} ended {abs(distance):.1f} standard errors from its measured value: the ruler, its "
@@ -60,10 +73,12 @@ def doubts(names: Sequence[str], distances: Array, known: float, look: Look) -> 
     ]
     if known < LEARNED:
         reasons.append("the photograph tells less of the parameters than the ruler does")
-    unexplained = max(each.unexplained for each in look.explanations)
-    if unexplained > MISFIT:
-        reasons.append(
-            f"{100 * unexplained:.0f} % of the light that no far lamp explains stays unexplained: "
-            "a near lamp, a poster on the wall, or something that the scene lacks"
-        )
+    for k, fraction in enumerate(misfit, 1):
+        which = f"photograph {k}" if len(misfit) > 1 else "the photograph"
+        if fraction > MISFIT:
+            reasons.append(
+                f"{which}: {100 * fraction:.0f} % of the light that no far lamp explains stays "
+                "unexplained: another laboratory, another picture than the shown one, a near lamp, "
+                "a poster on the wall, or something that the scene lacks"
+            )
     return tuple(reasons)

@@ -11,34 +11,51 @@ from scipy.stats import chi2
 
 from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.result import LEARNED
-from periscopy_sim.calibration.trust import MISFIT, doubts, is_significant, learned
+from periscopy_sim.calibration.trust import MISFIT, doubts, is_significant, learned, misfits
 
 NAMES = ("dx", "dy")
 
 
-def look(information: Any = None, unexplained: float = 0.1) -> Look:
+def look(information: Any = None, explanation: Any = None) -> Look:
     """Return a look at two parameters whose prior has a unit error."""
     nothing = np.zeros(2)
     information = np.eye(2) if information is None else information
-    explanation: Any = SimpleNamespace(unexplained=unexplained)
-    return Look(nothing, (explanation,), 0.0, 0.0, nothing, nothing, information, np.ones(2))
+    return Look(nothing, (explanation,), 0.0, nothing, nothing, information, np.ones(2))
 
 
 def test_what_nothing_speaks_against_is_not_doubted() -> None:
-    assert doubts(NAMES, np.array([2.9, -2.9]), 1.0, look()) == ()
+    assert doubts(NAMES, np.array([2.9, -2.9]), 1.0, np.array([0.1])) == ()
 
 
 @pytest.mark.parametrize(
-    ("distances", "known", "unexplained"),
+    ("distances", "known", "misfit"),
     [
         ([18.0, 0.0], 1.0, 0.1),
         ([0.0, 0.0], 0.9 * LEARNED, 0.1),
         ([0.0, 0.0], 1.0, 1.1 * MISFIT),
     ],
 )
-def test_each_reason_is_a_doubt(distances: list[float], known: float, unexplained: float) -> None:
-    (doubt,) = doubts(NAMES, np.array(distances), known, look(unexplained=unexplained))
+def test_each_reason_is_a_doubt(distances: list[float], known: float, misfit: float) -> None:
+    (doubt,) = doubts(NAMES, np.array(distances), known, np.array([misfit]))
     assert ("dx" in doubt) == (distances[0] > 0) and "dy" not in doubt
+
+
+def test_misfits_are_of_each_photograph_s_light_beyond_noise() -> None:
+    random = np.random.default_rng(0)
+    count, noise = 5000, np.array([1, 2, 3, 1, 2, 3.0])
+    light = 10 * random.standard_normal((count, 6))
+    unexplained = np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.5]) * light
+    grain = noise * random.standard_normal((count, 6))
+    explanation = SimpleNamespace(
+        residual=unexplained + grain,
+        energy=np.sum((light + grain) ** 2, axis=0),
+        background=np.zeros((count, 0)),
+    )
+    found = misfits(look(explanation=explanation), noise)
+    # The mean of 15,000 squares of noise errs by 1 %, of 300 beside 30,000 of light.
+    np.testing.assert_allclose(found, [0, 0.5], atol=0.05)
+    (doubt,) = doubts(NAMES, np.zeros(2), 1.0, found)
+    assert "photograph 2" in doubt
 
 
 def test_as_many_parameters_are_learned_as_photographs_determine() -> None:
