@@ -38,7 +38,7 @@ DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
 
 NEGLIGIBLE = 0.5
-"""Decrease of the objective, predicted or made, that is not worth a step."""
+"""Decrease of the objective, predicted or made, that is not worth a step: so near, ends are one."""
 
 TRIALS = 4
 """Steps tried, each shorter, before a point is called the best."""
@@ -114,10 +114,13 @@ class Search:
             deviation = random.standard_normal(len(self.coarse.centers))
             centers = self.coarse.centers + self.coarse.errors * deviation
             try:
-                others.append(self._coarse_end(replace(self.coarse, centers=centers)))
+                end = self._coarse_end(replace(self.coarse, centers=centers))
             except SceneError:
                 continue
-        look = self.followed(self.fine.trial(own))
+            apart = end.point - own.point
+            if apart @ own.curvature() @ apart > NEGLIGIBLE:
+                others.append(end.point)
+        look = self.followed(self.fine.trial(own.point))
         if not others:
             return look
         trials = [self.fine.trial(point) for point in others]
@@ -125,13 +128,13 @@ class Search:
         # Where photographs cannot tell, the end that is likelier before them is kept.
         hottest = max(look.temperature, other.temperature)
         gain = look.objective_at(hottest) - other.objective_at(hottest)
-        return other if is_significant(gain, len(own)) else look
+        return other if is_significant(gain, len(own.point)) else look
 
-    def _coarse_end(self, level: ResolutionLevel) -> Array:
+    def _coarse_end(self, level: ResolutionLevel) -> Look:
         look = level.look(level.trial(level.center))
         for temperature in COOLING:
             look = descend(level, look, temperature, partial(self.visit, 0))
-        return look.point
+        return look
 
     def followed(self, start: Trial) -> Look:
         """Return the coldest fine look, from a start, that the prior allows.
