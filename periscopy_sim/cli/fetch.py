@@ -19,7 +19,10 @@ Out = Annotated[Path | None, option("DIR", "Folder to copy the set into.")]
 
 
 def fetch(name: Name = "", out: Out = None) -> None:
-    """Download published photographs: raw captures, and an NPZ file of each for `reconstruct`."""
+    """Download published photographs.
+
+    Raw captures as their authors lay them out, and an NPZ file of each for `reconstruct`.
+    """
     sets = published_sets()
     if not name:
         for each, found in sets.items():

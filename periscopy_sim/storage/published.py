@@ -27,19 +27,7 @@ FILM = (126, 126)
 
 @dataclass(frozen=True)
 class PublishedSet:
-    """A set of published captures.
-
-    Attributes
-    ----------
-    what, geometry, licence, cite
-        Sentences about it.
-    url
-        Address that the names of its files are appended to.
-    scene, parameters
-        The shipped scene that fits, and values of its ``<default>``s.
-    files
-        SHA-256 by name.
-    """
+    """A set of captures: `parameters` are of its shipped `scene`, `files` have their SHA-256."""
 
     what: str
     geometry: str
