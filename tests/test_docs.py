@@ -38,8 +38,8 @@ INSTALL = re.compile(r"make [a-z-]+")
 class Block:
     """A fenced block: what it is written in, what is said of it, and its text.
 
-    ``slow`` takes minutes, ``served`` runs until it is stopped, ``network`` downloads, ``torch`` and ``deepinv`` need the
-    library, and ``file=NAME`` is to be written to a file.
+    ``slow`` takes minutes, ``served`` runs until it is stopped, ``network`` downloads, ``torch``
+    and ``deepinv`` need the library, and ``file=NAME`` is to be written to a file.
     """
 
     page: Path
