@@ -30,6 +30,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "pages_of_the_repository",
     "checked_links",
+    "commands_page",
     "docstrings",
 ]
 exclude_patterns = ["extensions", "first_hour.ipynb", "repository/readme.txt"]

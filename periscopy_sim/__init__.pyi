@@ -64,6 +64,7 @@ from .scenario import Scenario
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
+from .storage.published import fetch
 from .storage.sequences import open_frames
 from .storage.tables import read_colour_matrix, read_wall_points, read_wall_tags
 
@@ -107,6 +108,7 @@ __all__ = [
     "defective_pixels",
     "develop",
     "diagnose",
+    "fetch",
     "find_image",
     "find_method",
     "find_scene",

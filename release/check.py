@@ -42,6 +42,7 @@ print(f"periscopy_sim {importlib.metadata.version('periscopy-sim')}, imported in
 IN_WHEEL = (
     "periscopy_sim/py.typed",
     "periscopy_sim/__init__.pyi",
+    "periscopy_sim/storage/published.toml",
     "periscopy_sim/scenes/chair.xml",
     "periscopy_sim/scenes/images/mushroom.png",
     "periscopy_sim/reconstruction/learned/unrolled.safetensors",

@@ -38,8 +38,8 @@ INSTALL = re.compile(r"make [a-z-]+")
 class Block:
     """A fenced block: what it is written in, what is said of it, and its text.
 
-    ``slow`` takes minutes, ``served`` runs until it is stopped, ``torch`` and ``deepinv`` need the
-    library, and ``file=NAME`` is to be written to a file.
+    ``slow`` takes minutes, ``served`` runs until it is stopped, ``network`` downloads, ``torch``
+    and ``deepinv`` need the library, and ``file=NAME`` is to be written to a file.
     """
 
     page: Path
@@ -91,7 +91,7 @@ def run_page(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
     names = {}
     for block in blocks_of(page):
-        if "served" in block.flags:
+        if {"served", "network"} & {*block.flags}:
             continue
         if all(map(find_spec, set(LIBRARIES).intersection(block.flags))):
             run(block, folder, names)
@@ -118,7 +118,7 @@ def test_page_runs(page, tmp_path, monkeypatch):
 def test_there_are_blocks_of_every_kind_and_of_no_other():
     assert {block.language for block in BLOCKS} == {"python", "sh", "yaml", "xml", "console"}
     for block in BLOCKS:
-        known = ("slow", "served", *LIBRARIES)
+        known = ("slow", "served", "network", *LIBRARIES)
         assert all(flag in known or flag.startswith("file=") for flag in block.flags), block
         if block.language in ("yaml", "xml"):
             assert block.flags, f"{block}: no test would read it"

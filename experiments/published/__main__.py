@@ -1,10 +1,10 @@
 """Every capture of the published data set: what each method makes of it, on one page.
 
-`python -m experiments.published --data FOLDER --out DIR [--only stills,ambient]` writes
+`python -m experiments.published --out DIR [--data FOLDER] [--only stills,ambient]` writes
 `index.html` and `claims.json`; FOLDER is the data set of Saunders, Murray-Bruce and Goyal, Nature
-565 (2019), as its owners lay it out. A file that is missing or damaged is named on the page, and
-the rest goes on. `--scene FOLDER=SCENE` gives a folder of the data set a scene of yours, such as
-one that was calibrated.
+565 (2019), as its owners lay it out; `ps.fetch` downloads it by default. A file that is missing or
+damaged is named on the page, and the rest goes on. `--scene FOLDER=SCENE` gives a folder of the
+data set a scene of yours, such as one that was calibrated.
 """
 
 from pathlib import Path
@@ -15,6 +15,7 @@ import typer
 import periscopy_sim as ps
 from experiments.page import Out, Page
 from experiments.published.setting import PublishedSetting
+from periscopy_sim.storage.published import published_sets
 
 PAGE = Page(
     package="experiments.published",
@@ -30,8 +31,11 @@ PAGE = Page(
 
 
 def main(
-    data: Annotated[Path, typer.Option(help="Folder of the data set, or of its folder 'Data'.")],
     out: Out,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the data set, or of its folder 'Data'; else it is fetched."),
+    ] = None,
     only: Annotated[str, PAGE.choice()] = "",
     scene: Annotated[
         list[str] | None,
@@ -39,7 +43,14 @@ def main(
     ] = None,
 ) -> None:
     """Reconstruct the published measurements and write the page."""
-    PAGE.carry_out(only, lambda: PublishedSetting(out, data, _scenes(scene or [])))
+    PAGE.carry_out(only, lambda: PublishedSetting(out, data or _fetched(), _scenes(scene or [])))
+
+
+def _fetched() -> Path:
+    """Fetch every set of the collection; return its folder."""
+    names = (name for name in published_sets() if name.startswith("saunders2019-"))
+    *_, folder = map(ps.fetch, names)
+    return folder
 
 
 def _scenes(given: list[str]) -> dict[str, str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,10 @@ from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.formats.camera_raw import bayer_colours
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.published import capture_exposure, capture_fields, capture_truth
 
 Array = NDArray[np.float64]
-
-REPEATS = ("averaged_iterations", "iterations")
-"""Fields for the number of exposures; the first counts if both are there."""
 
 NORMAL_DEVIATION = 1.4826
 """Standard deviation of normal numbers over their median absolute deviation."""
@@ -153,29 +148,13 @@ def read_capture(path: Path, name: str, shape: tuple[int, int], hidden: tuple[in
     PhotographError
         If it is missing, damaged, of another layout or size.
     """
-    fields = read_fields(path)
-    counts = fields.get("image", np.zeros(0))
-    if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
-        raise PhotographError(f"{path}: 'image' is missing or no Bayer counts, even x even")
-    exposure = 1.0
-    for factor in ("shutter_speed", next((n for n in REPEATS if n in fields), REPEATS[-1])):
-        value = fields.get(factor, np.zeros(0))
-        if value.size != 1 or not 0 < value.item() < np.inf:
-            raise PhotographError(f"{path}: '{factor}' is not one positive number")
-        exposure *= value.item()
-    halves = halves_of(bayer_colours(counts.astype(np.float64)), shape, path) / exposure
+    fields = capture_fields(path)
+    exposure = capture_exposure(fields, path)
+    halves = halves_of(bayer_colours(fields["image"]), shape, path) / exposure
     checked = Photograph.of(halves.mean(axis=0), shape, str(path)).values
-    return Capture(name, checked, halves, exposure, truth_of(fields, path, hidden))
-
-
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """Read those fields of a MATLAB file, of version 5 to 7, that hold real numbers."""
-    from scipy.io import loadmat
-
-    names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
-    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
-        fields = loadmat(stream, variable_names=names)
-        return {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
+    sent = capture_truth(fields, path)
+    truth = None if sent is None else area_average(sent, hidden)
+    return Capture(name, checked, halves, exposure, truth)
 
 
 def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
@@ -195,27 +174,6 @@ def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
     dark = np.indices((down, across)).sum(axis=0) % 2
     weights = np.stack([1 - dark, dark]) / (down * across / 2)
     return np.asarray(np.einsum("kij,ricjd->krcd", weights, blocks, optimize=True))
-
-
-def truth_of(
-    matrices: dict[str, NDArray[Any]], path: Path, hidden: tuple[int, int]
-) -> Array | None:
-    """Return what the monitor was sent, as linear light, (R, C, 3); None if the file has none.
-
-    A black image counts as none, since nothing can be compared with it. What was sent is of 0 to
-    255, or of 0 to 1 where nothing is larger, and encoded by the sRGB curve, as monitors take it.
-    An image of other numbers is a PhotographError.
-    """
-    values = matrices.get("ground_truth")
-    if values is None or values.ndim != 3 or values.shape[2] != 3 or not values.size:
-        return None
-    sent = np.asarray(values, np.float64)
-    if not (np.isfinite(sent).all() and sent.min() >= 0 and sent.max() <= 255):
-        raise PhotographError(f"{path}: 'ground_truth' is no image of 0 to 255; save it again")
-    if not sent.any():
-        return None
-    whole = values.dtype.kind in "ui" or sent.max() > 1
-    return area_average(srgb_decode(sent / 255 if whole else sent), hidden)
 
 
 def _file(root: Path, name: str) -> Path:

@@ -25,7 +25,7 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 MODULES = {
-    "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial",
+    "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial", "fetch": "fetch",
     "transport": "transport", "draw": "laboratory.draw", "lab": "laboratory.lab",
     "view": "laboratory.view", "photograph": "photograph", "prepare": "laboratory.prepare",
     "ambient": "ambient", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",

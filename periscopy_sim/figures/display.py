@@ -13,6 +13,9 @@ from periscopy_sim.figures.panels import displayable, panel_row
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
+SHORTEST = 256
+"""Pixels that the shorter side of a saved picture has at least."""
+
 
 def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     """Return linear light as a screen wants it: encoded by the sRGB curve, in [0, 1].
@@ -47,15 +50,19 @@ def save_png(
 ) -> None:
     """Write linear light as an 8-bit sRGB PNG, exposed as by `to_srgb`; see there.
 
-    `text` holds text chunks, such as provenance. An `OutputError` says that the file cannot be
-    written.
+    Pixels of small images are repeated, so that the shorter side has 256 pixels at least. `text`
+    holds text chunks, such as provenance. An `OutputError` says that the file cannot be written.
     """
-    write_png(Path(path), _exposed(image, white), text or {})
+    light = _exposed(image, white)
+    write_png(Path(path), light, text or {}, -(-SHORTEST // min(light.shape[:2])))
 
 
 def show(
-    *images: Any, titles: Sequence[str] | None = None, white: float | None = None
-) -> tuple[Any, ...]:
+    *images: Any,
+    titles: Sequence[str] | None = None,
+    white: float | None = None,
+    **titled: Any,
+) -> Any:
     """Show linear images side by side, by matplotlib, pixel by pixel.
 
     Parameters
@@ -66,28 +73,34 @@ def show(
         One for each; None for their sizes.
     white
         As for `to_srgb`: one number for all, or None to expose each by itself.
+    **titled
+        Further images by title, such as ``truth=f, photograph=y``; underscores become spaces.
 
     Returns
     -------
-    tuple
-        The axes, to draw on. Where matplotlib has a window, the images are in it already.
+    Figure
+        The figure; its ``axes`` are there to draw on. Where matplotlib has a window, this function
+        returns when the user closes it. A notebook shows the figure by itself.
 
     Raises
     ------
     ValueError
         As by `to_srgb`, or if there is no image, or another number of titles.
     """
-    if not images or (titles is not None and len(titles) != len(images)):
+    if not (images or titled) or (titles is not None and len(titles) != len(images)):
         raise ValueError(f"{len(images)} images and {len(titles or ())} titles: give one for each")
-    pictures = [to_srgb(image, white) for image in images]
-    names = titles or ["{} x {}".format(*picture.shape) for picture in pictures]
+    pictures = [to_srgb(image, white) for image in (*images, *titled.values())]
+    names = [*(titles or ("{} x {}".format(*picture.shape) for picture in pictures[: len(images)]))]
+    names += [title.replace("_", " ") for title in titled]
     from matplotlib import pyplot as plt
 
-    figure = plt.figure(layout="constrained")
-    axes = panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
+    figure: Any = plt.figure(layout="constrained")
+    panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
+    # Notebooks draw all open figures; IPython would draw this one, as a cell's last value, again.
+    figure._ipython_display_ = lambda: None
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
-    return tuple(axes)
+    return figure
 
 
 def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
 COMMANDS = {
     *("demo", "doctor", "tutorial", "draw", "lab", "view", "transport", "photograph", "prepare"),
     *("ambient", "reconstruct", "analyze", "design", "calibrate", "dataset", "sweep", "video"),
+    "fetch",
 }
 PARSER = typer.main.get_command(cli.app)
 

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import periscopy_sim as ps
+from periscopy_sim.cli import MODULES
 from tests.docs import ROOT
 
 DOCS = ROOT / "docs"
@@ -32,6 +33,12 @@ def test_citation_is_of_this_version():
     assert citation["version"] == project["version"]
     assert citation["license"] == project["license"]
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()
+
+
+def test_options_of_every_command_are_listed():
+    options = extension("commands_page").text()
+    assert {*MODULES} == {*re.findall(r"^### `periscopy (\w+)", options, re.M)}
+    assert "--hidden" in options and "\x1b" not in options
 
 
 def test_a_link_to_a_file_of_the_repository_leads_to_its_page():

@@ -1,0 +1,47 @@
+"""`periscopy fetch`: published photographs, downloaded and made ready for `reconstruct`."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from periscopy_sim.cli.options import option
+from periscopy_sim.cli.output import output_folder, progress, say
+from periscopy_sim.storage.published import fetch as fetch_set
+from periscopy_sim.storage.published import published_sets, read_capture
+
+Name = Annotated[str, typer.Argument(metavar="[NAME]", help="A set; all are listed without it.")]
+Out = Annotated[Path | None, option("DIR", "Folder to copy the set into.")]
+
+
+def fetch(name: Name = "", out: Out = None) -> None:
+    """Download published photographs.
+
+    Raw captures as their authors lay them out, and an NPZ file of each for `reconstruct`.
+    """
+    sets = published_sets()
+    if not name:
+        for each, found in sets.items():
+            say(f"{each}: {found.what} ({len(found.files)} captures)")
+        return
+    with progress(f"downloading {name}", "captures") as report:
+        folder = fetch_set(name, report)
+    chosen = sets[name]
+    say(f"cite: {chosen.cite}")
+    say(f"licence: {chosen.licence}")
+    say(f"geometry: {chosen.geometry}")
+    values = "".join(f" -D {key}={value:g}" for key, value in chosen.parameters.items())
+    say(f"scene: --scene {chosen.scene}{values}")
+    if out is None:
+        say(f"captures are in {folder}")
+        return
+    with output_folder(out) as staged:
+        for file in chosen.files:
+            (staged / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(folder / file, staged / file)
+            arrays: dict[str, Any] = {**read_capture(folder / file)}
+            np.savez((staged / file).with_suffix(".npz"), **arrays)

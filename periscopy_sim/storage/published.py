@@ -1,0 +1,190 @@
+"""Published photographs of hidden scenes: downloaded once, checked by their sums, and read."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.storage.formats.camera_raw import bayer_colours
+from periscopy_sim.storage.formats.decoding import decoding
+from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.pictures import area_average
+
+REPEATS = ("averaged_iterations", "iterations")
+"""Fields for the number of exposures; the first counts if both are there."""
+
+FILM = (126, 126)
+"""(rows, columns) of the cameras of the shipped scenes."""
+
+
+@dataclass(frozen=True)
+class PublishedSet:
+    """A set of captures: `parameters` are of its shipped `scene`, `files` have their SHA-256."""
+
+    what: str
+    geometry: str
+    licence: str
+    cite: str
+    url: str
+    scene: str
+    parameters: Mapping[str, float]
+    files: Mapping[str, str]
+
+
+def published_sets() -> dict[str, PublishedSet]:
+    """Return every set by its name."""
+    registry = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    shared = registry["collections"]
+    return {
+        name: PublishedSet(**shared[_collection(name)], **fields)
+        for name, fields in registry["sets"].items()
+    }
+
+
+def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path:
+    """Download a set of published photographs, once.
+
+    The files lie in the folder ``PERISCOPY_DATA`` if this variable of the environment is set, else
+    in the user's cache. A download that was cut continues where it stopped.
+
+    Parameters
+    ----------
+    name
+        A set such as ``saunders2019-chair``; ``periscopy fetch`` lists all.
+    progress
+        Called with the number of files that are there, and of all.
+
+    Returns
+    -------
+    Path
+        The folder of the set's collection, with the files as their authors lay them out.
+
+    Raises
+    ------
+    PeriscopyError
+        If there is no such set, a file cannot be downloaded, or differs from the published one.
+    """
+    import pooch
+    from requests import RequestException
+
+    sets = published_sets()
+    if name not in sets:
+        guess = did_you_mean(name, sets)
+        raise PeriscopyError(f"no set '{name}'; {guess or 'name one of'} {', '.join(sets)}")
+    url, files = sets[name].url, sets[name].files
+    root = Path(os.environ.get("PERISCOPY_DATA") or pooch.os_cache("periscopy_sim"))
+    pooch.get_logger().setLevel("WARNING")  # `progress` reports
+    # The retry is for a download that continued what was damaged.
+    cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
+    for number, file in enumerate(files):
+        if progress is not None:
+            progress(number, len(files))
+        try:
+            cache.fetch(file, downloader=_resumed(cache.abspath / f"{file}.partial"))
+        except RequestException as error:
+            raise PeriscopyError(
+                f"{file}: {url} did not send it ({type(error).__name__}); check the network and "
+                "run this again, which continues where it stopped"
+            ) from None
+        except ValueError:
+            raise PeriscopyError(
+                f"{file}: {url} sends another file than the published one, by its SHA-256"
+            ) from None
+    return Path(cache.abspath)
+
+
+def _collection(name: str) -> str:
+    """Return the collection of a set, its name up to the first hyphen."""
+    return name.partition("-")[0]
+
+
+def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
+    """Return a downloader for pooch that continues what an earlier one left in a file."""
+    import pooch
+    from requests import HTTPError
+
+    def download(url: str, output: str, _: Any) -> None:
+        size = partial.stat().st_size if partial.exists() else 0
+        headers = {"Range": f"bytes={size}-"} if size else {}
+        try:
+            with partial.open("ab") as stream:
+                pooch.HTTPDownloader(chunk_size=2**16, headers=headers, timeout=30)(
+                    url, stream, None
+                )
+        except HTTPError:  # nothing follows what is there
+            partial.unlink()
+            raise
+        partial.replace(output)
+
+    return download
+
+
+def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return a published capture as arrays that `read_photograph` and `read_hidden_image` know.
+
+    Returns
+    -------
+    dict
+        ``photograph``, (126, 126, 3) linear counts for each unit of exposure; ``hidden``,
+        (rows, columns, 3) linear, what the monitor showed, if the file has it.
+
+    Raises
+    ------
+    PhotographError
+        If the file is damaged or of another layout.
+    """
+    fields = capture_fields(path)
+    light = area_average(bayer_colours(fields["image"]), FILM) / capture_exposure(fields, path)
+    hidden = capture_truth(fields, path)
+    return {"photograph": light} | ({} if hidden is None else {"hidden": hidden})
+
+
+def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """Return those fields of a capture, a MATLAB file of version 5 to 7, that hold real numbers."""
+    from scipy.io import loadmat
+
+    names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
+    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        fields = loadmat(stream, variable_names=names)
+        fields = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
+    counts = fields.get("image", np.zeros(0))
+    if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
+        raise PhotographError(f"{path}: 'image' is missing or no Bayer counts, even x even")
+    return fields | {"image": counts.astype(np.float64)}
+
+
+def capture_exposure(fields: Mapping[str, NDArray[Any]], path: Path) -> float:
+    """Return a capture's shutter speed times its number of exposures."""
+    exposure = 1.0
+    for factor in ("shutter_speed", next((n for n in REPEATS if n in fields), REPEATS[-1])):
+        value = fields.get(factor, np.zeros(0))
+        if value.size != 1 or not 0 < value.item() < np.inf:
+            raise PhotographError(f"{path}: '{factor}' is not one positive number")
+        exposure *= value.item()
+    return exposure
+
+
+def capture_truth(fields: Mapping[str, NDArray[Any]], path: Path) -> NDArray[np.float64] | None:
+    """Return what the monitor was sent, as linear light, (rows, columns, 3); None if unknown.
+
+    A black image counts as none, since nothing can be compared with it. What was sent is of 0 to
+    255, or of 0 to 1 where nothing is larger, and encoded by the sRGB curve, as monitors take it.
+    """
+    values = fields.get("ground_truth")
+    if values is None or values.ndim != 3 or values.shape[2] != 3 or not values.size:
+        return None
+    sent = np.asarray(values, np.float64)
+    if not (np.isfinite(sent).all() and sent.min() >= 0 and sent.max() <= 255):
+        raise PhotographError(f"{path}: 'ground_truth' is no image of 0 to 255; save it again")
+    if not sent.any():
+        return None
+    whole = values.dtype.kind in "ui" or sent.max() > 1
+    return np.asarray(srgb_decode(sent / 255 if whole else sent))

@@ -1,0 +1,157 @@
+"""Published photographs from a server on this machine: whole, cut, damaged, not there."""
+
+import hashlib
+import io
+import re
+import threading
+from dataclasses import replace
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import periscopy_sim as ps
+from experiments.published.layout import PLACEMENTS, captures, place_of
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage import published
+from periscopy_sim.storage.formats.srgb import srgb_encode
+
+TRUTH = np.random.default_rng(0).uniform(0.1, 1, (29, 36, 3))
+FRAME = "TestPosD11Video/frame_0.mat"
+STILL = "TestPosChair/Single Pixels/image_test_top_left.mat"
+
+
+def capture(**fields):
+    """A file of the layout, of 252 x 252 counts: 2 in red, 4 in either green, 6 in blue."""
+    image = np.tile([[2.0, 4.0], [4.0, 6.0]], (126, 126))
+    stream = io.BytesIO()
+    savemat(stream, {"image": image, "shutter_speed": 0.5, **fields})
+    return stream.getvalue()
+
+
+FILES = {
+    FRAME: capture(iterations=4.0),
+    STILL: capture(averaged_iterations=2.0, ground_truth=np.rint(255 * srgb_encode(TRUTH))),
+}
+
+
+class Server(BaseHTTPRequestHandler):
+    """Serves `files`, a range of them if asked; cuts the first answer for each name of `cut`."""
+
+    def __init__(self, files, cut, ranges, *arguments):
+        self.files, self.cut, self.ranges = files, cut, ranges
+        super().__init__(*arguments)
+
+    def do_GET(self):
+        name = self.path.removeprefix("/").replace("%20", " ")
+        begin = int(re.sub(r"\D", "", self.headers.get("Range", "0")))
+        self.ranges.append(begin)
+        content = self.files.get(name, b"")[begin:]
+        self.send_response((206 if begin else 200) if content else 416)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        half = name in self.cut
+        self.cut.discard(name)
+        self.wfile.write(content[: len(content) // 2] if half else content)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def server(monkeypatch, tmp_path):
+    """The files that are served, the names cut once, the first byte of each request."""
+    files, cut, ranges = dict(FILES), set(), []
+    http = ThreadingHTTPServer(("127.0.0.1", 0), partial(Server, files, cut, ranges))
+    thread = threading.Thread(target=http.serve_forever, daemon=True)
+    thread.start()
+    known = published.published_sets()["saunders2019-chair"]
+    sums = {name: hashlib.sha256(content).hexdigest() for name, content in FILES.items()}
+    small = replace(known, url=f"http://127.0.0.1:{http.server_port}/", files=sums)
+    monkeypatch.setattr(published, "published_sets", lambda: {"small-set": small})
+    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
+    monkeypatch.setenv("PERISCOPY_DATA", str(tmp_path / "cache"))
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    yield files, cut, ranges
+    http.shutdown()
+    http.server_close()
+    thread.join()
+
+
+def contents(folder):
+    return {
+        file.relative_to(folder).as_posix(): file.read_bytes()
+        for file in folder.rglob("*")
+        if file.is_file()
+    }
+
+
+def test_set_is_downloaded_once(server):
+    folder = ps.fetch("small-set")
+    assert contents(folder) == FILES
+    assert ps.fetch("small-set") == folder
+    assert server[2] == [0, 0]
+
+
+def test_cut_download_continues_where_it_stopped(server):
+    server[1].update(FILES)
+    assert contents(ps.fetch("small-set")) == FILES
+    first, second = server[2][1::2]
+    assert server[2] == [0, first, 0, second] and min(first, second) > 100_000
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.parametrize("begun", [b"of another file", FILES[FRAME], FILES[FRAME] + b"!"])
+def test_wrong_beginning_does_not_stay(tmp_path, begun):
+    partial_file = tmp_path / "cache" / "small" / f"{FRAME}.partial"
+    partial_file.parent.mkdir(parents=True)
+    partial_file.write_bytes(begun)
+    assert contents(ps.fetch("small-set")) == FILES
+
+
+def test_damaged_file_is_rejected_by_name_and_not_kept(server, tmp_path):
+    server[0][STILL] = FILES[STILL][:-1] + b"!"
+    with pytest.raises(PeriscopyError, match=STILL):
+        ps.fetch("small-set")
+    assert contents(tmp_path / "cache" / "small") == {FRAME: FILES[FRAME]}
+
+
+@pytest.mark.usefixtures("server")
+def test_damaged_cache_is_downloaded_again():
+    folder = ps.fetch("small-set")
+    (folder / STILL).write_bytes(b"")
+    assert contents(ps.fetch("small-set")) == FILES
+
+
+@pytest.mark.usefixtures("server")
+def test_capture_is_read_as_photograph_and_hidden_image(tmp_path):
+    folder = ps.fetch("small-set")
+    for name, exposure in ((FRAME, 2), (STILL, 1)):
+        np.savez(tmp_path / "capture.npz", **published.read_capture(folder / name))
+        values = ps.read_photograph(tmp_path / "capture.npz", (126, 126)).values
+        np.testing.assert_allclose(values / [2, 4, 6], 1 / exposure, rtol=1e-9)
+    hidden = ps.read_hidden_image(tmp_path / "capture.npz", (29, 36))
+    np.testing.assert_allclose(hidden, TRUTH, atol=0.01)
+
+
+def test_unknown_set_is_rejected():
+    with pytest.raises(PeriscopyError, match="saunders2019-chair"):
+        ps.fetch("saunders-chair")
+
+
+def test_registry_holds_every_capture_of_the_experiments_and_fits_shipped_scenes():
+    sets = published.published_sets()
+    names = [name for each in sets.values() for name in each.files]
+    assert len(set(names)) == len(names) and {f"{name}.mat" for name in captures()} <= {*names}
+    for each in sets.values():
+        assert all(re.fullmatch("[0-9a-f]{64}", digest) for digest in each.files.values())
+        xml = find_scene(each.scene).read_text("utf-8")
+        assert all(f'<default name="{name}"' in xml for name in each.parameters)
+        place = place_of(next(iter(each.files)).rpartition("/")[0])
+        if place in PLACEMENTS:
+            first = PLACEMENTS[place][0]
+            assert first.scene == each.scene
+            assert dict(first.parameters) == pytest.approx(dict(each.parameters), abs=1e-4)
