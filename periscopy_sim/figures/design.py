@@ -58,7 +58,7 @@ def _draw_curves(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked:
             ax.plot(_values([row], name), _percent([row], number), marker, **LOOK)
     for x in _values([row for row in rows[1:] if not np.isfinite(row["bound"] or np.nan)], name):
         ax.axvline(x, color=GREY, zorder=0)
-    ax.set(yscale="log", xlabel=f"{name} (scene unit)", ylabel="standard error of a patch, % of white")
+    ax.set(yscale="log", xlabel=f"{name} (scene unit)", ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     plain_ticks(ax.yaxis)
     figure.legend(loc="outside upper center", ncols=3)

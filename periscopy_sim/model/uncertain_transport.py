@@ -14,7 +14,7 @@ Image = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class UncertainTransport:
-    """A scene's parameters θ ~ N(values, L Lᵀ), and what their errors do to A.
+    """A scene's parameters θ ~ N(values, L Lᵀ), and the effect of their errors on A.
 
     θ = values + L u, u ~ N(0, I): the columns of L, its directions, err independently of each
     other. With A nearly linear, A(u) ≈ A + Σ u_k D_k.
@@ -22,7 +22,7 @@ class UncertainTransport:
     Attributes
     ----------
     names
-        Of the P parameters.
+        Names of the P parameters.
     values
         (P,) at which A was rendered.
     directions

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What P makes of photographs, before it is denoised."""
+    """P applied to photographs, before denoising."""
 
     preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
     noise: Array  # (K, 3), as in `Solution`
