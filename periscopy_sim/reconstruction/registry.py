@@ -158,7 +158,7 @@ _TEMPORAL_WEIGHT = Option(
 )
 
 DEFAULT = "noise-aware"
-"""Its error is less than that of `preconditioned` in every light of `beyond.noise_aware`."""
+"""Its error is less than `preconditioned`'s in each realistic light of `beyond.noise_aware`."""
 
 _ENTRIES = (
     MethodEntry(

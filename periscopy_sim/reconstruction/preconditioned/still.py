@@ -61,7 +61,7 @@ class Reconstruction(Solution[np.floating[Any]]):
 
 
 class Periscope(StillMethod[np.floating[Any]]):
-    """The paper's method (Algorithm 1), fitted to one scene.
+    """The method `preconditioned` (the paper's Algorithm 1), fitted to one scene.
 
     Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
 
