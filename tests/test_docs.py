@@ -25,7 +25,7 @@ PAGES = [
     # Tables of contents are Sphinx's alone.
     *(
         page
-        for page in sorted((ROOT / "docs").glob("*.md"))
+        for page in sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/results").glob("*.md")])
         if "```{toctree}" not in page.read_text("utf-8")
     ),
 ]

@@ -1,7 +1,8 @@
 """Pages that lie elsewhere in the repository become pages of the documentation.
 
 Their files stay where code hosts show them, and so do the links to them: a copy is made for the
-build, and every link between such files is turned into one between pages.
+build, and every link between such files is turned into one between pages. A link to a script of
+the gallery leads to its page.
 """
 
 from __future__ import annotations
@@ -51,6 +52,9 @@ def copy_pages(app: Any, config: Any) -> None:
         text = relinked(file.read_text("utf-8"), file, page, pages)
         if not copy.is_file() or copy.read_text("utf-8") != text:
             copy.write_text(text, "utf-8")
+    for script in (root / "examples").rglob("*.py"):
+        place = script.relative_to(root / "examples").with_suffix(".rst")
+        pages[script] = source / "gallery" / place
 
 
 def follow_pages(app: Any, name: str, content: list[str]) -> None:

@@ -28,8 +28,8 @@ room = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(signal.shape
 photograph = ps.add_noise(ps.composite(signal, room, sbr=0.5), snr=60, seed=0)
 
 # %%
-# The paper's: :math:`P y` is free of ambient light but noisy (Eq. 8), total variation removes noise
-# (Eq. 11), and patches that differ from all of their neighbours are repaired (Algorithm 2).
+# ``preconditioned``, the paper's: :math:`P y` is free of ambient light but noisy (Eq. 8), total
+# variation removes noise (Eq. 11), and Algorithm 2 repairs patches that differ from all neighbours.
 
 paper = ps.Periscope.for_scene(scene, A, B)
 step = paper.solve(photograph)

@@ -1,7 +1,7 @@
 """Designs: how well a scene determines its hidden image, over a grid of one or two parameters.
 
 All photographs are exposed to the same mean, so that scenes share SNR and SBR, and more light alone
-wins nothing. Random rays give A noise that looks like information: take an A without noise, by
+gains nothing. Random rays give A noise that looks like information: use an A without noise, by
 ``strata="gauss"``, see `render_transport`.
 
 A point that makes no scene fails alone. An interrupted design resumes from its table.

@@ -32,7 +32,7 @@ from periscopy_sim.scenario import Scenario
 Matrix = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
-"""Fits a method to a scene: takes the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
+"""Fits a method to a scene, from the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
 gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photographs with the monitor
 off, which are columns of B for other methods; with a keyword `colour_matrix` a `ColourMatrix`."""
 MethodError = (Exception, SystemExit)

@@ -78,7 +78,7 @@ def psnr(estimate: Image, truth: Image) -> float:
 
 
 def colour_matched_psnr(estimate: Image, truth: Image) -> float:
-    """Peak signal-to-noise ratio in dB, with the colours that the truth itself tells.
+    """Peak signal-to-noise ratio in dB, with the colours fitted to the truth.
 
     The estimate, (rows, columns, channels), is multiplied by the matrix of colours that fits the
     truth best by least squares, and clipped to [0, 1]. So this is no measure of the colours.
@@ -97,7 +97,7 @@ def registered(
 ) -> Registration:
     """Find the shift that agrees best with the truth.
 
-    The monitor's position is often known only to about a patch; this tells that error apart from
+    The monitor's position is often known only to about a patch; this separates that error from
     the image's own. Shifts are tried over a grid, by linear interpolation with zeros outside.
 
     Parameters

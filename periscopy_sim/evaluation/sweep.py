@@ -1,7 +1,7 @@
 """Sweeps: methods over ambient backgrounds, signal-to-background ratios and noise draws (Fig. 4).
 
 Results are labelled by algorithm (the method's name), background, SBR and seed. An interrupted
-sweep goes on where it stopped, and ends in the same bytes as one without interruption.
+sweep resumes where it stopped, and ends in the same bytes as one without interruption.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Image = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What a sweep varies, and what stays.
+    """The varied and the fixed settings of a sweep.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class Sweep:
     seed
         Changes every noise draw.
     conditions
-        What else the results depend on, of JSON's types: what the methods were fitted to and how.
-        A store whose conditions differ is not taken up, so name all that may change.
+        Other settings of the results, of JSON's types, such as the scene that the methods fit.
+        A store with other conditions is not resumed, so name everything that may change.
     mask
         (rows, columns), True where the wall is used: only there must the photographs be finite, and
         only there count the SBR, the exposure and the noise; elsewhere a measurement is zero. The
@@ -86,7 +86,7 @@ class Sweep:
     mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        """Reject what cannot be swept."""
+        """Reject settings that no sweep can have."""
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
@@ -178,7 +178,7 @@ def run_sweep(
     scheduler: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Reconstruct every measurement by every method; go on where an earlier run stopped.
+    """Reconstruct every measurement by every method; resume where an earlier run stopped.
 
     A method that raises, or returns another shape or values that are not finite, fails alone.
 

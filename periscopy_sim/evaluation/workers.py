@@ -21,7 +21,7 @@ Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 
 IN_FLIGHT = 256
-"""Tasks that the scheduler holds at once; each waits with its result until that is taken."""
+"""Tasks that the scheduler holds at once, with results that nobody has read yet."""
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def compute(
 ) -> Iterator[tuple[Item, Result]]:
     """Run a task on every item, each on one thread of linear algebra; yield results as they come.
 
-    The task takes `shared`, sent to each worker once, and an item; all items differ. Errors of a
+    The task gets `shared`, sent to each worker once, and an item; all items differ. Errors of a
     task are raised here. Dask repeats what a dead worker held; if workers keep dying, or all have
     died, it is a PeriscopyError.
     """

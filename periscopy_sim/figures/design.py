@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 Marked = Sequence[tuple[Row, str]]
 
 DRAWN = {
-    "bound": "bound, without prior knowledge",
+    "bound": "Cramér-Rao bound",
     "told_error": "reported error, noise-aware",
     "error": "actual error, noise-aware",
 }
 """Numbers of a row that are drawn, in percent of white, and their titles."""
 
 GREY = "0.85"
-MARKS = "circle: as it stands; star: best; grey: no scene, or undetermined patches"
+MARKS = "circle: scene as it stands; star: best; grey: no scene, or undetermined patches"
 
 
 LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}
@@ -58,7 +58,7 @@ def _draw_curves(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked:
             ax.plot(_values([row], name), _percent([row], number), marker, **LOOK)
     for x in _values([row for row in rows[1:] if not np.isfinite(row["bound"] or np.nan)], name):
         ax.axvline(x, color=GREY, zorder=0)
-    ax.set(yscale="log", xlabel=name, ylabel="standard error of a patch, % of white")
+    ax.set(yscale="log", xlabel=f"{name} (scene unit)", ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     plain_ticks(ax.yaxis)
     figure.legend(loc="outside upper center", ncols=3)
@@ -73,7 +73,7 @@ def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: M
     axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
     for ax, number in zip(axes, shown, strict=True):
-        ax.set(facecolor=GREY, title=DRAWN[number], xlabel=across)
+        ax.set(facecolor=GREY, title=DRAWN[number], xlabel=f"{across} (scene unit)")
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
             picture = ax.pcolormesh(x, y, values, norm=LogNorm(), cmap="viridis_r")
@@ -82,7 +82,7 @@ def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: M
         ax.locator_params(axis="x", nbins=5)
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
-    axes[0].set_ylabel(up)
+    axes[0].set_ylabel(f"{up} (scene unit)")
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

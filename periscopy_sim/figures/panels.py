@@ -151,7 +151,7 @@ def draw_certainty(
         top = float(errors.max()) or 1.0
         shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
         figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
-        sentences = ["Right: how far each patch may be off (one standard deviation)."]
+        sentences = ["Right: the standard error of each patch (one standard deviation)."]
         sentences += [f"This assumes that {assumed}."] * bool(assumed)
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
 
@@ -179,7 +179,7 @@ def draw_sweep(
             ax.fill_between(finite["sbr"], low, high, color=colour, alpha=0.18, linewidth=0.8)
         ax.set(
             xscale="log", yscale="log",
-            xlabel="signal-to-background ratio", ylabel="mean squared error",
+            xlabel="signal-to-background ratio", ylabel="mean squared error (white is 1)",
         )  # fmt: skip
         for axis in (ax.xaxis, ax.yaxis):
             plain_ticks(axis)
@@ -188,5 +188,5 @@ def draw_sweep(
         columns = 2 if max(map(len, names), default=0) <= 22 else 1
         if names:  # above the axes: inside, it would hide a curve
             figure.legend(loc="outside upper center", ncols=columns, handlelength=2.8)
-        figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=6)
+        figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=7)
         figure.set_size_inches(3.5, 2.75 + 0.13 * -(-len(names) // columns))

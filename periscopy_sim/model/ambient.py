@@ -18,7 +18,7 @@ ROUNDING = 1e-12
 """Fraction of a vector, of the largest eigenvalue, or of an energy that counts as rounding."""
 
 SKETCH = 96
-"""Random mixtures of B's columns that the sketch takes: twice B's usual rank of 44."""
+"""Random mixtures of B's columns in the sketch: twice B's usual rank of 44."""
 
 PROFILE_DEGREE = 20
 """Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree

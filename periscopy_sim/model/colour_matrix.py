@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 LARGEST_CONDITION = 100.0
-"""Condition number from which a matrix tells two primaries no longer apart: real cameras have 2 to
+"""Condition number from which a matrix no longer separates two primaries: real cameras have 2 to
 10."""
 
 

@@ -1,4 +1,4 @@
-"""What else shapes a photograph than A f + B c + n: corrections, each an object in a list.
+"""Corrections of what A f + B c + n does not describe, each an object in a list.
 
 A method for stills is given a list of corrections; a method without them is the plain method. The
 gain over the wall has gained on a real photograph. Paint is measured on rendered photographs alone,
@@ -18,10 +18,10 @@ from periscopy_sim.model.fit import FittedPhotograph
 Array = NDArray[np.float64]
 
 ERROR_RATE = 1e-3
-"""Fraction, at most, of photographs of a right model in which a correction finds something."""
+"""Largest fraction of photographs of a right model in which a correction has an effect."""
 
 RESOLVED = 1e-3
-"""Sine of the angle between two fields, below which they are taken for one: a thousand times single
+"""Sine of the angle between two fields, below which they count as equal: a thousand times single
 precision's."""
 
 FirstImage = Callable[[FittedPhotograph], Array]
@@ -34,7 +34,7 @@ class Correction(Protocol):
     def __call__(
         self, photograph: FittedPhotograph, first_image: FirstImage
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
-        """Return the photograph corrected, and what was found, by name, for a summary.
+        """Return the corrected photograph, and numbers by name for a summary.
 
-        Where nothing is found, the photograph is returned as it was given.
+        A correction that has no effect returns the same photograph.
         """

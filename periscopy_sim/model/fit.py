@@ -26,12 +26,12 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 LARGEST_NOISE_RATIO = 30
-"""Largest ratio of the noises of two channels: a black channel has not less noise than that."""
+"""Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that a photograph says of its hidden image.
+    """The information on the hidden image in one photograph.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class FittedPhotograph:
 
     @property
     def evidence(self) -> Evidence:
-        """What the photograph says of its hidden image."""
+        """The photograph's information on its hidden image."""
         return self._projected[0]
 
     @property
@@ -92,7 +92,7 @@ class Fit:
     B
         (M, L) prototype backgrounds; None for none.
     rank_tolerance
-        Of B, see `background_basis`.
+        Relative tolerance on B's singular values, see `background_basis`.
     profiles
         Whether `wall_profiles` join the ambient light, where there is a B and the photograph's rows
         and columns are known.
@@ -102,13 +102,13 @@ class Fit:
     transport, background
         (N, M') Aᵀ in single precision and (r, M') Qᵀ, of the M' pixels used.
     smooth_rank
-        How many rows of `background` come first that no background photograph was needed for.
+        Number of the first rows of `background`, which need no background photograph.
     gram, norm, unit
         (N, N) A⊥ᵀA⊥, ‖A⊥‖_F, and ‖A⊥‖_F/√N, over which f is near 1 in units of y⊥.
     patterns
         The spectral basis of A⊥ᵀA⊥ over the square of the unit.
     visible, curvatures
-        Which patterns the wall shows, a slice, and the curvatures of those, (N',).
+        Slice of the patterns that the wall shows, and their curvatures, (N',).
 
     Raises
     ------
@@ -186,14 +186,14 @@ class Fit:
         return np.asarray(shown[:, self.visible], np.float64)
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
-        """Return what A⊥ can explain of y⊥, (3, N'), and what an image leaves of that, over σ."""
+        """Return the part of y⊥ that A⊥ can explain, (3, N'), and an image's residual, over σ."""
         f = self.observation.mixed(image).T / (evidence.level * self.unit)
         scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self.visible] / scales
         return whole, whole - self.shown(f) / scales
 
     def unexplained(self, rows: Array) -> Array:
-        """Return what no hidden image and no ambient light explain of rows, (J, M')."""
+        """Return the part of rows, (J, M'), that no hidden image and no ambient light explain."""
         return self.operator.unexplained(rows.T).T
 
     def response(self, light: Array) -> Array:

@@ -30,8 +30,8 @@ names, or by number."""
 class Observation:
     """The sizes of photograph and hidden image, the wall's colour, and where the wall is used.
 
-    Make one by `observation_of`. What the mask leaves out is left out of every vector, whatever it
-    holds.
+    Make one by `observation_of`. Every vector omits the pixels that the mask excludes, whatever
+    they hold.
     """
 
     pixels: int  # M, of the photograph
@@ -58,9 +58,9 @@ class Observation:
         return np.hstack([used, *(planes.T for planes in self.backgrounds.values())])
 
     def joined(self, B: Image) -> Image:
-        """Return B beside the backgrounds, (M, L + 3 K), for one who takes the used rows later.
+        """Return B beside the backgrounds, (M, L + 3 K), for callers that select used rows later.
 
-        Where the mask leaves a background out, it is 0.
+        The backgrounds are 0 where the mask excludes them.
         """
         if not self.backgrounds:
             return B
@@ -85,11 +85,11 @@ class Observation:
         return replace(self, mixing=np.eye(3), unmixing=inverse, backgrounds=backgrounds)
 
     def mixed(self, image: Image) -> Array:
-        """Return what the planes show of an image, (R, C, 3) or (N, 3), as (N, 3) float64."""
+        """Return an image, (R, C, 3) or (N, 3), in the planes' channels, as (N, 3) float64."""
         return np.asarray(image, np.float64).reshape(-1, 3) @ self.mixing.T
 
     def vectorized(self, photograph: Image) -> Array:
-        """Return the y of y = A f of a photograph, as a grey wall would show it, (M', 3) float64.
+        """Return a photograph as a grey wall would show it, the y of y = A f, (M', 3) float64.
 
         See `planar`, of one photograph.
         """
@@ -129,7 +129,7 @@ class Observation:
         return grey if self.unmixing is None else self.unmixing @ grey
 
     def check_size(self, shape: tuple[int, ...]) -> None:
-        """Refuse photographs of another shape than `planar` takes, or than the mask's."""
+        """Reject photographs whose shape does not suit `planar` or the mask."""
         size, known = shape[1:-1], self.rows_and_columns
         if known is not None and len(size) == 2 and size != tuple(known):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""The wall's unevenness: what its paint does to all light, found without a model of it.
+"""The wall's uneven paint, which multiplies all light, estimated without a model of the paint.
 
     y = (1 + u) (A f + B c) + n,   b_k = (1 + u) (B c_k) + n_k
 
@@ -8,7 +8,7 @@ A photograph b_k with the monitor off shows paint where no smooth light explains
 
 S the projection on range(B). So it shows its own noise, and the edges of shadows, too. As columns
 of B (`background_photographs`) they do no harm; but only paint multiplies the hidden image's light.
-Which it is, the photograph itself tells. In each channel, for all channels d_k of all b_k together,
+The photograph itself separates the two. In each channel, for all channels d_k of all b_k together,
 
     α̂ = argmin ‖R (y − Σ α_k d_k y)‖²,
 
@@ -18,9 +18,9 @@ paint seen in several photographs each gets the share that its noise allows; edg
 which are not in A f, get none. y (1 − Σ α̂_k d_k) is what an even wall would have shown.
 
 Is there any paint? Fields that have nothing to do with the wall explain something by chance: the
-d_k moved down by one and by two thirds of the photograph tell how much. Of noise alone, the ratio
-of what both explain for each α is of Fisher's distribution. Paint that is seen, but hardly shows on
-the hidden image's light, is left to the columns of B.
+d_k moved down by one and by two thirds of the photograph measure how much. For noise alone, the
+ratio of their explained energies for each α has Fisher's distribution. The columns of B account for
+paint that hardly shows on the hidden image's light.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 DARK = 0.05
-"""Of the smooth light's mean: where there is less, a background photograph tells of no paint."""
+"""Fraction of the smooth light's mean below which a background photograph shows no paint."""
 
 LARGEST = 0.5
-"""Unevenness above which it is not paint, and is left alone."""
+"""Largest unevenness that counts as paint; larger values remain uncorrected."""
 
 WORTH = 0.05
-"""Part of what nothing else explains that paint must explain: below it, to divide by paint and the
-noise that it comes with was seen to do as much harm as good."""
+"""Least fraction of the otherwise unexplained light that paint must explain. Below it, the noise of
+the background photographs did as much harm as the correction did good."""
 
 
 class Paint:
@@ -57,7 +57,7 @@ class Paint:
     Raises
     ------
     ValueError
-        If there are none.
+        If there are no photographs with the monitor off.
     """
 
     def __init__(self, fit: Fit) -> None:
@@ -79,7 +79,7 @@ class Paint:
 
 
 class Unevenness:
-    """What the background photographs of an observation show of paint; see the module.
+    """The paint that the background photographs of an observation show; see the module.
 
     The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
     """
@@ -91,10 +91,10 @@ class Unevenness:
         self._others = [_moved(self._fields, fraction, mask) for fraction in (1 / 3, 2 / 3)]
 
     def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
-        """Return what a photograph's planes, (3, M'), are multiplied by to show an even wall.
+        """Return the factors, (3, M'), of a photograph's planes that make the wall even.
 
-        It is (3, M'); ones where no unevenness is found. `unexplained` returns what no hidden image
-        and no ambient light explain of rows, (J, M').
+        They are 1 if the wall shows no paint. `unexplained` returns the part of rows, (J, M'),
+        that no hidden image and no ambient light explain.
         """
         levels = np.sqrt(np.mean(planes**2, axis=1, keepdims=True))
         y = planes / np.where(levels > 0, levels, 1)

@@ -1,12 +1,12 @@
-"""The residual of one photograph: how large it is, what noise would leave, and whether it fits.
+"""The residual of one photograph: its size, the size of noise alone, and whether the scene fits.
 
     r = y − A f̂ − B ĉ
 
-Part of r another hidden image would explain, which is the method's affair, not the scene's. So r is
-judged by what no image explains of it, against white noise from which the same fit has taken what
-it takes. Blurred, white noise keeps a known part of its energy; misplaced geometry, bounced light,
+Another hidden image may explain a part of r, which is no fault of the scene. The verdict therefore
+compares the rest of r, which no image explains, with white noise after the same fit.
+Blurred, white noise keeps a known fraction of its energy; misplaced geometry, bounced light,
 vignetting and values that are not linear are smooth and keep more. Uneven paint is as white as
-noise, and alike in all channels, which a camera's noise is not.
+noise, and equal in all channels, which a camera's noise is not.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 
 Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
-"""What a residual says of the scene; ``unknown`` where too few pixels have neighbours."""
+"""Verdict on the scene; ``unknown`` if too few pixels have neighbours."""
 
 DRAWS = 6
 """Draws of white noise, a multiple of the three channels."""
@@ -43,7 +43,7 @@ MATERIAL = 1.25
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What a scene and a hidden image leave of a photograph.
+    """The part of a photograph that a scene and a hidden image do not explain.
 
     Attributes
     ----------
@@ -53,13 +53,13 @@ class Residual:
     unexplained
         Standard deviation of r over the photograph's root mean square.
     unexplained_by_any
-        The same of what no hidden image explains; None where too few pixels have neighbours.
+        The same of the part that no hidden image explains; None if too few pixels have neighbours.
     noise_alone
-        What the camera's noise alone, independent in the channels, would leave; None likewise.
+        The same of the camera's noise alone, independent in the channels; None likewise.
     excess
         Energy of the blurred residual over that of noise; 1 for white noise, None likewise.
     diagnosis
-        What the residual says of the scene.
+        Verdict on the scene.
     """
 
     light: Array

@@ -15,7 +15,7 @@ Image = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class UncertainTransport:
-    """A scene's parameters θ ~ N(values, L Lᵀ), and what their errors do to light on the wall.
+    """A scene's parameters θ ~ N(values, L Lᵀ), and the effect of their errors on light.
 
     θ = values + L u, u ~ N(0, I): the columns of L, its directions, err independently of each
     other. With A nearly linear, A(u) f ≈ A f + Σ u_k D_k f.
@@ -23,7 +23,7 @@ class UncertainTransport:
     Attributes
     ----------
     names
-        Of the P parameters.
+        Names of the P parameters.
     values
         (P,) of the scene.
     directions

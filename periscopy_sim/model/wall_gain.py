@@ -1,19 +1,19 @@
-"""A smooth gain over the wall that no model tells, found from the photograph itself.
+"""A smooth gain over the wall that the scene lacks, estimated from the photograph itself.
 
 A lens darkens corners, a wall is not quite Lambertian, a monitor's fall-off with angle is fitted:
 all that multiplies the penumbrae by something smooth,
 
     y = g (A f) + B c + n,   g = 1 + Σ_k a_k p_k,
 
-p_k the polynomials of degree ≤ 2 over the wall, without the constant, which no photograph tells. A
-first image f₀ tells the few a_k, by least squares from what no hidden image and no ambient light
-explain:
+p_k the polynomials of degree ≤ 2 over the wall, without the constant, which no photograph
+determines. A first image f₀ determines the few a_k, by least squares on the part of y that no
+hidden image and no ambient light explain:
 
     â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
 
-S, the polynomials of degree ≤ 5, keeps apart the smooth ambient light that B leaves over. What the
-gain adds, Σ_k â_k p_k A f₀, is to be subtracted: to divide y by the gain would bend the ambient
-light, too, out of range(B).
+S, the polynomials of degree ≤ 5, accounts for the smooth ambient light that B lacks. The correction
+subtracts the gain's light, Σ_k â_k p_k A f₀: to divide y by the gain would bend the ambient light,
+too, out of range(B).
 
 Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
 (I − F Fᵀ) y is independent. So without a gain, the K terms explain as much, for each term, as other
@@ -52,14 +52,14 @@ BOUNDS = 0.2, 5.0
 """Least and greatest gain that is accepted."""
 
 LEAST_UNEXPLAINED = 1e-5
-"""Norm of what [A, B] leaves of a polynomial, below which they explain it: single precision's."""
+"""Norm of a polynomial's part outside [A, B] that counts as zero: single precision's."""
 
 
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
     """The gain, and how likely it is."""
 
-    probability: float  # that as large a ratio comes about without a gain, at most
+    probability: float  # upper bound on that of as large a ratio without a gain
     field: Array  # (rows, columns) g
     accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
     added: Array  # (3, M') light that the gain adds to the model's, range(B) projected out
@@ -71,18 +71,18 @@ class WallGain:
     Parameters
     ----------
     fit
-        The scene, whose photographs' rows and columns must be known.
+        The scene; it must have the rows and columns of photographs.
     degree
-        Of the gain.
+        Degree of the gain.
     ambient_degree
-        Of the ambient light that is kept apart.
+        Degree of the ambient light's polynomials, S.
     compared_degree
-        Up to which the remaining polynomials tell how large a term may be by chance.
+        Highest degree of the polynomials that measure the size of a term by chance.
 
     Raises
     ------
     ValueError
-        If the rows and columns of photographs are not known.
+        If the rows and columns of photographs are unknown.
     """
 
     def __init__(

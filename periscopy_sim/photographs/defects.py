@@ -1,4 +1,4 @@
-"""Pixels that do not measure light: saturated, dead and hot ones, found in one photograph.
+"""Detection of pixels that do not measure light in one photograph: saturated, dead and hot ones.
 
 Each channel is examined alone, and a pixel is defective if one of its channels is. All conditions
 of a test must hold: noise or the wall itself may explain one of them. The numbers are those by
@@ -70,7 +70,7 @@ class DefectivePixels:
 
 
 def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> DefectivePixels:
-    """Return the pixels of a photograph that should be left out.
+    """Return the pixels of a photograph to exclude.
 
     - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than one and
       a half times as many as the next eight levels together. The smooth maximum of a wall, however

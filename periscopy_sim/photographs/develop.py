@@ -1,4 +1,4 @@
-"""One picture, linear in light, from what a camera took of one view.
+"""One linear picture from a camera's photographs of one view.
 
 The black level or a dark frame is subtracted, photographs are averaged, and a flat field evens them
 out.
@@ -23,7 +23,7 @@ def develop(
     dark: SensorImage | ArrayLike | None = None,
     flat: SensorImage | ArrayLike | None = None,
 ) -> SensorImage:
-    """Return one picture, linear in light, from what a camera took of one view.
+    """Return one linear picture from a camera's photographs of one view.
 
     Parameters
     ----------

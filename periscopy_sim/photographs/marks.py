@@ -25,9 +25,9 @@ class WallPoints:
     positions
         (n, 3) in metres, in the scene's coordinates.
     names
-        What messages call each; empty for numbers.
+        Names of the points in messages; empty for numbers.
     source
-        What messages call the list.
+        Name of the list in messages.
     """
 
     pixels: Array
@@ -49,7 +49,7 @@ class WallTags:
     sizes
         (n,) sides of their black squares, in metres.
     source
-        What messages call the list.
+        Name of the list in messages.
     """
 
     ids: NDArray[np.int64]

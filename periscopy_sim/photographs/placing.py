@@ -1,4 +1,4 @@
-"""Where a photograph shows the pixels of a scene's film, found by marks on the wall."""
+"""The places of a scene's film pixels in a photograph, from marks on the wall."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallT
 
 
 def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
-    """Return where marks are in the wall's plane, (n, 2); raise if one is off it."""
+    """Return the places of marks in the wall's plane, (n, 2); raise if one is off the plane."""
     local = plane.coordinates(positions)
     extent = float(np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0)))
     worst = int(np.abs(local[:, 2]).argmax())

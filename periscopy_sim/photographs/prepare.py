@@ -41,12 +41,12 @@ class Prepared:
     coverage
         Pixels of the photograph that an average new pixel covers.
     view
-        How the photograph shows the wall, by marks; None without marks.
+        View of the wall in the photograph, from marks; None without marks.
     placement
         The largest standard error with which marks place the new pixels, in new pixels; 0 without
         marks.
     warnings
-        What had to be assumed, one line each.
+        Assumptions, one line each.
     """
 
     values: Array = field(repr=False)

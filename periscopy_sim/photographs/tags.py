@@ -1,4 +1,4 @@
-"""Square markers on the wall, AprilTag or ArUco, found in a photograph by OpenCV."""
+"""Detection of square markers on the wall, AprilTag or ArUco, by OpenCV."""
 
 from __future__ import annotations
 

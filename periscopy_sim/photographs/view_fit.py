@@ -36,7 +36,7 @@ LINE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class FittedView:
-    """A view of the wall by least squares, and how well it is known.
+    """A view of the wall by least squares, with its errors.
 
     Without freedom, measurements beyond the unknowns, the residuals show nothing.
     """
@@ -195,7 +195,7 @@ def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
 
 
 def _p_value(simple: FittedView, rich: FittedView) -> float:
-    """Return the probability that chance alone takes as much off the squares as the richer fit.
+    """Return the probability that chance alone reduces the squares as much as the richer fit.
 
     The simpler fit has more unknowns fixed, or a mark more to explain. The ratio of what is taken
     off to the rest, each per degree of freedom, has the F distribution.

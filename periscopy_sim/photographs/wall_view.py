@@ -1,4 +1,4 @@
-"""Where a photograph shows each point of a plane wall, and where the scene's camera does."""
+"""The map from points of a plane wall to a photograph, and to the film of the scene's camera."""
 
 from __future__ import annotations
 

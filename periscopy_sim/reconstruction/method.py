@@ -1,4 +1,4 @@
-"""What the methods for single photographs have in common."""
+"""The base of all methods for single photographs."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ SIGNIFICANT = 3.0
 
 
 class Observed(TypedDict, total=False):
-    """What every method is told of the photographs; see `StillMethod`."""
+    """Keywords of every method that describe the photographs; see `StillMethod`."""
 
     hidden_shape: tuple[int, int]
     channel_gain: Image | None
@@ -92,29 +92,29 @@ class Observed(TypedDict, total=False):
 
 
 class StillMethod(ABC, Generic[Precision]):
-    """A method fitted to one scene, which recovers each photograph's hidden image on its own.
+    """A method fitted to one scene; it recovers the hidden image of each photograph separately.
 
-    `solve` returns the image and the numbers that came with it, `report` what the method knows
-    beside them.
+    `solve` returns the image and its numbers, `report` everything else that the method knows of
+    them.
 
     Parameters
     ----------
     A
         (M, N) light transport matrix.
     B
-        (M, L) prototype backgrounds; None for none. Not used by methods that know no backgrounds.
+        (M, L) prototype backgrounds; None for none. Methods that model no backgrounds ignore them.
     hidden_shape
         (R, C) with R C = N.
     channel_gain
         (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
     rank_tolerance
-        Of methods that know backgrounds: relative tolerance on B's singular values, see
+        Relative tolerance on B's singular values, for methods that model backgrounds; see
         `background_basis`.
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     mask
-        (rows, columns) or (M,), True where the wall is to be used; None for everywhere. The other
-        rows of A and B are left out, and what the photograph holds there, be it NaN.
+        (rows, columns) or (M,), True where the wall is used; None for everywhere. The method
+        ignores the other rows of A, B and the photograph, which may be NaN there.
     backgrounds
         Photographs of the same wall with the monitor off, (rows, columns, 3) each, in any unit, of
         any exposure; None for none. Each channel of each is one more column of B, also for methods
@@ -137,13 +137,13 @@ class StillMethod(ABC, Generic[Precision]):
     """
 
     precision: type[np.floating[Any]] = np.float64
-    """Of the images."""
+    """Floating-point type of the images."""
 
     mixes_colours = False
     """Whether the method's model has the colour matrix; the others unmix the photograph."""
 
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
-        """Refuse a scene in the place of A, by a TypeError that names what takes one."""
+        """Reject a scene in the place of A, by a TypeError that names `for_scene`."""
         if arguments and hasattr(arguments[0], "photograph_shape"):
             raise TypeError(
                 f"A comes first; to fit to a scene, {cls.__name__}.for_scene(scene, A, B)"
@@ -166,7 +166,7 @@ class StillMethod(ABC, Generic[Precision]):
 
     @classmethod
     def for_scene(cls, scene: SceneSizes, A: Any, B: Any = None, **settings: Any) -> Self:
-        """Fit to a scenario: its sizes and the colour of its wall are taken from it.
+        """Fit to a scenario, which gives the sizes and the colour of the wall.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class StillMethod(ABC, Generic[Precision]):
 
     @abstractmethod
     def solve(self, photograph: Image) -> Solution[Precision]:
-        """Recover the hidden image and tell how it came about; see `reconstruct`."""
+        """Recover the hidden image, with its noise and weight; see `reconstruct`."""
 
     def reconstruct(self, photograph: Image) -> NDArray[Precision]:
         """Recover the hidden image from one photograph.
@@ -229,14 +229,14 @@ class StillMethod(ABC, Generic[Precision]):
         Parameters
         ----------
         photograph
-            As `solve` took it.
+            The photograph that `solve` got.
         solution
-            What `solve` returned.
+            The result of `solve`.
 
         Raises
         ------
         ValueError
-            As `reconstruct`.
+            As in `reconstruct`.
         """
         transport = self.projected_transport()
         if transport is None:

@@ -1,4 +1,4 @@
-"""The methods by name: what each is, the options it takes, and what recovers videos by it.
+"""The methods by name: a description, the options, and the class for videos of each.
 
 A new method is one file with its class, a `StillMethod`, and one entry in `METHODS`. The command
 line, the sweeps and their help follow from the entry.
@@ -42,12 +42,12 @@ class Option:
 class VideoEntry:
     """How a method recovers videos.
 
-    Its class is a `FrameByFrame` that takes the method for stills and the keyword ``coupling``.
+    Its class is a `FrameByFrame` that accepts the method for stills and the keyword ``coupling``.
     """
 
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     couplings: tuple[str, ...]  # how a frame can be tied to the one before it
-    options: tuple[Option, ...] = ()  # what else the class takes
+    options: tuple[Option, ...] = ()  # further keywords of the class
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class MethodEntry:
     help: str  # what it is, in a few words
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     options: tuple[Option, ...] = ()  # what users can set
-    certainty: str = ""  # what it can tell of its certainty, in a few words; empty for nothing
+    certainty: str = ""  # the certainty that it reports, in a few words; empty for none
     fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
-    backgrounds: bool = True  # whether it takes the prototype backgrounds
+    backgrounds: bool = True  # whether it accepts the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
@@ -106,7 +106,7 @@ class MethodEntry:
     ) -> FrameByFrame[Any, Any]:
         """Return what recovers videos by a method for stills that was fitted by this entry.
 
-        A ValueError says that the method recovers none, or what the class refuses.
+        Raises a ValueError if the method recovers none, or if the class rejects an option.
         """
         if self.video is None:
             raise ValueError(f"method '{self.name}' recovers no videos")
@@ -158,7 +158,7 @@ _TEMPORAL_WEIGHT = Option(
 )
 
 DEFAULT = "noise-aware"
-"""Of less error under every realistic light tried than the paper's (`beyond.noise_aware`)."""
+"""Its error is less than `preconditioned`'s in each realistic light of `beyond.noise_aware`."""
 
 _ENTRIES = (
     MethodEntry(

@@ -1,4 +1,4 @@
-"""What a method reports of a photograph beside its hidden image: numbers, and notes as codes."""
+"""The report of a method on a photograph, beside its hidden image: numbers, and notes as codes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Note:
-    """Something to say to a user: a code, whose sentence `cli.messages` holds, and its values."""
+    """A note for the user: a code, whose sentence `cli.messages` holds, and its values."""
 
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -30,9 +30,9 @@ class Report:
     Attributes
     ----------
     numbers
-        What a summary records, by name.
+        Numbers that a summary records, by name.
     notes, warnings
-        What a user may want to know, and why the image may be wrong.
+        Facts that a user may want to know, and reasons why the image may be wrong.
     stages
         Titles and images, (R, C, 3), that led to the solution.
     standard_errors

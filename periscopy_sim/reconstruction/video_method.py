@@ -1,4 +1,4 @@
-"""What the methods for video have in common: a frame follows from its photograph and the last."""
+"""The base of all methods for video: a frame follows from its photograph and the last frame."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
     still
         The method for stills, whose weights and tolerance serve every frame.
     coupling
-        How a frame is tied to the previous one.
+        Name of the coupling to the previous frame.
     l1_weight
         λ₂ over λ.
     couplings
-        Those that the method knows.
+        Names that the method accepts.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
     Raises
     ------
     ValueError
-        If the coupling is not known, or a weight is negative or not finite.
+        If the coupling is unknown, or a weight is negative or not finite.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         Raises
         ------
         ValueError
-            As `next_frame`.
+            As in `next_frame`.
         """
 
     def next_frame(self, photograph: Image) -> NDArray[Precision]:
@@ -115,7 +115,7 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         return image
 
     def solve_next(self, photograph: Image) -> FrameSolution:
-        """Recover the next frame and tell how it came about; see `next_frame`."""
+        """Recover the next frame, with its noise and weight; see `next_frame`."""
         (recover,) = self.recoveries(plain_array(photograph)[None])
         return recover()
 

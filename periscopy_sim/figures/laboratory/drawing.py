@@ -58,7 +58,7 @@ def laboratory_figure(scenario: Scenario) -> Figure:
         ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
         (wall, side), (plan, rest) = figure.subplots(2, 2, **ratios)
         for ax, (h, v), title in (
-            (wall, (0, 2), "the wall as the camera faces it; grey: part of the monitor is hidden"),
+            (wall, (0, 2), "the wall as the camera faces it"),
             (side, (1, 2), "from the side"),
             (plan, (0, 1), "plan"),
         ):

@@ -114,7 +114,7 @@ def facts(layout: RoomPlan) -> list[str]:
     aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
     where = f"{in_words(away)} from the wall along its line of sight"
     if survey.parallel:
-        where = "parallel rays, as of a picture that was brought to the wall's own rectangle"
+        where = "parallel rays (a rectified picture of the wall)"
     rows, columns = scenario.hidden_shape
     across = columns * np.linalg.norm(scenario.patch_across, axis=1).mean()
     up = rows * np.linalg.norm(scenario.patch_up, axis=1).mean()
@@ -123,9 +123,9 @@ def facts(layout: RoomPlan) -> list[str]:
     lines = [
         f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees "
         f"{in_words((sides[0] + sides[2]) / 2)} x {in_words((sides[1] + sides[3]) / 2)} of it.",
-        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} before the wall, "
+        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} from the wall, "
         f"{facing} from facing it squarely.",
-        "Turns are counterclockwise as seen from above, tilts upwards; negative the other way.",
+        "Positive turns are counterclockwise as seen from above, positive tilts upwards.",
     ]
     distances = []
     for name, points in groups_of(layout.standing()).items():
@@ -137,7 +137,7 @@ def facts(layout: RoomPlan) -> list[str]:
             distances.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))
     if distances:
         lines.append(
-            "Middles before the wall (and how wide an edge's penumbra is from there, across x up): "
+            "Distance of occluders from the wall (and width x height of the penumbra of an edge): "
             f"{', '.join(distances)}."
         )
     return [line for long in lines for line in wrap(long, CHARACTERS)]

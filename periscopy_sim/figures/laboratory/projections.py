@@ -23,8 +23,8 @@ GRID = 150
 """Points of the wall along its panel's width."""
 
 LINES = (
-    "Dotted: where shadows begin on the wall; solid: where all of the monitor is hidden; dashed: "
-    "rays from its ends past occluders."
+    "Grey: where part of the monitor is hidden from the wall. Dotted: where shadows begin; solid: "
+    "where all of the monitor is hidden; dashed: rays from its ends past occluders."
 )
 """Meaning of the lines without a label."""
 

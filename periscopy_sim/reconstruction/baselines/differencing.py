@@ -126,7 +126,7 @@ class Differencing(StillMethod[np.float64]):
         self._mean_entry = float(np.mean(A, dtype=np.float64))
 
     def solve(self, photograph: Image) -> DifferencingResult:
-        """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
+        """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
         Dy = self._inverse.project_out(self._differenced(y))
         h = self._inverse.A.T @ Dy

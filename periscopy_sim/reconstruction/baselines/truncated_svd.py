@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):
-    """The paper's method with an inverse of A by its top singular vectors in place of P (Fig. 9).
+    """`preconditioned` with an inverse of A by its top singular vectors in place of P (Fig. 9).
 
     With A = U Σ Vᵀ and k singular values kept, the estimate is V_k Σ_k⁻¹ U_kᵀ y. No background is
     rejected but background photographs: what of it lies in the span of U_k ends in the image. Total

@@ -3,15 +3,15 @@
     f̂, σ = argmin_{f, σ} ‖W (A⊥ f − y⊥)‖₂² / σ + n σ + ω ‖A⊥‖_F ‖f‖_TV,   A⊥ = A − Q QᵀA
 
 Q is an orthonormal basis of range(B), W weighs the k eigenvectors that the wall shows best down
-(see `matrix_free`), n = M − rank(B) − k is the number of values that tell of noise, and ω is
-`regularization`. The noise is thus found together with the image ("scaled" or "square-root" lasso):
+(see `matrix_free`), n = M − rank(B) − k is the number of values that contain noise alone, and ω is
+`regularization`. The problem estimates noise and image together ("scaled" or "square-root" lasso):
 
     σ² = ‖W (A⊥ f̂ − y⊥)‖² / n,   f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV,   λ = ω σ ‖A⊥‖_F
 
-The objective is convex, so that the result depends on no start and no decision on the way.
+The objective is convex, so that the result depends on no start and on no intermediate decision.
 
 Without the total variation this is P y (Eq. 8), since P is the pseudoinverse of A⊥. The paper
-applies total variation to P y instead (Eq. 10), which takes its noise for white. Where P y is
+applies total variation to P y instead (Eq. 10), which assumes that its noise is white. Where P y is
 nearly all noise, as on fine grids, the problem above is the one that is well posed.
 
 References
@@ -44,7 +44,7 @@ from periscopy_sim.reconstruction.method import Image, Observed, Solution, Still
 Array = NDArray[np.float64]
 
 EIGENVECTORS = 60
-"""Eigenvectors of A⊥ᵀA⊥ found once for a scene, see `matrix_free`; of few patches an eighth."""
+"""Eigenvectors of A⊥ᵀA⊥, computed once for a scene; of few patches an eighth. See `matrix_free`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,12 +54,12 @@ class IterativeReconstruction(Solution[np.float64]):
     Attributes
     ----------
     iterations
-        Those taken, a pass over A each.
+        Number of iterations; each is a pass over A.
     change
-        The way that the image went in the last third of them, as a part of its norm; an upper
-        bound on what is left where the changes fall at least like 1/k², see `matrix_free`.
+        Path of the image over the last third of them, as a fraction of its norm; an upper bound on
+        the remaining path if the changes fall at least like 1/k², see `matrix_free`.
     converged
-        Whether that is what was asked for.
+        Whether the change is within the tolerance.
     """
 
     iterations: int
@@ -120,7 +120,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.transport = TransportOperator(A, Q)
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
-        """Recover the hidden image and tell how the iterations ended; see `reconstruct`."""
+        """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
         problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
         h = self.transport.rmatmat(y)

@@ -2,8 +2,8 @@
 
     f̂ = argmin_f ‖W (A⊥ f − y⊥)‖₂² + λ‖f‖_TV
 
-One iteration is one pass over A for all columns of y together. What makes iterations many is the
-range of A⊥'s singular values. Its k strongest singular vectors are few and cheap to find, once for
+One iteration is one pass over A for all columns of y together. The range of A⊥'s singular values
+makes iterations many. The k strongest singular vectors are few and cheap to compute, once for
 a scene (`TransportOperator.strongest_eigenvectors`). With them W = I − U (I − s Σ⁻¹) Uᵀ, U and Σ
 the k strongest and s the least of them, lets no direction of the photograph weigh more than the
 k-th. P, which is W with all the singular values equal, would let noise weigh as much as signal.
@@ -40,25 +40,25 @@ LONGEST_STEP, STEP_SHRINKAGE = 1.3, 0.96
 first."""
 
 PROXIMAL_ITERATIONS = 200
-"""Of one proximal operator; the next one goes on from where it ended."""
+"""Most iterations of one proximal operator; the next operator starts from its result."""
 
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """Where iterations ended: images f and G f, (N, K), of the quadratic fᵀG f."""
+    """The last iterate: images f and G f, (N, K), of the quadratic fᵀG f."""
 
     f: Array
     product: Array
     path: Sequence[Array]
-    """(K,) length of each iteration's change, as a part of the image's norm."""
+    """(K,) length of each iteration's change, as a fraction of the image's norm."""
 
     def path_of_last_third(self, fewest: int = 6) -> float:
-        """Return the way that the images went in the last third of the iterations, the longest.
+        """Return the longest path of an image over the last third of the iterations.
 
-        As a part of their norm; infinity before the `fewest` iterations that tell anything. It
-        bounds the way that is left where the changes fall at least like 1/k², up to a factor of 2.
-        Here they fall exponentially: on photographs of the package, 25 to 60 dB, what was left was
-        less than a tenth of it.
+        The path is a fraction of the image's norm; it is infinite before the `fewest` iterations.
+        If the changes fall at least like 1/k², it bounds the remaining path up to a factor of 2.
+        Here they fall exponentially: on photographs of the package, 25 to 60 dB, the remaining
+        path was less than a tenth of it.
         """
         count = len(self.path)
         return (

@@ -21,7 +21,7 @@ LEAST_ERROR = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A photograph as the network takes it, images over their `scale`; see `Problems`."""
+    """A photograph as the network reads it, images over their `scale`; see `Problems`."""
 
     data: Single  # (3, N)
     weights: Single  # (3, N)

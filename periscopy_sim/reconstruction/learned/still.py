@@ -1,8 +1,8 @@
 """The noise-aware image, refined by a network that has learned from rendered photographs.
 
 The noise-aware method estimates the image, the noise, a gain over the wall and ambient light beyond
-range(B). The unrolled network then takes the same evidence and adds what hidden images look like.
-The network takes the photograph's coefficients, no pixels.
+range(B). The unrolled network then uses the same evidence, and knows what hidden images look like.
+The network reads the photograph's coefficients, no pixels.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from periscopy_sim.reconstruction.report import Report
 Array = NDArray[np.float64]
 
 _THREADS = Lock()
-"""Of PyTorch's number of threads, which is the process's."""
+"""Lock of PyTorch's number of threads, which the whole process shares."""
 
 
 class Learned(NoiseAware):
-    """Recover hidden images by what a network has learned; fit once to a scene.
+    """Recover hidden images by a learned network; fit once to a scene.
 
-    Needs PyTorch. docs/methods.md says where it gains and where it does not.
+    It needs PyTorch. docs/results/learned.md measures its gain.
 
     Other parameters and errors are those of `NoiseAware`.
 
@@ -110,14 +110,14 @@ class Learned(NoiseAware):
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return the noise-aware report and the weights; see `StillMethod`.
 
-        There are no standard errors: those of what a network adds are not known.
+        There are no standard errors: nobody knows those of a network's additions.
         """
         report = super().report(photograph, solution)
         numbers = {**report.numbers, "weights_sha256": self.provenance["sha256"]}
         return replace(report, numbers=numbers)
 
     def standard_errors(self, solution: NoiseAwareReconstruction) -> None:  # type: ignore[override]  # noqa: ARG002
-        """Return None: the standard errors of what a network adds are not known."""
+        """Return None: nobody knows the standard errors of a network's additions."""
         return
 
 

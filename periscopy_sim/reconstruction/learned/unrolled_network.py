@@ -22,12 +22,12 @@ import torch
 from torch import nn
 
 DILATIONS = 1, 2, 1, 1
-"""Of the four layers of each D_k: a patch depends on its neighbours up to 5 away."""
+"""Dilations of the four layers of each D_k: a patch depends on neighbours up to 5 away."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problems:
-    """K photographs of one scene as the network takes them; images are over their scale, near 1.
+    """K photographs of one scene as the network reads them; images are over their scale, near 1.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Problems:
 
 
 class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checked
-    """The steps of the module; takes `Problems`, gives images, (K, 3, R, C)."""
+    """The network of the module: it maps `Problems` to images, (K, 3, R, C)."""
 
     def __init__(self, steps: int = 8, width: int = 24) -> None:
         super().__init__()

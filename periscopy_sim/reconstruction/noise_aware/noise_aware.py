@@ -5,17 +5,16 @@
 Q is an orthonormal basis of the ambient light, so that the misfit is that of y on [A, B] with the
 ambient light fitted freely: the very information that P keeps. M is the colour matrix from the
 monitor's primaries, in which the image is, to the camera's channels, in which the noise is
-independent; the identity by default. The paper goes on from P y as if its noise were white and
-equal in all patches (Eq. 10), where its covariance is σ² (A⊥ᵀA⊥)⁻¹. This method models the noise
-in the photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both
-directions and all three primaries), and constrains f ≥ 0.
+independent; the identity by default. The paper treats the noise of P y as white and equal in all
+patches (Eq. 10), but its covariance is σ² (A⊥ᵀA⊥)⁻¹. This method models the noise in the
+photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both directions
+and all three primaries), and constrains f ≥ 0.
 
 λ is `regularization` ‖A⊥‖_F ‖M1‖/(√3 σ), so that grey images are regularized as without M, and
 where the noise has more energy than the signal, the root of their ratio times as much. f ≥ 0 cuts
-off at zero what noise total variation leaves, which brightens the image: without the root, natural
-images at 30 dB and an SBR of 0.5 came out up to 1.2 times too bright, with 2.5 times the error.
-Images with much black still come out 1.1 to 1.6 times too bright there; `make validate` tabulates
-it.
+off the remaining noise at zero, which brightens the image: without the root, natural images at
+30 dB and an SBR of 0.5 were up to 1.2 times too bright, with 2.5 times the error. Images with much
+black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     Attributes
     ----------
     iterations
-        Those taken for the image.
+        Number of iterations.
     residual
         The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
     tolerance
@@ -111,10 +110,10 @@ class NoiseAware(StillMethod[np.float64]):
     corrections
         Classes or callables that make a `Correction` of a `Fit`, in order; () for the plain method.
         None for the default: paint where there are background photographs, and a smooth gain over
-        the wall, both where the rows and columns of photographs are known.
+        the wall, both only if the rows and columns of photographs are given.
     uncertain
-        What errors of the scene's parameters do to light: standard errors then count them. None
-        where the scene is taken for right.
+        Effect of the scene's parameter errors on light, which standard errors then include. None if
+        the scene is right.
 
     Attributes
     ----------
@@ -193,10 +192,10 @@ class NoiseAware(StillMethod[np.float64]):
         previous: Image | None = None,
         l1_weight: float = 0.0,
     ) -> tuple[NoiseAwareReconstruction, Splitting | None]:
-        """Return the hidden image of a photograph's evidence, and what was split off.
+        """Return the hidden image of a photograph's evidence, and the split variables.
 
-        The minimum is found by the schedule, or as in `solve`, from what was split off from an
-        image nearby, `start`, or from black. In a video λ₂ = `l1_weight` λ is the weight of the
+        The schedule, or that of `solve`, runs from the split variables of a nearby image, `start`,
+        or from black. In a video λ₂ = `l1_weight` λ is the weight of the
         distance to the frame before, `previous`, (R, C, 3).
         """
         if schedule is None:

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 RIDGE = 0.01
-"""Weight of K beside A⊥ᵀA⊥ in the image that the scale is taken from."""
+"""Weight of K beside A⊥ᵀA⊥ in the image that sets the scale."""
 
 BLACK = 1e-3
 """Over the image's scale, root mean square: an image so dark is black."""
@@ -41,16 +41,16 @@ BLACK = 1e-3
 
 @dataclass(frozen=True)
 class Schedule:
-    """How the splitting is run, until both relative residuals (Boyd et al., Sec. 3.3) are small.
+    """Parameters of the splitting and of its stop by relative residuals (Boyd et al., Sec. 3.3).
 
     Attributes
     ----------
     tolerance, max_iterations
-        Of the residuals; after so many iterations they stop all the same.
+        Largest residual that counts as converged, and most iterations.
     penalty
         λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
     weak
-        Part of ρ below which a curvature is weak, see `SpectralBasis.solver`.
+        Fraction of ρ below which a curvature is weak, see `SpectralBasis.solver`.
     renewed
         Iterations after which patterns of weak curvature are summed anew.
     """
@@ -64,9 +64,9 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the iterations ended.
+    """The result of the iterations.
 
-    What was split off is over the image's scale, its multipliers over λ.
+    The split variables are over the image's scale, their multipliers over λ.
     """
 
     image: Image  # (3, R, C) in single precision; of one channel (1, R, C)

@@ -30,7 +30,7 @@ BISECTIONS = 24
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """What is split off, changed in place by `advance`."""
+    """The split variables, which `advance` changes in place."""
 
     u: Image  # (2, 3, R, C) the gradient, down and across
     p: Image  # (2, 3, R, C) its multiplier over ρ
@@ -44,7 +44,7 @@ class Splitting:
         return cls(*(np.zeros(each, np.float32) for each in shapes))
 
     def scaled(self, image: float, multiplier: float) -> Splitting:
-        """Return it with the image's parts and the multipliers over ρ each times a number."""
+        """Return the split with the image's parts and the multipliers over ρ scaled."""
         primal, dual = np.float32(image), np.float32(multiplier)
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
 

@@ -56,7 +56,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().__init__(still, coupling, l1_weight, get_args(Coupling))
 
     def restart(self) -> None:
-        """Forget the latest frame: the next one is a first one."""
+        """Forget the latest frame: the next frame starts a video."""
         super().restart()
         self._split: Splitting | None = None
 
@@ -68,7 +68,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
                 yield partial(self.finish, evidence)
 
     def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
-        """Return the next frame, of its photograph's evidence."""
+        """Return the next frame from its photograph's evidence."""
         if self.previous is None:
             solution, split = self.still.recover(evidence)
         else:

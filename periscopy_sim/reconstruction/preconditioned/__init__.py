@@ -1,1 +1,1 @@
-"""The paper's method: the optimized preconditioner P, denoising, repair (Algorithms 1 and 2)."""
+"""The method `preconditioned`: the optimized P, denoising, repair (Algorithms 1 and 2)."""

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What P makes of photographs, before it is denoised."""
+    """P applied to photographs, before denoising."""
 
     preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
     noise: Array  # (K, 3), as in `Solution`
@@ -61,7 +61,7 @@ class Reconstruction(Solution[np.floating[Any]]):
 
 
 class Periscope(StillMethod[np.floating[Any]]):
-    """The paper's method (Algorithm 1), fitted to one scene.
+    """The method `preconditioned` (the paper's Algorithm 1), fitted to one scene.
 
     Its weights follow the photograph, so that neither exposure nor albedo nor units need tuning:
 

@@ -24,7 +24,7 @@ Coupling = Literal["total-variation", "l1", "none"]
 
 
 class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
-    """The paper's method for video, fitted to one scene: frames one at a time, or many at once.
+    """The method `preconditioned` for video, fitted to one scene: frames singly, or many at once.
 
     The first frame is a still. Each later one is, by `coupling`:
 

@@ -114,7 +114,7 @@ def test_distances_are_those_of_the_scene(figure, scenario):
     # Its line of sight runs from (1.65, 0.15, 0.42) to (0.76, 1.03, 0.27): atan 0.89 / 0.88, and
     # atan -0.15 / 1.2516.
     assert "off its normal (turned 45.3°, tilted -6.8°); sees" in text
-    assert "1.03 m before the wall, turned -12°, tilted 0° from facing it squarely" in text
+    assert "1.03 m from the wall, turned -12°, tilted 0° from facing it squarely" in text
     assert "pedestal 45 cm (31 cm x 24 cm)" in text  # 0.4016 * 0.45 / 0.58
     lines = " ".join([LINES, *facts(RoomPlan(scenario))])
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
