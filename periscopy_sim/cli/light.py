@@ -53,8 +53,9 @@ class MonitorLight(options.OptionGroup):
         Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
         """
         bounces = self.most_bounces
-        with progress("rendering the transport matrix") as report:
-            if self.model is Model.analytic:
+        closed = self.model is Model.analytic
+        with progress(f"{'computing' if closed else 'rendering'} the transport matrix") as report:
+            if closed:
                 from periscopy_sim.analytic.area_transport import pixel_transport
 
                 A = pixel_transport(scenario)

@@ -66,6 +66,8 @@ def residual_summary(residual: Residual) -> str:
     summary = f"unexplained: {unexplained} % of the photograph"
     if residual.noise_alone is None:
         return summary
+    if residual.diagnosis == "unknown":
+        return f"{summary} by this image, no least-squares fit; it does not judge the scene"
     return f"{summary}; noise alone would leave {alone} %"
 
 
@@ -79,8 +81,12 @@ def assumptions(uncertain: Iterable[str]) -> str:
 def comparison(compared: Mapping[str, Any]) -> str:
     """Return metrics against the truth."""
     limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
+    ways = zip(compared["shift"], (("down", "up"), ("to the right", "to the left")), strict=True)
+    moves = [
+        f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n
+    ]
     return (
         f"against the truth: PSNR {compared['psnr']:.2f} dB, {compared['psnr_registered']:.2f} dB "
-        f"after the best shift (patches down, right: {compared['shift']}{limit}), "
+        f"after the best shift ({', '.join(moves) or 'none'}{limit}), "
         f"{compared['psnr_colour_matched']:.2f} dB after the matrix of colours that fits it best"
     )

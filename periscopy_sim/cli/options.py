@@ -83,13 +83,14 @@ class Model(StrEnum):
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
+IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
 _COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
 _SAMPLES = "Shadow rays to a patch from each wall point, where rays render A (16)."
 _MODEL = (
-    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles); unless "
-    "given, in closed form where there is one, but for preconditioned and unrolled."
+    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). Where no "
+    "default is shown: in closed form if there is one, by rays for preconditioned and unrolled."
 )
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4's grid, columns of a file; repeatable."
@@ -104,17 +105,17 @@ Define = Annotated[
     list[str] | None,
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
 ]
-PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO)]
-MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
-MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH)]
-ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
+PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO, exists=True)]
+MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH, exists=True)]
+MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH, exists=True)]
+ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
 ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
     Path | None,
-    option("FILE", "NPY file of A, instead of a rendering.", "--transport", group=LIGHT),
+    option("FILE", "NPY file of A, not computed.", "--transport", group=LIGHT, exists=True),
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]

@@ -39,7 +39,7 @@ def reconstruct(
     numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
-        options.option("IMAGE", "The hidden image, if known: adds metrics and a picture."),
+        options.option("IMAGE", f"The hidden image, if known: {options.IMAGE}; adds metrics."),
     ] = None,
     uncertain: Annotated[
         str | None,
@@ -73,6 +73,7 @@ def reconstruct(
         fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
         with (
             session.timed("reconstruct"),
+            progress("reconstructing"),
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
@@ -85,7 +86,8 @@ def reconstruct(
             image = promised(image, session.scenario.hidden_shape).astype(np.float64)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")
-        write_report(folder, report, image, wall.values, session.metadata)
+        with session.timed("draw"), progress("drawing"):
+            write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
         session.write_summary(
             folder / "summary.json",

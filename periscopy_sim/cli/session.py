@@ -23,6 +23,7 @@ from periscopy_sim.numerics.memory import available_memory, has_memory, transpor
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -96,6 +97,11 @@ class Session(options.OptionGroup):
         with self.timed("load the scene"), progress("loading the scene"):
             return ps.load_scenario(self.path, self.size, self.definitions)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the scene's ``<default>``s that have one."""
+        return read_document(self.path).units
+
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """Versions, scene, variant, seed and command line."""
@@ -112,7 +118,8 @@ class Session(options.OptionGroup):
 
         check_able(method, self.scenario.hidden_shape)
         check_memory(self.scenario, method)
-        self.warnings += warn_without_shadows(self.scenario, self.scene)
+        with self.timed("check the scene"), progress("checking the scene"):
+            self.warnings += warn_without_shadows(self.scenario, self.scene)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
@@ -219,7 +226,7 @@ class Session(options.OptionGroup):
         self.record["colour_matrix"] = colours
         with self.timed("transport matrix"):
             A = self.transport(light, matrix)
-        with self.timed("prototype backgrounds"):
+        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:

@@ -251,20 +251,22 @@ class Laboratory(Strict):
 
     @model_validator(mode="after")
     def _names_are_known_and_differ(self) -> Self:
-        bearers, names = {""}, set[str]()
+        bearers, names, mistakes = {""}, set[str](), list[str]()
         for each in self.occluders:
             own = {each.name}
             if isinstance(each, Frame):
                 own |= {f"{each.name}_{side}" for side in SIDES}
             if twice := own & names:
-                raise ValueError(f"two occluders or bars are called '{min(twice)}'; rename one")
+                mistakes.append(f"two occluders or bars are called '{min(twice)}'; rename one")
             if each.bearer not in bearers:
-                raise ValueError(
+                mistakes.append(
                     f"occluder '{each.name}' stands with '{each.bearer}', but no occluder above it "
                     "with axes of its own (a rod has none) is called so"
                 )
             names |= own
             bearers |= set() if isinstance(each, Rod) else {each.name}
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
         return self
 
 

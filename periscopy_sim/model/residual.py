@@ -12,7 +12,7 @@ noise, and alike in all channels, which a camera's noise is not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -24,7 +24,8 @@ from periscopy_sim.model.transport_operator import TransportOperator
 
 Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
-"""What a residual says of the scene; ``unknown`` where too few pixels have neighbours."""
+"""What a residual says of the scene; ``unknown`` where too few pixels have neighbours, or the image
+is no least-squares fit."""
 
 DRAWS = 6
 """Draws of white noise, a multiple of the three channels."""
@@ -62,7 +63,7 @@ class Residual:
         What the residual says of the scene.
     """
 
-    light: Array
+    light: Array = field(repr=False)
     unexplained: float
     unexplained_by_any: float | None
     noise_alone: float | None

@@ -44,6 +44,6 @@ class Report:
     numbers: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[Note] = ()
     warnings: Sequence[Note] = ()
-    stages: Sequence[tuple[str, Image]] = ()
-    standard_errors: Array | None = None
+    stages: Sequence[tuple[str, Image]] = field(default=(), repr=False)
+    standard_errors: Array | None = field(default=None, repr=False)
     residual: Residual | None = None

@@ -33,7 +33,7 @@ def calibrate(
         typer.Argument(
             metavar="PHOTO...",
             help="Photographs of one laboratory, its scene unchanged.",
-            rich_help_panel=PHOTOGRAPH,
+            exists=True,
         ),
     ],
     session: PhotoSession,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.cli.output import say
@@ -73,11 +74,14 @@ def silhouette_record(solution: Silhouette) -> dict[str, Any]:
     }
 
 
-def say_calibration(result: Calibration) -> None:
-    """Print what is unexplained, the parameters, the gain and the colour matrix."""
+def say_calibration(result: Calibration, units: Mapping[str, str]) -> None:
+    """Print what is unexplained, the parameters, the gain and the colour matrix.
+
+    `units` are those of the parameters that have one.
+    """
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
-    say(f"unexplained: {before} % of the photograph by the measured scene, {after} % now{verdict}")
+    say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
     if result.overdispersion > 1:
         say(
             f"the photograph counts 1/{result.overdispersion:g} of what its noise allows: it shows "
@@ -86,9 +90,10 @@ def say_calibration(result: Calibration) -> None:
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         source = "by the photograph" if p.determined else "by the ruler"
+        unit = units.get(p.name, "")
         say(
-            f"{p.name:{width}}  {p.value:10.4g} ± {p.standard_error:.2g}  measured {p.start:.4g} "
-            f"± {p.ruler_error:.2g}  {source if p.trusted else 'not to be trusted'}"
+            f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
+            f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
         )
     if result.uncertain.names:
         say(f"errors count those of what stays: {', '.join(result.uncertain.names)}")
@@ -96,6 +101,12 @@ def say_calibration(result: Calibration) -> None:
     if result.colour_matrix is not None:
         rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
+
+
+def _rounded(value: float, error: float) -> str:
+    """Return a value and its standard error, which has two digits."""
+    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def say_silhouette(solution: Silhouette) -> None:

@@ -116,7 +116,7 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         _write_copy(session, scene, values, out, remark if result.doubts else "")
         inputs.write(json, calibration_record(result))
         draw_calibration(png, files["photograph"][0], result, session.metadata)
-    say_calibration(result)
+    say_calibration(result, session.units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)

@@ -14,6 +14,7 @@ from periscopy_sim.cli.photograph import photograph
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.figures import panels
+from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -47,9 +48,11 @@ def demo(
         light = scene.ambient_light("ceiling_panels", 3e-4 / fraction**0.5)
         write_exr(file, light, scene.metadata)
     photograph(scene, image, photo, max(1, round(fraction * 4096)), str(ambient), sbr=0.5, snr=60.0)
-    truth = scene.hidden_image(image)
+    truth, y = scene.hidden_image(image), scene.photograph(photo).values
+    noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
+    snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))
     shown = [("hidden image", panels.displayable(truth, white=1))]
-    shown.append(("photograph of the wall", panels.displayable(scene.photograph(photo).values)))
+    shown.append(("photograph of the wall", panels.displayable(y)))
     for method, title in METHODS.items():
         reconstruct(
             photo=photo, session=PhotoSession(*named), light=Light(), out=out / method,
@@ -58,7 +61,7 @@ def demo(
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
         shown.append((f"{title}: {ps.psnr(recovered, truth):.1f} dB", matched))
-    caption = "chair scene, SBR 0.5, SNR 60 dB; PSNR after one gain per channel"
+    caption = f"chair scene, SBR 0.5, SNR {min(snr, 60):.0f} dB; PSNR after one gain per channel"
     with staged_file(out / "demo.png") as file:
         panels.draw_panels(file, shown, caption=caption, metadata=scene.metadata)
     say_written(out / "demo.png")

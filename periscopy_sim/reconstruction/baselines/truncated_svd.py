@@ -48,6 +48,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         If a singular value that was to be kept is zero to rounding.
     """
 
+    judges_scene = False
+
     def __init__(
         self,
         A: Image,

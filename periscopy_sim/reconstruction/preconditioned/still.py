@@ -92,6 +92,8 @@ class Periscope(StillMethod[np.floating[Any]]):
         If A has not full column rank beside B.
     """
 
+    judges_scene = False
+
     def __init__(
         self,
         A: Image,

@@ -187,8 +187,8 @@ def _photograph_size(
         )
     if min(hidden) < 1 or hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
-            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the "
-            f"{rows}x{columns} pixels of the photograph; no photograph could tell more apart"
+            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the film's "
+            f"{rows}x{columns} pixels, or give the scene's film more pixels"
         )
     return rows, columns
 
