@@ -15,8 +15,7 @@ from .calibration.silhouette.result import Silhouette
 from .calibration.uncertain_scene import uncertain_transport
 from .dataset.configuration import load_configuration
 from .dataset.make import make_dataset
-from .dataset.reading import open_dataset
-from .dataset.torch_dataset import TorchDataset
+from .dataset.reading import TorchDataset, open_dataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method

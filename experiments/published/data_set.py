@@ -14,9 +14,8 @@ import periscopy_sim as ps
 from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.storage.formats.camera_raw import bayer_colours
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.formats.decoding import decoding, srgb_decode
+from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.pictures import area_average
 
 Array = NDArray[np.float64]

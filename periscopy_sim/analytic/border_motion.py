@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.borders import Borders, Indices
 from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.threads import compiled
 from periscopy_sim.scenario import Array
 
 PART = float(np.cbrt(np.finfo(np.float64).eps))

@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.threads import compiled
 from periscopy_sim.scenario import Array
 
 Piece: TypeAlias = tuple[int, float, float, int]

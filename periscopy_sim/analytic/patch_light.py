@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.borders import Borders, Indices
 from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
-from periscopy_sim.numerics.compilation import compiled, compiled_reordered
+from periscopy_sim.numerics.threads import compiled, compiled_reordered
 from periscopy_sim.scenario import Array
 
 GAUSS = 0.5 / np.sqrt(3.0)

@@ -13,7 +13,7 @@ from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
-from periscopy_sim.figures.residual import draw_residual
+from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 OPTIONAL = (
@@ -24,7 +24,7 @@ OPTIONAL = (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from periscopy_sim.reconstruction.report import Image, Report
+    from periscopy_sim.reconstruction.method import Image, Report
     from periscopy_sim.scenario import Array
 
 
@@ -51,7 +51,7 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)

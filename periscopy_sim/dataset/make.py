@@ -11,15 +11,21 @@ from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
 from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
-from periscopy_sim.dataset.geometry import Backgrounds, backgrounds_of, geometry_of, scenario_of
 from periscopy_sim.dataset.layout import KIND, Layout
-from periscopy_sim.dataset.samples import Block, make_samples
+from periscopy_sim.dataset.samples import (
+    Backgrounds,
+    Block,
+    backgrounds_of,
+    geometry_of,
+    make_samples,
+    scenario_of,
+)
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
-from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
 
 

@@ -1,18 +1,21 @@
-"""Open a data set, check it, describe it."""
+"""Open a data set, also for PyTorch, check it, describe it, export its samples."""
 
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import require, require_all
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -114,3 +117,133 @@ def describe(path: str | Path) -> dict[str, Any]:
         if name in data and data.sizes["sample"]:
             description[name] = [float(data[name].min()), float(data[name].max())]
     return {**description, "geometries": data.sizes["geometries"]}
+
+
+def export_samples(
+    path: str | Path,
+    folder: Path,
+    indices: Sequence[int],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[str]:
+    """Write samples as EXR files, and the first 24 on a contact sheet; return the files' names.
+
+    The folder receives ``NNNNNNNN_photograph.exr`` and ``NNNNNNNN_hidden.exr`` for each sample, and
+    ``sheet.png``, where a photograph is scaled to its brightest value. `progress` is called with
+    the samples written and their number.
+    """
+    from periscopy_sim.figures.contact_sheet import draw_contact_sheet
+    from periscopy_sim.storage.formats.exr import write_exr
+
+    data = open_dataset(path, incomplete=True)
+    last = data.sizes["sample"] - 1
+    if beyond := [index for index in indices if not 0 <= index <= last]:
+        raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {last}")
+    labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
+    written, titles = [], []
+    sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
+    for done, index in enumerate(indices, 1):
+        sample = data.isel(sample=index).load()
+        notes = {str(name): str(sample[name].item()) for name in labels}
+        for name, pictures in sheet.items():
+            image = sample[name].values.astype(np.float32)
+            written.append(f"{index:08d}_{name}.exr")
+            write_exr(folder / written[-1], image, notes)
+            white = 1.0 if name == "hidden" else max(image.max(), 1e-12)
+            pictures.append(np.clip(image / white, 0, 1).astype(np.float64))
+        light, sbr = notes["ambient"][:30], float(notes["sbr"])
+        kind, split = notes["hidden_kind"], notes["split"]
+        titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")
+        if progress is not None:
+            progress(done, len(indices))
+    draw_contact_sheet(
+        folder / "sheet.png", [(name, pictures[:24]) for name, pictures in sheet.items()],
+        titles=titles[:24], columns=6, fontsize=5.5,
+    )  # fmt: skip
+    return [*written, "sheet.png"]
+
+
+class TorchDataset:
+    """Samples of a data set as tensors, channels first: a map-style data set for PyTorch.
+
+    Safe to hand to a `DataLoader` with any number of workers: each opens the archive for itself.
+    Batches are read at once. The name can be looked up without PyTorch; making one needs it.
+
+    Parameters
+    ----------
+    path
+        The archive that `periscopy dataset` wrote.
+    split
+        ``train``, ``validation`` or ``test``; None for all.
+    variables
+        Names of the variables that a sample holds, or one name.
+    transform
+        Applied to each sample, a dict of tensors.
+
+    Raises
+    ------
+    PeriscopyError
+        If PyTorch is not installed.
+    DatasetError
+        If the path holds no finished data set, the split no samples, or a variable is not known.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        split: str | None = None,
+        variables: Sequence[str] | str = ("photograph", "hidden"),
+        transform: Callable[[dict[str, Any]], Any] | None = None,
+    ) -> None:
+        require("torch")
+        variables = (variables,) if isinstance(variables, str) else tuple(variables)
+        data = open_dataset(path)
+        for name in variables:
+            if name not in data.variables or data[name].dims[0] != "sample":
+                known = ", ".join(sorted(map(str, data.variables)))
+                raise DatasetError(f"{path}: has no variable '{name}' of samples; it has {known}")
+        splits = data["split"].values
+        self.samples = np.flatnonzero(
+            np.ones_like(splits, bool) if split is None else splits == split
+        )
+        if not len(self.samples):
+            found = ", ".join(sorted({*splits.tolist()}))
+            raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
+        self.path, self.variables, self.transform = Path(path), variables, transform
+        self._opened: tuple[int, Any] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> Any:
+        """Return a sample: its variables' tensors by name."""
+        return self.__getitems__([index])[0]
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Any]:
+        """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
+        group = self._archive()
+        wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
+        columns = {name: group[name].oindex[wanted][places] for name in self.variables}
+        samples = [{n: _tensor(v[k]) for n, v in columns.items()} for k in range(len(places))]
+        return samples if self.transform is None else [self.transform(each) for each in samples]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the opened archive behind."""
+        return {**self.__dict__, "_opened": None}
+
+    def _archive(self) -> Any:
+        # An archive opened before a fork waits for threads that the fork has left behind.
+        if self._opened is None or self._opened[0] != os.getpid():
+            import zarr
+
+            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
+        return self._opened[1]
+
+
+def _tensor(value: Any) -> Any:
+    """Return a picture as a tensor, channels first, a number as one, text as it is."""
+    import torch
+
+    if isinstance(value, str):
+        return value
+    return torch.as_tensor(np.ascontiguousarray(np.moveaxis(value, -1, 0)) if value.ndim else value)

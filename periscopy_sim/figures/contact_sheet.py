@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.figures.panels import Image
 from periscopy_sim.figures.style import drawn
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.formats.decoding import srgb_encode
 
 
 def evenly_chosen(count: int, most: int) -> list[int]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 
 import numpy as np
@@ -13,7 +14,6 @@ from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.report import Note, Report
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -292,3 +292,37 @@ def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
     energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
     count = 3 * min(transport.shape)
     return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something to say to a user: a code, whose sentence `cli.messages` holds, and its values."""
+
+    code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A solution's numbers, pictures, notes and warnings.
+
+    Attributes
+    ----------
+    numbers
+        What a summary records, by name.
+    notes, warnings
+        What a user may want to know, and why the image may be wrong.
+    stages
+        Titles and images, (R, C, 3), that led to the solution.
+    standard_errors
+        (R, C, 3) of each patch; None where the method knows none.
+    residual
+        None where the method does not know A, or the photograph's rows and columns.
+    """
+
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[Note] = ()
+    warnings: Sequence[Note] = ()
+    stages: Sequence[tuple[str, Image]] = field(default=(), repr=False)
+    standard_errors: Array | None = field(default=None, repr=False)
+    residual: Residual | None = None

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.calibration.searches import Inputs, find_parameters, find_silhouette
+from periscopy_sim.cli.calibration.report import (
+    calibration_record,
+    say_calibration,
+    say_silhouette,
+    silhouette_record,
+)
 from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.output import fixable, progress, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 _SHOWN = (
     "A picture that the monitor showed, in the order of the photographs; repeatable. Photographs "
@@ -62,3 +72,155 @@ def calibrate(
         raise SceneError("--silhouette finds a form, and all numbers stay; leave out --free")
     else:
         find_silhouette(inputs, out, silhouette, cells)
+
+
+DISTRUSTED = (
+    "Look at the picture. Measure again what is named above, free fewer parameters (--free), leave "
+    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off)."
+)
+"""What to do with a calibration that is not to be trusted."""
+
+DOUBTED = (
+    "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
+    "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask for "
+    "fewer --cells."
+)
+"""What to do with a silhouette that is not to be trusted."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
+
+    session: PhotoSession
+    photos: list[Path]
+    shown: list[str]
+    monitor_off: list[Path]
+    mask: Path | None
+
+    def __post_init__(self) -> None:
+        """Raise a PhotographError if there are more pictures than photographs."""
+        pictures, photos = len(self.shown), len(self.photos)
+        if pictures > photos:
+            raise PhotographError(f"--shown: {pictures} pictures of {photos} photographs")
+
+    def spare(self, *outputs: Path) -> None:
+        """Raise an error if an output would replace one of the files."""
+        spare_inputs(outputs, (*self.photos, self.session.path, *self.monitor_off, self.mask))
+
+    def read(self) -> dict[str, Any]:
+        """Return arguments of `calibrate` and of `recover_silhouette`."""
+        session = self.session
+        wall = session.wall(self.photos[0], self.mask, self.monitor_off)
+        others = [session.photograph(file, wall.mask).values for file in self.photos[1:]]
+        return {
+            "photograph": [wall.values, *others],
+            "scene": session.path,
+            "hidden": session.size,
+            "shown": [session.hidden_image(name) for name in self.shown],
+            "parameters": session.definitions,
+            "backgrounds": wall.monitor_off,
+            "mask": wall.mask,
+            "seed": session.seed,
+        }
+
+    def write(self, path: Path, record: dict[str, Any]) -> None:
+        """Write a result's record, and where it is from, as JSON."""
+        session = self.session
+        summary = {
+            "photograph": str(self.photos[0]),
+            "photographs": [str(file) for file in self.photos],
+            "shown": self.shown,
+            "scene": str(session.path),
+            "hidden_shape": session.scenario.hidden_shape,
+            **session.record,
+            "warnings": [*session.warnings, *record["doubts"]],
+            **record,
+            "seconds": session.timed.seconds,
+            "provenance": session.provenance,
+        }
+        write_json(path, summary)
+
+
+def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list[str]) -> None:
+    """Find parameters; write the scene that has them, JSON and a picture."""
+    from periscopy_sim.calibration.prior import free_parameters, start_values
+    from periscopy_sim.figures.calibration import draw_calibration
+
+    session, outputs = inputs.session, (out, out.with_suffix(".json"), out.with_suffix(".png"))
+    path, given = session.path, session.definitions
+    inputs.spare(*outputs)
+    freed = None if free is None else arguments.parse_errors(free, "--free")
+    errors = arguments.known_errors(",".join(uncertain), path, given)
+    start_values(path, list(free_parameters(path, freed, given, errors)), given)
+    with ExitStack() as stack:
+        scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+        with progress("loading"):  # takes seconds
+            from periscopy_sim.calibration.calibrate import calibrate
+            from periscopy_sim.calibration.scene_covariance import SceneCovariance
+            from periscopy_sim.rendering.scene.document import CALIBRATED
+
+        files = inputs.read()
+        _write_copy(session, scene, given, out)  # proves now that it can be written
+        with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
+            result = calibrate(free=freed, uncertain=errors, progress=report, **files)
+        values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
+        values[CALIBRATED] = SceneCovariance.of(result).text()
+        remark = "periscopy calibrate: NOT TO BE TRUSTED: " + "; ".join(result.doubts)
+        _write_copy(session, scene, values, out, remark if result.doubts else "")
+        inputs.write(json, calibration_record(result))
+        draw_calibration(png, files["photograph"][0], result, session.metadata)
+    say_calibration(result, session.units)
+    say_written(*outputs)
+    if result.doubts:
+        warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
+
+
+def _write_copy(
+    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
+) -> None:
+    """Write a scene with other defaults, and see that it loads from where it lies."""
+    from periscopy_sim.calibration.calibrated_scene import write_copy
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    try:
+        write_copy(session.path, values, staged, remark)
+        load_scenario(staged, session.size)
+    except SceneError as error:
+        why = str(error).replace(str(staged), str(out))
+        raise SceneError(
+            f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
+            f"beside the scene ({why})"
+        ) from None
+
+
+def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) -> None:
+    """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
+    from periscopy_sim.calibration.silhouette.plane import MaskPlane
+    from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+    from periscopy_sim.calibration.silhouette.scene import write_masked_scene
+    from periscopy_sim.figures.calibration import draw_silhouette
+
+    session = inputs.session
+    path, given = session.path, session.definitions
+    size = None if cells is None else arguments.parse_size(cells)
+    mesh = out.with_name(f"{out.stem}_{shape}.ply")
+    picture = out.with_name(f"{out.stem}_silhouette.png")
+    outputs = out, mesh, out.with_suffix(".json"), picture
+    inputs.spare(*outputs)
+    MaskPlane.of(session.scenario, shape)
+    with ExitStack() as stack:
+        scene, ply, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+        files, doing = inputs.read(), "find the silhouette"
+        with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
+            solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
+        remark = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
+        if solution.doubts:
+            remark += ": NOT TO BE TRUSTED: " + "; ".join(solution.doubts)
+        write_masked_scene(path, solution, given, scene, ply, mesh.name, remark)
+        inputs.write(json, silhouette_record(solution))
+        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
+    say_silhouette(solution)
+    say_written(*outputs)
+    if solution.doubts:
+        warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.cli.output import say
-from periscopy_sim.numerics.percentages import percentages
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -79,6 +78,8 @@ def say_calibration(result: Calibration, units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
+    from periscopy_sim.model.residual import percentages
+
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
@@ -111,6 +112,8 @@ def _rounded(value: float, error: float) -> str:
 
 def say_silhouette(solution: Silhouette) -> None:
     """Print what the mask looks like and how far it is to be believed."""
+    from periscopy_sim.model.residual import percentages
+
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
     say(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.threads import compiled_reordered
 
 Image = NDArray[Any]
 

@@ -21,8 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.resume import LOCK, check_settings
-from periscopy_sim.storage.outputs.staging import out_of_space_reported, staged_file, staged_folder
+from periscopy_sim.storage.outputs.staging import (
+    LOCK,
+    check_settings,
+    out_of_space_reported,
+    staged_file,
+    staged_folder,
+)
 
 MAKING = "making"
 """Folder (and empty Zarr group) of what belongs to the making of a store alone."""
