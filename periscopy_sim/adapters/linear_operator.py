@@ -1,7 +1,5 @@
 """The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

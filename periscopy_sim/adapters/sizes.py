@@ -1,7 +1,5 @@
 """Whose light transport, and of what sizes: a scene's or a matrix's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

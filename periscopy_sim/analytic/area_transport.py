@@ -7,8 +7,6 @@ the patch, see `patch_light`. Where rays leave noise that differs from place to 
 smoothly with the scene: what descends on a scene's parameters needs that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

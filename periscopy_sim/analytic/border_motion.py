@@ -7,8 +7,6 @@ Derivatives good to a percent would not do: of what each of a dozen parameters d
 be all by which they are told apart.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

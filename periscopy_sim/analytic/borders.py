@@ -5,8 +5,6 @@ is no closed solid hides by either side. Over the border of what faces hide, eac
 turns right and left along an edge cancel, except at the border (Appel, ACM National Conf., 1967).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

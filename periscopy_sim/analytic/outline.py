@@ -12,8 +12,6 @@ Coordinates are the monitor's: u in columns of cells from the left, v in rows fr
 the height above its plane, in metres.
 """
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

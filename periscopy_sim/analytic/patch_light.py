@@ -8,8 +8,6 @@ Coordinates are those of `outline`; a cell's own begin at its middle. Light is i
 a patch's area.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`periscopy analyze`: how well a scene can be seen."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np

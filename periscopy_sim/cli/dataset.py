@@ -1,7 +1,5 @@
 """`periscopy dataset`: make a data set, check it, look at it."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`periscopy design`: where to look, and which occluder to take."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The options that commands share, in the groups of ``--help``, and the forms of their values."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import re

@@ -1,7 +1,5 @@
 """Lines, warnings, progress, times and JSON of the commands."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -1,7 +1,5 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any

@@ -4,8 +4,6 @@ Any sample can be made by itself, in any order, on any machine. Geometries, clip
 streams of their own: one that takes more draws than before leaves the others as they are.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass

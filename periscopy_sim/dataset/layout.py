@@ -1,7 +1,5 @@
 """The layout of a data set's archive: its variables and their sizes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path

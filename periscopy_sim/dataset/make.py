@@ -1,7 +1,5 @@
 """Make a data set: blocks that it lacks, on this machine or on Dask workers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """The paper's diagnostics of a scene: condition numbers, angles between subspaces, bounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

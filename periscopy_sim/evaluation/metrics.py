@@ -4,8 +4,6 @@ Every metric uses the truth: for the gain of each channel or a matrix of colours
 so for the shift.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import product

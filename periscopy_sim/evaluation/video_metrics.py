@@ -1,7 +1,5 @@
 """Metrics of each frame of a recovered video, and its time."""
 
-from __future__ import annotations
-
 import csv
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Pillow keeps all frames of a PNG in memory (346 MB for 400 frames of 756 x 286 p
 the others as they come.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction

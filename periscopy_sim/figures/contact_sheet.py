@@ -1,7 +1,5 @@
 """A video on one sheet: chosen frames from left to right, what belongs together beneath."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

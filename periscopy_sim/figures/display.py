@@ -1,7 +1,5 @@
 """Images to look at in Python: an exposure that knows no truth, on the screen or in a file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

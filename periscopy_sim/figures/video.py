@@ -1,7 +1,5 @@
 """Pictures of a reconstructed video: its frames, the animation and the contact sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 

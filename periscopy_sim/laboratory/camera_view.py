@@ -1,7 +1,5 @@
 """What a measured camera sees of the wall."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from periscopy_sim.errors import ConfigurationError

@@ -1,7 +1,5 @@
 """The measurements of a laboratory: a YAML file, checked before a scene is made of it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self

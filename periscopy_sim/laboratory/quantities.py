@@ -1,7 +1,5 @@
 """Numbers as a person writes them down: a value, a unit, and its standard deviation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Mitsuba's XML has no arithmetic, but transforms: half of a width is a scaling by
 half of it a scaling by -2, a shift by the width, and a scaling by -1/2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

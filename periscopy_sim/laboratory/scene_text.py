@@ -1,7 +1,5 @@
 """The text of a scene as it grows: measured numbers as ``<default>``s, and what they place."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from textwrap import indent, wrap
 from xml.sax.saxutils import escape, quoteattr

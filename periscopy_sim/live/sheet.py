@@ -1,7 +1,5 @@
 """The pictures of a laboratory on one sheet of four tiles, and their captions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -23,8 +23,6 @@ of what both explain for each α is of Fisher's distribution. Paint that is seen
 the hidden image's light, is left to the columns of B.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any

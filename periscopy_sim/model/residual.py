@@ -9,8 +9,6 @@ vignetting and values that are not linear are smooth and keep more. Uneven paint
 noise, and alike in all channels, which a camera's noise is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """How the light transport of a scene changes with the errors of its parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ product, and its threads then spin for milliseconds on the cores that the next s
 by the noise-aware method took half as long again, and the frames of a video twice as long.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

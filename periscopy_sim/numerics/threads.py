@@ -1,7 +1,5 @@
 """Compiled loops that release the interpreter's lock, and threads that run them."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections import deque

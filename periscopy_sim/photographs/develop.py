@@ -4,8 +4,6 @@ The black level or a dark frame is subtracted, photographs are averaged, and a f
 out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 

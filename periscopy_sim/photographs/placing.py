@@ -1,7 +1,5 @@
 """Where a photograph shows the pixels of a scene's film, found by marks on the wall."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

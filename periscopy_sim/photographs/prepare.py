@@ -1,7 +1,5 @@
 """From any camera's photograph to the pixels of a scene's camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

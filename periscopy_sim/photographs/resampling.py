@@ -5,8 +5,6 @@ borders. A new pixel that any saturated or masked pixel enters is not used; aver
 single defective pixels.
 """
 
-from __future__ import annotations
-
 from enum import IntFlag
 
 import numpy as np

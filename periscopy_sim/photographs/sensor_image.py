@@ -3,8 +3,6 @@
 Arrays have single precision, which holds the counts of every sensor exactly.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

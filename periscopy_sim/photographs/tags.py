@@ -1,7 +1,5 @@
 """Square markers on the wall, AprilTag or ArUco, found in a photograph by OpenCV."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where a photograph shows each point of a plane wall, and where the scene's camera does."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the methods for video have in common: a frame follows from its photograph and the last."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar

@@ -1,7 +1,5 @@
 """A scene as a surveyor sees it: where the camera's rays run, what hides the monitor, how much."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

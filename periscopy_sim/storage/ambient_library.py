@@ -1,7 +1,5 @@
 """Photographs of ambient light kept in a folder, each rendered once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path

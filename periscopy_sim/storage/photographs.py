@@ -3,8 +3,6 @@
 Each is decoded as its format asks, prepared as what it is, and checked as all of its kind are.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

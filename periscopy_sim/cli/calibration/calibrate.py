@@ -1,7 +1,5 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass

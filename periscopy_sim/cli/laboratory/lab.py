@@ -1,7 +1,5 @@
 """`periscopy lab`, a scene from a ruler's numbers, and `periscopy draw`, that scene to scale."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`periscopy demo`, a shipped scene photographed and reconstructed, and `periscopy tutorial`."""
 
-from __future__ import annotations
-
 import shutil
 from typing import Annotated
 

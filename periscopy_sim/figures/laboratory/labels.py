@@ -1,7 +1,5 @@
 """Labels beside the things they name, where they hide nothing and do not overlap."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A laboratory's wall, plan and side view, to scale."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

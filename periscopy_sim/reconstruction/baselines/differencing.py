@@ -6,8 +6,6 @@ References
 Nature, 2019.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Literal, Unpack, get_args

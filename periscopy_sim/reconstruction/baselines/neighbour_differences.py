@@ -1,7 +1,5 @@
 """Eq. 3: the matrix D of [15], which takes differences between neighbouring pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -8,8 +8,6 @@ Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear in
 2009.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The inverse of A by its top singular vectors, which the paper compares with (Fig. 9)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Unpack
 

@@ -18,8 +18,6 @@ Images with much black still come out 1.1 to 1.6 times too bright there; `make v
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack

@@ -13,8 +13,6 @@ It is solved by the alternating direction method of multipliers (Boyd et al. 201
 u = ∇f and v = f split off and over-relaxed; `spectral_basis` solves each iteration's equations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Video by the noise-aware method: each frame is drawn towards the one before it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Literal, get_args

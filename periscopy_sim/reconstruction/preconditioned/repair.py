@@ -1,7 +1,5 @@
 """Post-repair of a reconstruction, Algorithm 2: patches that stick out become local medians."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Unpack

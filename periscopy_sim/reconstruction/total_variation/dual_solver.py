@@ -17,8 +17,6 @@ frame, but there the difference, and with it the dual field, is zero: `inside` h
 difference counts and 0 where it does not. So no loop knows a border, and all vectorize.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ independent replicas, and smoothed as far as these allow; samples are added wher
 the error is largest, until the whole is as exact as was asked for.
 """
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping

@@ -8,8 +8,6 @@ document first. What plugins read (meshes, textures, volumes) is found when all 
 scene's ``<path>`` folders, the latest first, then beside the scene.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Functions of Mitsuba at many points, at once or one by one, and the points of a surface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -6,8 +6,6 @@ with it any path tracer that samples the emitters: only all bounces, or sampling
 show what is missed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

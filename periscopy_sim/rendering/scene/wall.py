@@ -1,7 +1,5 @@
 """The wall as the camera's own rays meet it: of one material and colour, no mirror."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import itemgetter

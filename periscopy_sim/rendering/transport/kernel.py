@@ -5,8 +5,6 @@
 with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """What decoders return, the sRGB curve of their integers, and every failure as one error."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

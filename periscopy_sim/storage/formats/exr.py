@@ -1,7 +1,5 @@
 """OpenEXR images with metadata."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A new format is one decoder and one row of `FORMATS`; photographs, masks, hidden
 folders of pictures all read it then.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Outputs that appear complete or not at all, and folders that one process at a time fills."""
 
-from __future__ import annotations
-
 import errno
 import glob
 import json

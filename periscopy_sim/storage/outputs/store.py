@@ -7,8 +7,6 @@ not a result. Nothing measured, such as times, lies in the store: the same attri
 bytes, however often the work was stopped, and by whomever.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
