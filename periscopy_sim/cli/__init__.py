@@ -25,11 +25,10 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 MODULES = {
-    "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.demo",
-    "transport": "render", "draw": "laboratory.lab", "lab": "laboratory.lab",
-    "view": "laboratory.view", "photograph": "render", "prepare": "laboratory.prepare",
-    "ambient": "render", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
-    "calibrate": "calibration.calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
+    "demo": "demo", "doctor": "doctor", "tutorial": "demo", "transport": "render", "draw": "lab",
+    "lab": "lab", "view": "view", "photograph": "render", "prepare": "prepare", "ambient": "render",
+    "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
+    "calibrate": "calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
 }  # fmt: skip
 """The module of each command: a function of its name, or the Typer `app` of a group."""
 

@@ -1,7 +1,5 @@
 """The light that a command models: the transport matrix A and the light model B."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,7 +45,9 @@ class MonitorLight(options.OptionGroup):
         with fixable("--bounces"):
             return bounces_of_words(self.bounces)
 
-    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
+    def transport(
+        self, scenario: ps.Scenario, seed: int, strata: "Strata" = "jittered"
+    ) -> "Transport":
         """Compute A, (M, N), with a progress bar.
 
         Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
@@ -91,7 +91,7 @@ class Light(MonitorLight):
         """The sources of ambient light."""
         return self.light_model or [GRID]
 
-    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> Light:
+    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> "Light":
         """Return the light with its model and samples set, for a scene and a method."""
         from periscopy_sim.analytic.area_transport import has_areas
 

@@ -1,7 +1,5 @@
 """The sentences for people: notes and warnings arrive as codes with values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -48,17 +46,17 @@ def sentence(code: str, **values: Any) -> str:
     return SENTENCES[code].format(**values)
 
 
-def sentences(notes: Iterable[Note]) -> list[str]:
+def sentences(notes: "Iterable[Note]") -> list[str]:
     """Return the sentence of each note."""
     return [sentence(note.code, **note.values) for note in notes]
 
 
-def report_sentences(report: Report) -> list[str]:
+def report_sentences(report: "Report") -> list[str]:
     """Return the sentences of a report, warnings first."""
     return sentences([*report.warnings, *report.notes])
 
 
-def residual_summary(residual: Residual) -> str:
+def residual_summary(residual: "Residual") -> str:
     """Return how much of a photograph is unexplained, and how much noise alone would leave."""
     from periscopy_sim.model.residual import percentages
 

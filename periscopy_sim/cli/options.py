@@ -29,11 +29,6 @@ def option(form: str, words: str, *names: str, group: str | None = None, **more:
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
-def number(words: str, *, form: str = "NUMBER", **more: Any) -> Any:
-    """Return an option that takes a number; its bounds are ``min`` and ``max``."""
-    return option(form, words, **more)
-
-
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -123,8 +118,8 @@ ResumedFolder = Annotated[
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
-Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
-OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
+Snr = Annotated[float, option("DB", _SNR, min=-100, max=300)]
+OptionalSnr = Annotated[float | None, option("DB", _SNR, min=-100, max=300)]
 Scheduler = Annotated[
     str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
@@ -149,12 +144,9 @@ def _one_of(words: str, names: Collection[str]) -> Any:
 
 def _listed(offered: Offered) -> str:
     """Return each method's help, with its certainty for stills."""
-    entries = [METHODS[name] for name in offered]
-    certain = [f" (with {each.certainty})" if each.certainty else "" for each in entries]
-    certain = certain if offered is FOR_STILLS else [""] * len(entries)
-    return "; ".join(
-        f"{e.name}: {e.help}{known}" for e, known in zip(entries, certain, strict=True)
-    )
+    certain = {n: METHODS[n].certainty for n in offered if offered is FOR_STILLS}
+    known = {name: f" (with {words})" for name, words in certain.items() if words}
+    return "; ".join(f"{name}: {METHODS[name].help}{known.get(name, '')}" for name in offered)
 
 
 _OWN = "yours as module:callable or file.py:callable"
@@ -195,7 +187,8 @@ def _argument(taken: Mapping[str, Option]) -> Any:
         unit = f" ({each.unit})" if each.unit else ""
         defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
     listed = "; ".join(f"{default} by {', '.join(names)}" for default, names in defaults.items())
-    words = number(
+    words = option(
+        "NUMBER",
         f"{first.help} Default: {listed}.",
         group=SOLVER if first.name.endswith("weight") else EXPERT,
         min=min(entry.least for entry in taken.values()),

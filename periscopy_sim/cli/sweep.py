@@ -1,7 +1,5 @@
 """`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -151,7 +149,7 @@ def sweep(
     say_written(*(out / name for name in RESULTS))
 
 
-def _say_means(results: xr.Dataset) -> None:
+def _say_means(results: "xr.Dataset") -> None:
     """Print the mean error of each method at each SBR, and the failures."""
     errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
     table = errors.transpose("algorithm", "sbr").to_pandas()

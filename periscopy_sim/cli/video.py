@@ -1,7 +1,5 @@
 """`periscopy video`: from a sequence of photographs to the hidden video."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import OUTPUT, number, option
+from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import video as drawing
@@ -47,7 +45,8 @@ def video(
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float, number("Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000)
+        float,
+        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000),
     ] = 16.0,
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
@@ -143,7 +142,7 @@ def _read(
 
 def _recover(
     session: Session, recovery: Any, still: Any, names: Sequence[str], photographs: Image
-) -> tuple[Image, list[dict[str, Any]], Report]:
+) -> "tuple[Image, list[dict[str, Any]], Report]":
     """Return the frames, (frames, R, C, 3), their rows of the table, and the first one's report."""
     from threadpoolctl import threadpool_limits
 

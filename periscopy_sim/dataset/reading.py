@@ -1,7 +1,5 @@
 """Open a data set, also for PyTorch, check it, describe it, export its samples."""
 
-from __future__ import annotations
-
 import json
 import os
 import warnings
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
+def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     """Open a data set; its arrays are read when they are needed.
 
     Parameters

@@ -4,8 +4,6 @@ Results are labelled by algorithm (the method's name), background, SBR and seed.
 sweep goes on where it stopped, and ends in the same bytes as one without interruption.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -177,7 +175,7 @@ def run_sweep(
     *,
     scheduler: str | None = None,
     progress: Callable[[float], None] | None = None,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Reconstruct every measurement by every method; go on where an earlier run stopped.
 
     A method that raises, or returns another shape or values that are not finite, fails alone.

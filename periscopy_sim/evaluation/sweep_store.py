@@ -1,7 +1,5 @@
 """The results of a sweep on disk: a `BlockStore` whose blocks are trials."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -115,7 +113,7 @@ class SweepStore:
         cell = {name: values[:, None, None, None] for name, values in of_methods.items()}
         self._store.write(self.trials.index(trial), cell)
 
-    def load(self) -> xr.Dataset:
+    def load(self) -> "xr.Dataset":
         """Read the results into memory."""
         import xarray as xr
 
@@ -128,7 +126,7 @@ class SweepStore:
         )
 
 
-def write_table(path: Path, results: xr.Dataset) -> None:
+def write_table(path: Path, results: "xr.Dataset") -> None:
     """Write a sweep's results as a long CSV table, one row for each method and photograph."""
     table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
     with staged_file(path) as staged:

@@ -1,7 +1,5 @@
 """Pictures of images, maps and errors, side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -160,7 +158,7 @@ def draw_certainty(
 
 
 def draw_sweep(
-    path: Path, results: xr.Dataset, *, metadata: Mapping[str, str] | None = None
+    path: Path, results: "xr.Dataset", *, metadata: Mapping[str, str] | None = None
 ) -> None:
     """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
 
@@ -198,7 +196,7 @@ def draw_sweep(
 def draw_residual(
     path: Path,
     photograph: Array,
-    residual: Residual,
+    residual: "Residual",
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
@@ -212,7 +210,7 @@ def draw_residual(
         figure.supxlabel(caption)
 
 
-def residual_map(residual: Residual, least: float = 4.0) -> tuple[Array, float, str]:
+def residual_map(residual: "Residual", least: float = 4.0) -> tuple[Array, float, str]:
     """Return the map of a residual, (rows, columns), the bound of its colours, and its unit.
 
     The map is the mean over the channels, divided by the standard deviation of its noise, or, if

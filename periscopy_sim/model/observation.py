@@ -4,8 +4,6 @@ With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B 
 wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -76,7 +74,7 @@ class Observation:
             raise ValueError("A must be finite")
         return used
 
-    def unmixed(self) -> Observation:
+    def unmixed(self) -> "Observation":
         """Return an observation whose planes are in the monitor's primaries, their noise mixed."""
         if np.array_equal(self.mixing, np.eye(3)):
             return self

@@ -1,7 +1,5 @@
 """What the methods for single photographs have in common."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -226,7 +224,7 @@ class StillMethod(ABC, Generic[Precision]):
         """
         return self.solve(photograph).image
 
-    def report(self, photograph: Image, solution: Any) -> Report:
+    def report(self, photograph: Image, solution: Any) -> "Report":
         """Return what the method knows of a solution beside its image.
 
         Parameters

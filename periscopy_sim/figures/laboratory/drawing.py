@@ -1,7 +1,5 @@
 """A laboratory drawn to scale: plan, side view, and the wall with its shadows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
@@ -31,7 +29,7 @@ def draw_laboratory(
     laboratory_figure(scenario).savefig(path, metadata=dict(metadata or {}))
 
 
-def laboratory_figure(scenario: Scenario) -> Figure:
+def laboratory_figure(scenario: Scenario) -> "Figure":
     """Return the figure that `draw_laboratory` saves.
 
     Three views at one scale, after the third-angle projection: the wall as the camera faces it,

@@ -8,8 +8,6 @@ after f has been solved for is, x̃ the over-relaxed f (ibid., Sec. 3.4.3),
 In a video v is drawn towards the frame before it, by Σ‖v − v_prev‖ over the patches' colours.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass
@@ -38,12 +36,12 @@ class Splitting:
     q: Image  # (3, R, C) its multiplier over ρ
 
     @classmethod
-    def zeros(cls, shape: tuple[int, ...]) -> Splitting:
+    def zeros(cls, shape: tuple[int, ...]) -> "Splitting":
         """Return the start from a black image, (3, R, C), in single precision."""
         shapes = [(2, *shape)] * 2 + [shape] * 2
         return cls(*(np.zeros(each, np.float32) for each in shapes))
 
-    def scaled(self, image: float, multiplier: float) -> Splitting:
+    def scaled(self, image: float, multiplier: float) -> "Splitting":
         """Return it with the image's parts and the multipliers over ρ each times a number."""
         primal, dual = np.float32(image), np.float32(multiplier)
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)

@@ -1,25 +1,25 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from periscopy_sim.cli import options as arguments
-from periscopy_sim.cli.calibration.report import (
-    calibration_record,
-    say_calibration,
-    say_silhouette,
-    silhouette_record,
-)
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, progress, say_written, warn_boxed, write_json
+from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.calibration.silhouette.result import Silhouette
 
 _SHOWN = (
     "A picture that the monitor showed, in the order of the photographs; repeatable. Photographs "
@@ -85,6 +85,12 @@ DOUBTED = (
 )
 """What to do with a silhouette that is not to be trusted."""
 
+PARAMETER = (
+    "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
+)  # fmt: skip
+SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence"
+"""What the JSON files have of a `Parameter` and of a `Silhouette`, under its own name."""
+
 
 @dataclass(frozen=True)
 class Inputs:
@@ -95,12 +101,6 @@ class Inputs:
     shown: list[str]
     monitor_off: list[Path]
     mask: Path | None
-
-    def __post_init__(self) -> None:
-        """Raise a PhotographError if there are more pictures than photographs."""
-        pictures, photos = len(self.shown), len(self.photos)
-        if pictures > photos:
-            raise PhotographError(f"--shown: {pictures} pictures of {photos} photographs")
 
     def spare(self, *outputs: Path) -> None:
         """Raise an error if an output would replace one of the files."""
@@ -164,14 +164,18 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = SceneCovariance.of(result).text()
-        remark = "periscopy calibrate: NOT TO BE TRUSTED: " + "; ".join(result.doubts)
-        _write_copy(session, scene, values, out, remark if result.doubts else "")
+        _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
         draw_calibration(png, files["photograph"][0], result, session.metadata)
     say_calibration(result, session.units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
+
+
+def _distrust(result: str, doubts: Sequence[str]) -> str:
+    """Return the remark in a scene whose result is not to be trusted; empty if it is."""
+    return f"{result}: NOT TO BE TRUSTED: {'; '.join(doubts)}" if doubts else ""
 
 
 def _write_copy(
@@ -212,9 +216,8 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
         files, doing = inputs.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
-        remark = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
-        if solution.doubts:
-            remark += ": NOT TO BE TRUSTED: " + "; ".join(solution.doubts)
+        made = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
+        remark = _distrust(made, solution.doubts) or made
         write_masked_scene(path, solution, given, scene, ply, mesh.name, remark)
         inputs.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
@@ -222,3 +225,103 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
     say_written(*outputs)
     if solution.doubts:
         warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)
+
+
+def calibration_record(result: Calibration) -> dict[str, Any]:
+    """Return a calibration as its JSON file has it."""
+    held = result.uncertain
+    return {
+        "trusted": result.trusted,
+        "doubts": result.doubts,
+        "better_than_start": result.moved,
+        "parameters": {
+            p.name: {key: getattr(p, key) for key in PARAMETER} for p in result.parameters
+        },
+        "uncertain": {
+            name: {
+                "value": value,
+                "standard_error": error,
+                "moves": dict(zip(result.values, moves, strict=True)),
+            }
+            for name, value, error, moves in zip(
+                held.names, held.values, held.standard_errors, result.moves.T, strict=True
+            )
+        },
+        "correlation": {
+            name: dict(zip(result.values, row, strict=True))
+            for name, row in zip(result.values, result.correlation, strict=True)
+        },
+        "unexplained_before": result.noise_before,
+        "unexplained": result.noise,
+        "overdispersion": result.overdispersion,
+        "gain": {"least": result.gain.min(), "largest": result.gain.max()},
+        "colour_matrix": result.colour_matrix,
+        "path": [vars(visited) for visited in result.path],
+    }
+
+
+def silhouette_record(solution: Silhouette) -> dict[str, Any]:
+    """Return a silhouette as its JSON file has it."""
+    return {
+        "shape": solution.name,
+        "trusted": not solution.doubts,
+        "doubts": solution.doubts,
+        "rectangle": {way: getattr(solution.plane, way) for way in ("corner", "across", "down")},
+        "opaque": ["".join("#" if cell else "." for cell in row) for row in solution.opaque],
+        "cells_seen": int(solution.seen.sum()),
+        "cells_decided": solution.decided,
+        "starts_agreeing": solution.agreeing,
+        **{key: getattr(solution, key) for key in SILHOUETTE},
+    }
+
+
+def say_calibration(result: Calibration, units: Mapping[str, str]) -> None:
+    """Print what is unexplained, the parameters, the gain and the colour matrix.
+
+    `units` are those of the parameters that have one.
+    """
+    from periscopy_sim.model.residual import percentages
+
+    before, after = percentages(*result.unexplained)
+    verdict = "" if result.moved else "; the measured values explain as much, and stay"
+    say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
+    if result.overdispersion > 1:
+        say(
+            f"the photograph counts 1/{result.overdispersion:g} of what its noise allows: it shows "
+            "something that the scene lacks"
+        )
+    width = max(len(p.name) for p in result.parameters)
+    for p in result.parameters:
+        source = "by the photograph" if p.determined else "by the ruler"
+        unit = units.get(p.name, "")
+        say(
+            f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
+            f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
+        )
+    if result.uncertain.names:
+        say(f"errors count those of what stays: {', '.join(result.uncertain.names)}")
+    say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
+    if result.colour_matrix is not None:
+        rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
+        say(f"colour matrix, from the monitor's to the camera's: {rows}")
+
+
+def _rounded(value: float, error: float) -> str:
+    """Return a value and its standard error, which has two digits."""
+    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def say_silhouette(solution: Silhouette) -> None:
+    """Print what the mask looks like and how far it is to be believed."""
+    from periscopy_sim.model.residual import percentages
+
+    for row in solution.opaque:
+        say("  " + "".join("##" if cell else " ." for cell in row))
+    say(
+        f"of {solution.opaque.size} cells the photograph shows the shadows of {solution.seen.sum()}"
+    )
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
+    if solution.starts:
+        say("silhouette and image may both be shifted, against each other")

@@ -1,7 +1,5 @@
 """`periscopy prepare`: any camera's photograph in the pixels of a scene's camera."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -14,7 +12,7 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import number, option
+from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
@@ -43,7 +41,7 @@ def prepare(
     ],
     scene: options.SceneOption,
     out: options.OutFile,
-    black: Annotated[float, number("Black level of the camera, subtracted.", form="VALUE")] = 0.0,
+    black: Annotated[float, option("VALUE", "Black level of the camera, subtracted.")] = 0.0,
     dark: Annotated[
         Files, option("FILE", "Photograph with the lens covered, subtracted; repeatable.")
     ] = None,
@@ -51,7 +49,7 @@ def prepare(
         Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
     ] = None,
     white: Annotated[
-        float | None, number("Saturation value. [default: from the file]", form="VALUE")
+        float | None, option("VALUE", "Saturation value. [default: from the file]")
     ] = None,
     points: Annotated[
         Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
@@ -109,10 +107,10 @@ def prepare(
 
 def _developed(
     photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> SensorImage:
+) -> "SensorImage":
     """Read the photographs into one picture of linear light."""
 
-    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
+    def pictures(paths: Sequence[Path]) -> "Iterator[SensorImage]":
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
@@ -127,7 +125,7 @@ def _developed(
 
 
 def _film(
-    light: SensorImage,
+    light: "SensorImage",
     scenario: ps.Scenario,
     side: int,
     marks: ps.WallPoints | ps.WallTags | None,

@@ -1,7 +1,5 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -100,7 +98,7 @@ def view(
 
 
 def write_view(
-    out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
+    out: Path, pictures: "LivePictures", given: Mapping[str, str], photo: Path | None
 ) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
