@@ -25,8 +25,9 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 MODULES = {
-    "demo": "demo", "doctor": "doctor", "tutorial": "demo", "transport": "render", "draw": "lab",
-    "lab": "lab", "view": "view", "photograph": "render", "prepare": "prepare", "ambient": "render",
+    "demo": "demo", "doctor": "doctor", "tutorial": "demo", "transport": "render",
+    "draw": "laboratory.lab", "lab": "laboratory.lab", "view": "laboratory.view",
+    "photograph": "render", "prepare": "laboratory.prepare", "ambient": "render",
     "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
     "calibrate": "calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
 }  # fmt: skip

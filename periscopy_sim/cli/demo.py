@@ -39,7 +39,7 @@ def demo(
     ] = None,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
-    from periscopy_sim.model.noise import camera_noise
+    from periscopy_sim.model.residual import camera_noise
 
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
     fraction = effort or 1.0

@@ -121,13 +121,12 @@ class Light(MonitorLight):
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""
-        from periscopy_sim.storage.transport_matrix import read_prototypes
+        columns: list[Any] = []
+        for source in self.sources:
+            if source == GRID:
+                columns.append(ps.point_light_backgrounds(scenario))
+                continue
+            from periscopy_sim.storage.transport_matrix import read_prototypes
 
-        return np.hstack(
-            [
-                ps.point_light_backgrounds(scenario)
-                if source == GRID
-                else read_prototypes(Path(source), scenario.transport_shape[0])
-                for source in self.sources
-            ]
-        )
+            columns.append(read_prototypes(Path(source), scenario.transport_shape[0]))
+        return np.hstack(columns)

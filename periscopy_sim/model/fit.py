@@ -6,16 +6,17 @@ Q is an orthonormal basis of all ambient light, so that least squares of y⊥ ar
 [A, B] with the ambient light fitted freely: the very information that the paper's P keeps.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import ROUNDING, background_basis, joined_basis, wall_profiles
-from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
+from periscopy_sim.model.residual import residual_noise
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics.products import project_out, times_rows
@@ -234,3 +235,31 @@ def ambient_basis(
         Q = joined_basis(Q, observation.used(wall_profiles(shape)))
     own = observation.ambient(None)
     return (joined_basis(Q, own) if observation.backgrounds else Q), Q.shape[1]
+
+
+ERROR_RATE = 1e-3
+"""Fraction, at most, of photographs of a right model in which a correction finds something."""
+
+RESOLVED = 1e-3
+"""Sine of the angle between two fields, below which they are taken for one: a thousand times single
+precision's."""
+
+FirstImage = Callable[[FittedPhotograph], Array]
+"""Returns a first hidden image, (R, C, 3), of a photograph."""
+
+
+class Correction(Protocol):
+    """What else shapes a photograph than A f + B c + n: made for one scene from its `Fit`.
+
+    A method for stills is given a list of corrections; a method without them is the plain method.
+    The gain over the wall has gained on a real photograph. Paint is measured on rendered
+    photographs alone, and acts where photographs with the monitor off are given.
+    """
+
+    def __call__(
+        self, photograph: FittedPhotograph, first_image: FirstImage
+    ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
+        """Return the photograph corrected, and what was found, by name, for a summary.
+
+        Where nothing is found, the photograph is returned as it was given.
+        """

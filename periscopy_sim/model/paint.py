@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import ERROR_RATE, RESOLVED, FirstImage, Fit, FittedPhotograph
 from periscopy_sim.model.observation import Observation
 
 Array = NDArray[np.float64]

@@ -15,9 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, special
 
-from periscopy_sim.model.noise import ROUNDING, camera_noise, second_differences
 from periscopy_sim.model.transport_operator import TransportOperator
 
 Array = NDArray[np.float64]
@@ -143,3 +142,44 @@ def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
         if one != other:
             return one, other
     return f"{100 * first:.2f}", f"{100 * second:.2f}"
+
+
+ROUNDING = 1e-7
+"""Noise over a photograph's size that rounding in single precision makes."""
+
+
+def residual_noise(energy: Array, explained: Array, freedom: int) -> Array:
+    """Return σ of white noise from the residual of least squares, of the shape of the energies.
+
+    σ² = (‖y⊥‖² − ‖A⊥ f̂‖²)/freedom, or what rounding makes, if more. The energy is ‖y⊥‖² of each
+    photograph's channels, `explained` is ‖A⊥ f̂‖², and the freedom counts the pixels less the
+    dimensions of ambient light and f̂.
+    """
+    rest = np.maximum(energy - explained, ROUNDING**2 * energy)
+    return np.asarray(np.sqrt(rest / max(freedom, 1)))
+
+
+def second_differences(planes: Array) -> Array:
+    """Return D of (K, rows, columns) planes, (K, rows − 2, columns − 2); NaN beside NaN.
+
+    D = (1, −2, 1)ᵀ(1, −2, 1)/6.
+    """
+    return np.asarray(np.diff(np.diff(planes, n=2, axis=1), n=2, axis=2) / 6)
+
+
+def camera_noise(planes: Array, fewest: int = 25) -> Array | None:
+    """Return the standard deviation of white noise in each of (K, rows, columns) planes, (K,).
+
+    NaN marks pixels that are not used. None where fewer than `fewest` pixels have all their
+    neighbours. D, see `second_differences`, removes light that varies linearly down or across, most
+    of penumbrae, and keeps the whole variance of white noise. The median of its size is that of
+    noise even where some edges remain. Of noise that neighbours share, as after rectification, the
+    estimate is too small.
+    """
+    if min(planes.shape[1:]) < 3:
+        return None
+    differences = np.abs(second_differences(planes)).reshape(len(planes), -1)
+    used = np.isfinite(differences).all(axis=0)
+    if np.count_nonzero(used) < fewest:
+        return None
+    return np.asarray(np.median(differences[:, used], axis=1) / special.ndtri(0.75))

@@ -39,8 +39,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import ERROR_RATE, RESOLVED, FirstImage, Fit, FittedPhotograph
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
-from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.wall import map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners

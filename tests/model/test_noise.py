@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.noise import camera_noise, second_differences
+from periscopy_sim.model.residual import camera_noise, second_differences
 
 SIZES = np.array([1.0, 2.0, 0.5])[:, None, None]
 V, U = np.meshgrid(*(np.linspace(-1, 1, 63),) * 2, indexing="ij")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import background_basis
-from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.model.residual import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.method import Image, Observed, Report, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import ambient_basis
-from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.model.residual import residual_noise
 from periscopy_sim.model.transport_operator import (
     Eigenvectors,
     Matrix,

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.correction import Correction
-from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
+from periscopy_sim.model.fit import Correction, Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
-from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.model.residual import residual_noise
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 
 Array = NDArray[np.float64]

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.motion import LoadedScene
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
-from periscopy_sim.rendering.scene.wall import seen_wall
+from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene

@@ -14,7 +14,7 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
+from periscopy_sim.rendering.scene.wall import map_points, surface_at
 
 OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",

@@ -12,7 +12,7 @@ import numpy as np
 
 from periscopy_sim.rendering.emitters.lcd import falloff_about
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
-from periscopy_sim.rendering.scene.pointwise import surface_at
+from periscopy_sim.rendering.scene.wall import surface_at
 from periscopy_sim.scenario import Scenario
 
 Strata = Literal["midpoint", "gauss", "jittered"]

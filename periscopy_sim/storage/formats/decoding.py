@@ -50,7 +50,10 @@ def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again")
 
 
 def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
-    """Return linear light, nominally in [0, 1], encoded; negatives follow the straight piece."""
+    """Return linear light, nominally in [0, 1], encoded; negatives follow the straight piece.
+
+    The curve is IEC 61966-2-1:1999, clause 5.2.
+    """
     linear = np.asarray(linear, dtype=np.float64)
     power = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, power)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from periscopy_sim.cli.view import write_view
+from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document

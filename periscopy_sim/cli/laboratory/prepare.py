@@ -153,7 +153,7 @@ def _definitions(session: Session, rows: int, columns: int) -> list[str]:
     )
 
 
-def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
+def _say_prepared(prepared: "ps.Prepared", size: tuple[int, int]) -> None:
     """Print how well marks place the scene's pixels, and what the mask leaves out."""
     if (fit := prepared.view) is not None:
         rms = f"{fit.rms:.2f} pixels of the photograph ({1e3 * fit.rms_on_wall:.2g} mm on the wall)"

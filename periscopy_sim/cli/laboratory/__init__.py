@@ -1,0 +1,1 @@
+"""Commands that bring a laboratory into the package: its scene, its photographs."""
