@@ -30,7 +30,7 @@ from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
-from .model.colour_matrix import ColourMatrix
+from .model.observation import ColourMatrix
 from .model.uncertain_transport import UncertainTransport
 from .photograph import Photograph
 from .photographs.defects import defective_pixels

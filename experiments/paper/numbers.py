@@ -17,7 +17,7 @@ from periscopy_sim.evaluation.diagnostics import (
     residual_background,
 )
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]

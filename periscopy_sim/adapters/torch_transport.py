@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.adapters.sizes import Shape, sizes_of
+from periscopy_sim.adapters.linear_operator import Shape, sizes_of
 from periscopy_sim.extras import require
 
 

@@ -8,7 +8,7 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
-from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.observation import ColourMatrix
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition

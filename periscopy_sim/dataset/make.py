@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
-from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
 from periscopy_sim.dataset.layout import KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
+    GeometryDraw,
     backgrounds_of,
+    draw_geometry,
     geometry_of,
     make_samples,
     scenario_of,

@@ -129,7 +129,7 @@ def export_samples(
     ``sheet.png``, where a photograph is scaled to its brightest value. `progress` is called with
     the samples written and their number.
     """
-    from periscopy_sim.figures.contact_sheet import draw_contact_sheet
+    from periscopy_sim.figures.animation import draw_contact_sheet
     from periscopy_sim.storage.formats.exr import write_exr
 
     data = open_dataset(path, incomplete=True)

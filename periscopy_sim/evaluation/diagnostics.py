@@ -9,7 +9,7 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,

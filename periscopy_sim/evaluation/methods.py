@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
-from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, observation_of
+from periscopy_sim.model.observation import Backgrounds, ColourMatrix, observation_of
+from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
@@ -100,7 +100,7 @@ def fit_method(
     B: Matrix,
     mask: Mask | None = None,
     backgrounds: Backgrounds | None = None,
-    uncertain: Any = None,
+    uncertain: UncertainTransport | None = None,
     colour_matrix: ColourMatrix | None = None,
     **options: float,
 ) -> Method:

@@ -5,8 +5,7 @@ from textwrap import indent, wrap
 from xml.sax.saxutils import escape, quoteattr
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import Laboratory
-from periscopy_sim.laboratory.quantities import Measured
+from periscopy_sim.laboratory.document import Laboratory, Measured
 
 HEAD = """<!-- {title}
      Metres and degrees; x to the right as one faces the wall, y from the monitor to the wall, z up.

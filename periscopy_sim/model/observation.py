@@ -13,11 +13,54 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
+
+LARGEST_CONDITION = 100.0
+"""Condition number from which a matrix tells two primaries no longer apart: real cameras have 2 to
+10."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColourMatrix:
+    """M of y_j = Σ_k M_jk A f_k + B c_j + n_j, f_k in the monitor's primaries.
+
+    Attributes
+    ----------
+    matrix
+        (3, 3), the camera's channels down, the monitor's primaries across: column k is the colour
+        that the camera sees where the monitor shows primary k alone.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is not of 3 x 3 finite real numbers, or two primaries look alike.
+    """
+
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.matrix)
+        if values.shape != (3, 3) or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"a colour matrix is 3 x 3 real numbers, not of shape {values.shape} and type "
+                f"{values.dtype}"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError("a colour matrix must be finite")
+        if np.linalg.cond(values) > LARGEST_CONDITION:
+            raise ValueError(
+                "two primaries look alike to the camera: the colour matrix is nearly singular"
+            )
+        object.__setattr__(self, "matrix", values.astype(np.float64))
+
+    def mix(self, light: Image) -> Array:
+        """Return light in the camera's channels, (..., 3), from light in the primaries."""
+        return np.asarray(light @ self.matrix.T, np.float64)
+
+
 Mask = NDArray[np.bool_]
 Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their

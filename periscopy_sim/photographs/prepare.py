@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Mask
 from periscopy_sim.photographs.defects import defective_pixels
+from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
-from periscopy_sim.photographs.sensor_image import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.view_fit import FittedView
 from periscopy_sim.scenario import Array, Scenario
 

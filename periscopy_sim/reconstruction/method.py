@@ -8,8 +8,7 @@ from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
+from periscopy_sim.model.observation import Backgrounds, ColourMatrix, Mask, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
+from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
 from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture, format_of

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.observation import ColourMatrix
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.observation import ColourMatrix
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.storage.tables import read_colour_matrix
 

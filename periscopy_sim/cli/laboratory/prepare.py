@@ -29,7 +29,7 @@ from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.sensor_image import SensorImage
+    from periscopy_sim.photographs.develop import SensorImage
 
 Files = list[Path] | None
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, minimize
 
-from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.observation import ColourMatrix
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
