@@ -155,7 +155,7 @@ def test_no_import_goes_in_a_circle():
         ("periscopy_sim.numerics.threads", "from ..errors import x\nfrom .. import scenario"),
         ("periscopy_sim.rendering.photograph", "from ..storage import photographs"),
         ("periscopy_sim.evaluation.metrics", "def f():\n    from periscopy_sim import cli"),
-        ("periscopy_sim.storage.formats.exr", "import_module('periscopy_sim.cli.demo')"),
+        ("periscopy_sim.storage.formats.rasters", "import_module('periscopy_sim.cli.demo')"),
         ("periscopy_sim.dataset", "from experiments import validation"),
     ],
 )

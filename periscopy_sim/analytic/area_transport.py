@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, borders_of
 from periscopy_sim.analytic.closed_form import (
     FLATNESS,
     emission_and_reflectance,
@@ -22,6 +21,7 @@ from periscopy_sim.analytic.closed_form import (
     refusal,
     wall_plane,
 )
+from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import in_parallel, ranges
 from periscopy_sim.scenario import Array, Scenario

@@ -10,8 +10,14 @@ be all by which they are told apart.
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
+from periscopy_sim.analytic.outline import (
+    Borders,
+    Indices,
+    Segment,
+    border_of,
+    cut_by_cells,
+    outline_of,
+)
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
 from periscopy_sim.numerics.threads import compiled
 from periscopy_sim.scenario import Array

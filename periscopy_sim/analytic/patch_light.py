@@ -13,8 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
+from periscopy_sim.analytic.outline import (
+    Borders,
+    Indices,
+    Segment,
+    border_of,
+    cut_by_cells,
+    outline_of,
+)
 from periscopy_sim.numerics.threads import compiled, compiled_reordered
 from periscopy_sim.scenario import Array
 

@@ -16,7 +16,7 @@ from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from periscopy_sim.storage.formats.rasters import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 

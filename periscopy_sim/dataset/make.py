@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
-from periscopy_sim.dataset.layout import KIND, Layout
+from periscopy_sim.dataset.reading import KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,

@@ -29,7 +29,7 @@ from periscopy_sim.dataset.configuration import (
     Pictures,
 )
 from periscopy_sim.dataset.distributions import Distribution, Source
-from periscopy_sim.dataset.layout import BOUNCED_ERROR, LABELS
+from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows

@@ -8,8 +8,7 @@ import numpy as np
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Mask
 from periscopy_sim.photographs.develop import SensorImage
-from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags
-from periscopy_sim.photographs.tags import find_tags
+from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_tags
 from periscopy_sim.photographs.view_fit import FittedView, fit_view
 from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
 from periscopy_sim.scenario import Array, Scenario

@@ -21,7 +21,7 @@ from periscopy_sim.figures.panels import enlarged
 from periscopy_sim.photographs.develop import average, develop
 from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image

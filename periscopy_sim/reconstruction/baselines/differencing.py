@@ -182,9 +182,9 @@ class Differencing(StillMethod[np.float64]):
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
         ``"converged"``: the minimizer. ``"published"``: where the published code stops, with its
-        steps; see `published_steps`. Its constants belong to its units, in which A's mean entry is
-        about 5000 and the hidden image lies in [0, 1]; there the uniform image that fits D y best
-        is taken to be 1/4.
+        steps; see `descend_as_published`. Its constants belong to its units, in which A's mean
+        entry is about 5000 and the hidden image lies in [0, 1]; there the uniform image that fits
+        D y best is taken to be 1/4.
     tolerance, max_iterations
         As of `NoiseAware`; only for ``"converged"``.
 
