@@ -170,7 +170,7 @@ def test_a_forbidden_arrow_is_noticed(module, source):
         ("periscopy_sim.reconstruction.method", "from ..numerics import threads"),
         ("periscopy_sim.analytic.transport", "from periscopy_sim import errors, scenario"),
         ("periscopy_sim.cli.demo", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
-        ("periscopy_sim.figures.panels", "from ..storage.formats.srgb import srgb_encode"),
+        ("periscopy_sim.figures.panels", "from ..storage.formats.decoding import srgb_encode"),
         ("experiments.validation", "import periscopy_sim as ps\nfrom experiments import setting"),
     ],
 )

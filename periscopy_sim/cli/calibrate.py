@@ -1,7 +1,5 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -227,7 +225,7 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
         warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)
 
 
-def calibration_record(result: Calibration) -> dict[str, Any]:
+def calibration_record(result: "Calibration") -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
     held = result.uncertain
     return {
@@ -260,7 +258,7 @@ def calibration_record(result: Calibration) -> dict[str, Any]:
     }
 
 
-def silhouette_record(solution: Silhouette) -> dict[str, Any]:
+def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
     """Return a silhouette as its JSON file has it."""
     return {
         "shape": solution.name,
@@ -275,7 +273,7 @@ def silhouette_record(solution: Silhouette) -> dict[str, Any]:
     }
 
 
-def say_calibration(result: Calibration, units: Mapping[str, str]) -> None:
+def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     """Print what is unexplained, the parameters, the gain and the colour matrix.
 
     `units` are those of the parameters that have one.
@@ -312,7 +310,7 @@ def _rounded(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def say_silhouette(solution: Silhouette) -> None:
+def say_silhouette(solution: "Silhouette") -> None:
     """Print what the mask looks like and how far it is to be believed."""
     from periscopy_sim.model.residual import percentages
 

@@ -1,7 +1,5 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -132,7 +130,7 @@ class Session(options.OptionGroup):
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
+    def ambient_light(self, name: str, target: float = 3e-4) -> "Array":
         """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
 
         The relative error of a pixel that is path traced is the target.
@@ -146,7 +144,7 @@ class Session(options.OptionGroup):
             )
             return light.photograph
 
-    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> Array:
+    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> "Array":
         """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""
         with fixable("photograph"), progress("path tracing the photograph") as report:
             return ps.render_photograph(
@@ -162,7 +160,7 @@ class Session(options.OptionGroup):
 
     def companions(
         self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> tuple[Mask | None, dict[str, Array]]:
+    ) -> "tuple[Mask | None, dict[str, Array]]":
         """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
         used = None
         if mask is not None:
@@ -194,7 +192,7 @@ class Session(options.OptionGroup):
     # -- fitting and writing ---------------------------------------------------------------------
 
     def transport(
-        self, light: Light, matrix: Path | None = None, strata: Strata = "jittered"
+        self, light: Light, matrix: Path | None = None, strata: "Strata" = "jittered"
     ) -> NDArray[np.float32]:
         """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
         A: Any

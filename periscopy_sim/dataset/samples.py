@@ -5,8 +5,6 @@ on any machine. Geometries, clips and noise have streams of their own: one that 
 than before leaves the others as they are.
 """
 
-from __future__ import annotations
-
 import threading
 import zlib
 from collections.abc import Mapping, Sequence
@@ -159,8 +157,8 @@ Block = dict[str, NDArray[Any]]
 
 def make_samples(
     configuration: Configuration,
-    geometry: Geometry,
-    backgrounds: Backgrounds,
+    geometry: "Geometry",
+    backgrounds: "Backgrounds",
     start: int,
     stop: int,
 ) -> Block:
@@ -222,7 +220,7 @@ def make_samples(
     return block
 
 
-def _signals(geometry: Geometry, hidden: Array) -> NDArray[np.floating[Any]]:
+def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
     """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
@@ -235,7 +233,7 @@ def _signals(geometry: Geometry, hidden: Array) -> NDArray[np.floating[Any]]:
 
 
 def _background(
-    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: Backgrounds
+    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: "Backgrounds"
 ) -> Array | None:
     """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
     shape = (*scenario.photograph_shape, 3)
@@ -266,7 +264,7 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     return response @ (powers / np.where(mean > 0, mean, 1)[:, None])
 
 
-def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
+def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
     draw = geometry.draw
     of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}

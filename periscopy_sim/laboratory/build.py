@@ -1,7 +1,5 @@
 """Make the scene of a measured laboratory: its XML file and the meshes beside it."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 from shutil import copyfile

@@ -1,7 +1,5 @@
 """Marks on a plane wall: points that were clicked, and square tags that hang in any way."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -178,12 +176,12 @@ class Marks:
     names: Sequence[str]  # in messages
 
     @classmethod
-    def of_points(cls, pixels: Array, points: Array, names: Sequence[str]) -> Marks:
+    def of_points(cls, pixels: Array, points: Array, names: Sequence[str]) -> "Marks":
         """Return (n, 2) pixels and their (n, 2) points of the wall, in metres, as marks."""
         return cls(pixels[:, np.newaxis], points, np.zeros((len(points), 1, 2)), names)
 
     @classmethod
-    def of_tags(cls, corners: Array, centers: Array, sizes: Array, names: Sequence[str]) -> Marks:
+    def of_tags(cls, corners: Array, centers: Array, sizes: Array, names: Sequence[str]) -> "Marks":
         """Return square tags as marks: (n, 4, 2) corners clockwise, (n, 2) centres, (n,) sides."""
         unit = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
         return cls(corners, centers, sizes[:, np.newaxis, np.newaxis] * unit, names)
@@ -204,14 +202,14 @@ class Marks:
         turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         return np.asarray(self.centers[:, np.newaxis] + turned)
 
-    def without(self, mark: int) -> Marks:
+    def without(self, mark: int) -> "Marks":
         """Return all marks but one."""
         pixels, centers, arms = (
             np.delete(each, mark, axis=0) for each in (self.pixels, self.centers, self.arms)
         )
         return Marks(pixels, centers, arms, [n for k, n in enumerate(self.names) if k != mark])
 
-    def as_points(self) -> Marks:
+    def as_points(self) -> "Marks":
         """Return the marks as points: the middle of each tag, where its diagonals meet."""
         if not self.are_tags:
             return self

@@ -62,7 +62,7 @@ def draw(
 
     Look at it to find wrong signs and units.
     """
-    from periscopy_sim.figures.laboratory.drawing import draw_laboratory
+    from periscopy_sim.figures.laboratory.projections import draw_laboratory
 
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:

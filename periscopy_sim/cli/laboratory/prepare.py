@@ -19,7 +19,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
 from periscopy_sim.photographs.develop import average, develop
-from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -134,6 +133,8 @@ def _film(
     rows, columns = scenario.photograph_shape
     covered = light.size[0] / rows  # pixels of the photograph along a side of the scene's own
     if marks is not None:
+        from periscopy_sim.photographs.prepare import place_film
+
         covered = np.sqrt(place_film(light, scenario, marks).coverage)
     common = gcd(rows, columns)
     times = max(1, round(common * covered / side))

@@ -41,7 +41,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
 
     Each frame starts from the solution of the one before, which saves a sixth of the iterations
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
-    Frames are not corrected (`model.correction`): a gain over the wall would differ between them.
+    Frames are not corrected (`Correction`): a gain over the wall would differ between them.
 
     Parameters, attributes and errors are those of `FrameByFrame`.
     """

@@ -5,8 +5,6 @@ of its two greens. Nothing is interpolated, as demosaicing would, so noise stays
 white balance, no colour matrix and no gamma.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
