@@ -44,8 +44,7 @@ from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
-from .reconstruction.preconditioned.repair import repair
-from .reconstruction.preconditioned.still import Periscope, Reconstruction
+from .reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background

@@ -34,8 +34,11 @@ from periscopy_sim.model.uncertainty import standard_errors
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
 from periscopy_sim.reconstruction.method import Image, Note, Observed, Report, Solution, StillMethod
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
+    Objective,
+    Schedule,
+    Splitting,
+)
 
 Array = NDArray[np.float64]
 

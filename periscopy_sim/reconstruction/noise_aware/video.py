@@ -12,8 +12,7 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
 )
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule, Splitting
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Coupling = Literal["l1", "none"]
