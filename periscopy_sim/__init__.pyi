@@ -15,8 +15,7 @@ from .calibration.silhouette.result import Silhouette
 from .calibration.uncertain_scene import uncertain_transport
 from .dataset.configuration import load_configuration
 from .dataset.make import make_dataset
-from .dataset.reading import open_dataset
-from .dataset.torch_dataset import TorchDataset
+from .dataset.reading import TorchDataset, open_dataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
@@ -45,8 +44,7 @@ from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
-from .reconstruction.preconditioned.repair import repair
-from .reconstruction.preconditioned.still import Periscope, Reconstruction
+from .reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background

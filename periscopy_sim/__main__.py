@@ -1,7 +1,5 @@
 """Run the command line as `python -m periscopy_sim`, or as `periscopy`."""
 
-from __future__ import annotations
-
 
 def main() -> None:
     """Run the command line; end in one line where it is interrupted before it has begun."""

@@ -1,7 +1,5 @@
 """What a user can fix: each error says what is wrong, where, and what would fix it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 _LONGEST = 900

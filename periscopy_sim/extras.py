@@ -1,7 +1,5 @@
 """What the core install lacks: libraries that an extra brings, imported where they are needed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Photographs as measured: signal, ambient background and sensor noise."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

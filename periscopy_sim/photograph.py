@@ -1,7 +1,5 @@
 """One photograph of the relay wall with all that belongs to it, checked once."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -47,7 +45,7 @@ class Photograph:
         mask: Mask | None = None,
         monitor_off: Mapping[str, ArrayLike] | None = None,
         warnings: tuple[str, ...] = (),
-    ) -> Photograph:
+    ) -> "Photograph":
         """Return a checked photograph from arrays, which are copied.
 
         Parameters

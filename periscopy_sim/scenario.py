@@ -1,7 +1,5 @@
 """The scene as plain arrays: what the camera sees of the wall, what the hidden patches are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,9 +117,9 @@ class Scenario:
     emission: EmissionProfile | None
     occluders: tuple[Occluder, ...] = field(repr=False)
     wall_relief: float = 0.0
-    loader: Callable[[Mapping[str, str]], Scenario] | None = field(default=None, repr=False)
+    loader: "Callable[[Mapping[str, str]], Scenario] | None" = field(default=None, repr=False)
 
-    def at(self, **values: str | float) -> Scenario:
+    def at(self, **values: str | float) -> "Scenario":
         """Return the same scene with other values for its file's ``<default>``s.
 
         Values that are not named stay. Where they move, turn or stretch the camera, the monitor,

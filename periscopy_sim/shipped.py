@@ -1,7 +1,5 @@
 """Where the scenes and hidden images that come with the package lie."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError, did_you_mean

@@ -155,7 +155,7 @@ def test_no_import_goes_in_a_circle():
         ("periscopy_sim.numerics.threads", "from ..errors import x\nfrom .. import scenario"),
         ("periscopy_sim.rendering.photograph", "from ..storage import photographs"),
         ("periscopy_sim.evaluation.metrics", "def f():\n    from periscopy_sim import cli"),
-        ("periscopy_sim.storage.formats.exr", "import_module('periscopy_sim.cli.demo')"),
+        ("periscopy_sim.storage.formats.rasters", "import_module('periscopy_sim.cli.demo')"),
         ("periscopy_sim.dataset", "from experiments import validation"),
     ],
 )
@@ -170,7 +170,7 @@ def test_a_forbidden_arrow_is_noticed(module, source):
         ("periscopy_sim.reconstruction.method", "from ..numerics import threads"),
         ("periscopy_sim.analytic.transport", "from periscopy_sim import errors, scenario"),
         ("periscopy_sim.cli.demo", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
-        ("periscopy_sim.figures.panels", "from ..storage.formats.srgb import srgb_encode"),
+        ("periscopy_sim.figures.panels", "from ..storage.formats.decoding import srgb_encode"),
         ("experiments.validation", "import periscopy_sim as ps\nfrom experiments import setting"),
     ],
 )

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.storage.outputs.resume import (
+from periscopy_sim.storage.outputs.staging import (
     check_settings,
     read_settings,
     refuse_results,

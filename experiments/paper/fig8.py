@@ -16,7 +16,7 @@ import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, show_light
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Setting
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,

@@ -13,11 +13,11 @@ from experiments.setting import Setting
 from periscopy_sim.evaluation.diagnostics import (
     Diagnostics,
     condition_number,
-    rank_row,
     residual_background,
 )
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
+from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]
@@ -158,6 +158,21 @@ def _finer_grid(setting: Setting) -> Claim:
         f"{outside.max():.0e} of the response of any of the {B.shape[1]} lights lies outside the "
         "range kept of the paper's B.",
     )
+
+
+def rank_row(A: Matrix, B: Array, rank_tolerance: float) -> dict[str, float]:
+    """Return the rank, largest residual background and noise gain of one rank tolerance of B.
+
+    By name: ``tolerance``; ``rank``; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
+    ``noise_gain``, trace(P Pᵀ).
+    """
+    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
+    return {
+        "tolerance": rank_tolerance,
+        "rank": P.Q.shape[1],
+        "residual_background": float(residual_background(P, B).max(initial=0)),
+        "noise_gain": float(P.noise_gain.sum()),
+    }
 
 
 def _ranks(A: Matrix, B: Array) -> Table:

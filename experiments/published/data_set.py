@@ -13,7 +13,7 @@ import periscopy_sim as ps
 from experiments.published.layout import captures
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.storage.formats.camera_raw import bayer_colours
+from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.pictures import area_average
 from periscopy_sim.storage.published import capture_exposure, capture_fields, capture_truth
 

@@ -1,13 +1,11 @@
 """The light transport on PyTorch's tensors, differentiable, on any device."""
 
-from __future__ import annotations
-
 from copy import copy
 from typing import Any
 
 import numpy as np
 
-from periscopy_sim.adapters.sizes import Shape, sizes_of
+from periscopy_sim.adapters.linear_operator import Shape, sizes_of
 from periscopy_sim.extras import require
 
 
@@ -55,7 +53,7 @@ class TorchTransport:
         gain = np.ones(3) if known.channel_gain is None else known.channel_gain
         self.gain = torch.as_tensor(gain).to(self.A)[:, None]
 
-    def to(self, device: Any = None, dtype: Any = None) -> TorchTransport:
+    def to(self, device: Any = None, dtype: Any = None) -> "TorchTransport":
         """Return the same on another device or of another type."""
         moved = copy(self)
         moved.A = self.A.to(device=device, dtype=dtype)

@@ -7,8 +7,6 @@ the patch, see `patch_light`. Where rays leave noise that differs from place to 
 smoothly with the scene: what descends on a scene's parameters needs that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, borders_of
 from periscopy_sim.analytic.closed_form import (
     FLATNESS,
     emission_and_reflectance,
@@ -24,6 +21,7 @@ from periscopy_sim.analytic.closed_form import (
     refusal,
     wall_plane,
 )
+from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import in_parallel, ranges
 from periscopy_sim.scenario import Array, Scenario

@@ -7,15 +7,19 @@ Derivatives good to a percent would not do: of what each of a dozen parameters d
 be all by which they are told apart.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
+from periscopy_sim.analytic.outline import (
+    Borders,
+    Indices,
+    Segment,
+    border_of,
+    cut_by_cells,
+    outline_of,
+)
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.threads import compiled
 from periscopy_sim.scenario import Array
 
 PART = float(np.cbrt(np.finfo(np.float64).eps))

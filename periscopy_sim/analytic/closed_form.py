@@ -1,7 +1,5 @@
 """What a scene must be for its light to have a closed form: planes, and a known falloff."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from periscopy_sim.errors import ClosedFormError

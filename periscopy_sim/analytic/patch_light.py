@@ -8,16 +8,20 @@ Coordinates are those of `outline`; a cell's own begin at its middle. Light is i
 a patch's area.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.borders import Borders, Indices
-from periscopy_sim.analytic.outline import Segment, border_of, cut_by_cells, outline_of
-from periscopy_sim.numerics.compilation import compiled, compiled_reordered
+from periscopy_sim.analytic.outline import (
+    Borders,
+    Indices,
+    Segment,
+    border_of,
+    cut_by_cells,
+    outline_of,
+)
+from periscopy_sim.numerics.threads import compiled, compiled_reordered
 from periscopy_sim.scenario import Array
 
 GAUSS = 0.5 / np.sqrt(3.0)

@@ -1,7 +1,5 @@
 """Eq. 4: the response of the wall to a point light, and the matrix B of many of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from periscopy_sim.scenario import Array, Scenario, wall_frame

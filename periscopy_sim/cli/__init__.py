@@ -25,11 +25,11 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 MODULES = {
-    "demo": "start.demo", "doctor": "start.doctor", "tutorial": "start.tutorial", "fetch": "fetch",
-    "transport": "transport", "draw": "laboratory.draw", "lab": "laboratory.lab",
-    "view": "laboratory.view", "photograph": "photograph", "prepare": "laboratory.prepare",
-    "ambient": "ambient", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
-    "calibrate": "calibration.calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
+    "demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch",
+    "transport": "render", "draw": "laboratory.lab", "lab": "laboratory.lab",
+    "view": "laboratory.view", "photograph": "render", "prepare": "laboratory.prepare",
+    "ambient": "render", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
+    "calibrate": "calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
 }  # fmt: skip
 """The module of each command: a function of its name, or the Typer `app` of a group."""
 

@@ -1,7 +1,5 @@
 """`periscopy analyze`: how well a scene can be seen."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np
@@ -68,8 +66,13 @@ def analyze(
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
         )
+        errors = 100 * noise * result.bounds
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
         summary = {**light.origin(), "rank_tolerance": rank_tolerance, **left_out(used), **numbers}
         session.write_summary(folder / "summary.json", summary)
+    say(
+        f"median patch ± {np.median(errors):.2g} % of white, worst ± {errors.max():.2g} %, at "
+        "noise of 0.1 % of a white screen's mean photograph"
+    )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")

@@ -1,7 +1,5 @@
 """`periscopy dataset`: make a data set, check it, look at it."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path
@@ -14,8 +12,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices
 from periscopy_sim.cli.output import progress, say, warn
-from periscopy_sim.dataset.export import export_samples
-from periscopy_sim.dataset.reading import describe, open_dataset, verify_dataset
+from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder

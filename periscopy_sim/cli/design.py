@@ -1,7 +1,5 @@
 """`periscopy design`: where to look, and which occluder to take."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated
@@ -14,7 +12,7 @@ from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import Model, number, option
+from periscopy_sim.cli.options import Model, option
 from periscopy_sim.cli.output import progress, resumed_folder, say, say_written, warn, write_json
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
@@ -45,7 +43,7 @@ def design(
         By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
     ] = By.bound,
     sbr: Annotated[
-        float, number("Signal-to-background ratio; inf: no ambient light.", form="RATIO")
+        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.")
     ] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[

@@ -1,7 +1,5 @@
 """The light that a command models: the transport matrix A and the light model B."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,14 +45,17 @@ class MonitorLight(options.OptionGroup):
         with fixable("--bounces"):
             return bounces_of_words(self.bounces)
 
-    def transport(self, scenario: ps.Scenario, seed: int, strata: Strata = "jittered") -> Transport:
+    def transport(
+        self, scenario: ps.Scenario, seed: int, strata: "Strata" = "jittered"
+    ) -> "Transport":
         """Compute A, (M, N), with a progress bar.
 
         Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
         """
         bounces = self.most_bounces
-        with progress("rendering the transport matrix") as report:
-            if self.model is Model.analytic:
+        closed = self.model is Model.analytic
+        with progress(f"{'computing' if closed else 'rendering'} the transport matrix") as report:
+            if closed:
                 from periscopy_sim.analytic.area_transport import pixel_transport
 
                 A = pixel_transport(scenario)
@@ -90,7 +91,7 @@ class Light(MonitorLight):
         """The sources of ambient light."""
         return self.light_model or [GRID]
 
-    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> Light:
+    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> "Light":
         """Return the light with its model and samples set, for a scene and a method."""
         from periscopy_sim.analytic.area_transport import has_areas
 
@@ -120,13 +121,12 @@ class Light(MonitorLight):
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""
-        from periscopy_sim.storage.transport_matrix import read_prototypes
+        columns: list[Any] = []
+        for source in self.sources:
+            if source == GRID:
+                columns.append(ps.point_light_backgrounds(scenario))
+                continue
+            from periscopy_sim.storage.transport_matrix import read_prototypes
 
-        return np.hstack(
-            [
-                ps.point_light_backgrounds(scenario)
-                if source == GRID
-                else read_prototypes(Path(source), scenario.transport_shape[0])
-                for source in self.sources
-            ]
-        )
+            columns.append(read_prototypes(Path(source), scenario.transport_shape[0]))
+        return np.hstack(columns)

@@ -1,11 +1,7 @@
 """The sentences for people: notes and warnings arrive as codes with values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
-
-from periscopy_sim.numerics.percentages import percentages
 
 if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
@@ -57,22 +53,26 @@ def sentence(code: str, **values: Any) -> str:
     return SENTENCES[code].format(**values)
 
 
-def sentences(notes: Iterable[Note]) -> list[str]:
+def sentences(notes: "Iterable[Note]") -> list[str]:
     """Return the sentence of each note."""
     return [sentence(note.code, **note.values) for note in notes]
 
 
-def report_sentences(report: Report) -> list[str]:
+def report_sentences(report: "Report") -> list[str]:
     """Return the sentences of a report, warnings first."""
     return sentences([*report.warnings, *report.notes])
 
 
-def residual_summary(residual: Residual) -> str:
+def residual_summary(residual: "Residual") -> str:
     """Return how much of a photograph is unexplained, and how much noise alone would leave."""
+    from periscopy_sim.model.residual import percentages
+
     unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
     summary = f"unexplained: {unexplained} % of the photograph"
     if residual.noise_alone is None:
         return summary
+    if residual.diagnosis == "unknown":
+        return f"{summary} by this image, no least-squares fit; it does not judge the scene"
     return f"{summary}; noise alone would leave {alone} %"
 
 
@@ -87,8 +87,12 @@ def assumptions(uncertain: Iterable[str]) -> str:
 def comparison(compared: Mapping[str, Any]) -> str:
     """Return metrics against the truth."""
     limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
+    ways = zip(compared["shift"], (("down", "up"), ("to the right", "to the left")), strict=True)
+    moves = [
+        f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n
+    ]
     return (
         f"against the truth: PSNR {compared['psnr']:.2f} dB, {compared['psnr_registered']:.2f} dB "
-        f"after the best shift (patches down, right: {compared['shift']}{limit}), "
+        f"after the best shift ({', '.join(moves) or 'none'}{limit}), "
         f"{compared['psnr_colour_matched']:.2f} dB after the matrix of colours that fits it best"
     )

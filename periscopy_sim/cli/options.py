@@ -1,7 +1,5 @@
 """The options that commands share, in the groups of ``--help``, and the forms of their values."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import re
@@ -29,11 +27,6 @@ def option(form: str, words: str, *names: str, group: str | None = None, **more:
     """Return an option: the form of its value, its help in words, the rest as typer takes it."""
     words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
-
-
-def number(words: str, *, form: str = "NUMBER", **more: Any) -> Any:
-    """Return an option that takes a number; its bounds are ``min`` and ``max``."""
-    return option(form, words, **more)
 
 
 class OptionGroup:
@@ -83,13 +76,14 @@ class Model(StrEnum):
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
+IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
 _COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
 _SAMPLES = "Shadow rays to a patch from each wall point, where rays render A (16)."
 _MODEL = (
-    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles); unless "
-    "given, in closed form where there is one, but for preconditioned and unrolled."
+    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). Where no "
+    "default is shown: in closed form if there is one, by rays for preconditioned and unrolled."
 )
 _BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Sources of ambient light: Eq. 4's grid, columns of a file; repeatable."
@@ -104,17 +98,17 @@ Define = Annotated[
     list[str] | None,
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
 ]
-PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO)]
-MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH)]
-MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH)]
-ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH)]
+PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO, exists=True)]
+MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH, exists=True)]
+MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH, exists=True)]
+ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 # More samples would be hours in one kernel, which nothing can interrupt.
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
 ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
     Path | None,
-    option("FILE", "NPY file of A, instead of a rendering.", "--transport", group=LIGHT),
+    option("FILE", "NPY file of A, not computed.", "--transport", group=LIGHT, exists=True),
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
@@ -124,8 +118,8 @@ ResumedFolder = Annotated[
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
 Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
-Snr = Annotated[float, number(_SNR, form="DB", min=-100, max=300)]
-OptionalSnr = Annotated[float | None, number(_SNR, form="DB", min=-100, max=300)]
+Snr = Annotated[float, option("DB", _SNR, min=-100, max=300)]
+OptionalSnr = Annotated[float | None, option("DB", _SNR, min=-100, max=300)]
 Scheduler = Annotated[
     str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
@@ -150,12 +144,9 @@ def _one_of(words: str, names: Collection[str]) -> Any:
 
 def _listed(offered: Offered) -> str:
     """Return each method's help, with its certainty for stills."""
-    entries = [METHODS[name] for name in offered]
-    certain = [f" (with {each.certainty})" if each.certainty else "" for each in entries]
-    certain = certain if offered is FOR_STILLS else [""] * len(entries)
-    return "; ".join(
-        f"{e.name}: {e.help}{known}" for e, known in zip(entries, certain, strict=True)
-    )
+    certain = {n: METHODS[n].certainty for n in offered if offered is FOR_STILLS}
+    known = {name: f" (with {words})" for name, words in certain.items() if words}
+    return "; ".join(f"{name}: {METHODS[name].help}{known.get(name, '')}" for name in offered)
 
 
 _OWN = "yours as module:callable or file.py:callable"
@@ -196,7 +187,8 @@ def _argument(taken: Mapping[str, Option]) -> Any:
         unit = f" ({each.unit})" if each.unit else ""
         defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
     listed = "; ".join(f"{default} by {', '.join(names)}" for default, names in defaults.items())
-    words = number(
+    words = option(
+        "NUMBER",
         f"{first.help} Default: {listed}.",
         group=SOLVER if first.name.endswith("weight") else EXPERT,
         min=min(entry.least for entry in taken.values()),

@@ -1,7 +1,5 @@
 """Lines, warnings, progress, times and JSON of the commands."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time
@@ -11,7 +9,14 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.outputs.staging import staged_folder
+from periscopy_sim.storage.outputs.staging import (
+    alone_in,
+    check_settings,
+    read_settings,
+    refuse_results,
+    staged_folder,
+    write_settings,
+)
 
 
 @contextmanager
@@ -89,21 +94,20 @@ def resumed_folder(
     A folder of other settings, or with `files` of unknown settings, is an OutputError. Until the
     first of its files exists, the `varied` settings may differ; all of them by default.
     """
-    from periscopy_sim.storage.outputs import resume
 
     def check() -> None:
-        if (held := resume.read_settings(out)) is None:
-            resume.refuse_results(out, files)
+        if (held := read_settings(out)) is None:
+            refuse_results(out, files)
             return
         if not (out / files[0]).exists():
             held |= {name: settings[name] for name in varied or settings}
-        resume.check_settings(held, settings, str(out), what)
+        check_settings(held, settings, str(out), what)
 
     check()  # before the folder is made
-    with resume.alone_in(out):
+    with alone_in(out):
         check()
         if not (out / files[0]).exists():
-            resume.write_settings(out, settings)
+            write_settings(out, settings)
         yield
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.output import fixable, output_folder, say
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
-from periscopy_sim.figures.residual import draw_residual
+from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 OPTIONAL = (
@@ -24,7 +24,8 @@ OPTIONAL = (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from periscopy_sim.reconstruction.report import Image, Report
+    from periscopy_sim.reconstruction.method import Image
+    from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.scenario import Array
 
 
@@ -39,7 +40,7 @@ def reconstruct(
     numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
-        options.option("IMAGE", "The hidden image, if known: adds metrics and a picture."),
+        options.option("IMAGE", f"The hidden image, if known: {options.IMAGE}; adds metrics."),
     ] = None,
     uncertain: Annotated[
         str | None,
@@ -73,6 +74,7 @@ def reconstruct(
         fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
         with (
             session.timed("reconstruct"),
+            progress("reconstructing"),
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
@@ -83,7 +85,8 @@ def reconstruct(
             report = Report() if solution is None else fitted.report(wall.values, solution)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")
-        write_report(folder, report, image, wall.values, session.metadata)
+        with session.timed("draw"), progress("drawing"):
+            write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
         session.write_summary(
             folder / "summary.json",

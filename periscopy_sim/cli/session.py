@@ -1,7 +1,5 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,6 +21,7 @@ from periscopy_sim.numerics.memory import available_memory, has_memory, transpor
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -96,6 +95,11 @@ class Session(options.OptionGroup):
         with self.timed("load the scene"), progress("loading the scene"):
             return ps.load_scenario(self.path, self.size, self.definitions)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the scene's ``<default>``s that have one."""
+        return read_document(self.path).units
+
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """Versions, scene, variant, seed and command line."""
@@ -112,7 +116,8 @@ class Session(options.OptionGroup):
 
         check_able(method, self.scenario.hidden_shape)
         check_memory(self.scenario, method)
-        self.warnings += warn_without_shadows(self.scenario, self.scene)
+        with self.timed("check the scene"), progress("checking the scene"):
+            self.warnings += warn_without_shadows(self.scenario, self.scene)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
@@ -125,7 +130,7 @@ class Session(options.OptionGroup):
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
+    def ambient_light(self, name: str, target: float = 3e-4) -> "Array":
         """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
 
         The relative error of a pixel that is path traced is the target.
@@ -139,7 +144,7 @@ class Session(options.OptionGroup):
             )
             return light.photograph
 
-    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> Array:
+    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> "Array":
         """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""
         with fixable("photograph"), progress("path tracing the photograph") as report:
             return ps.render_photograph(
@@ -155,7 +160,7 @@ class Session(options.OptionGroup):
 
     def companions(
         self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> tuple[Mask | None, dict[str, Array]]:
+    ) -> "tuple[Mask | None, dict[str, Array]]":
         """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
         used = None
         if mask is not None:
@@ -187,7 +192,7 @@ class Session(options.OptionGroup):
     # -- fitting and writing ---------------------------------------------------------------------
 
     def transport(
-        self, light: Light, matrix: Path | None = None, strata: Strata = "jittered"
+        self, light: Light, matrix: Path | None = None, strata: "Strata" = "jittered"
     ) -> NDArray[np.float32]:
         """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
         A: Any
@@ -219,7 +224,7 @@ class Session(options.OptionGroup):
         self.record["colour_matrix"] = colours
         with self.timed("transport matrix"):
             A = self.transport(light, matrix)
-        with self.timed("prototype backgrounds"):
+        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:

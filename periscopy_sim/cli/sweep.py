@@ -1,19 +1,17 @@
 """`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from periscopy_sim.cli import options
-from periscopy_sim.cli import photograph as photographs
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, Model, option
 from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
+from periscopy_sim.cli.render import photograph as take_photograph
+from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import Session
-from periscopy_sim.cli.transport import write_transport
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
@@ -122,7 +120,7 @@ def sweep(
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():
-                photographs.photograph(session=session, image=str(hidden_image), out=file)
+                take_photograph(session=session, image=str(hidden_image), out=file)
             signal = session.photograph(file).values
         missing = [name for name, image in ambience.items() if image is None]
         rendered = ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
@@ -151,7 +149,7 @@ def sweep(
     say_written(*(out / name for name in RESULTS))
 
 
-def _say_means(results: xr.Dataset) -> None:
+def _say_means(results: "xr.Dataset") -> None:
     """Print the mean error of each method at each SBR, and the failures."""
     errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
     table = errors.transpose("algorithm", "sbr").to_pandas()

@@ -1,7 +1,5 @@
 """`periscopy video`: from a sequence of photographs to the hidden video."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,12 +11,12 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import OUTPUT, number, option
+from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import video as drawing
 from periscopy_sim.figures.animation import require_encoder
-from periscopy_sim.figures.residual import draw_residual
+from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
@@ -47,7 +45,8 @@ def video(
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float, number("Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000)
+        float,
+        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000),
     ] = 16.0,
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
@@ -57,7 +56,7 @@ def video(
     colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
-    from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.evaluation import metrics
 
     for ending in also or ():
         require_encoder(ending)
@@ -88,7 +87,7 @@ def video(
         text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
             if known is not None:
-                video_metrics.compare(records, images, known)
+                metrics.compare(records, images, known)
                 errors = [record["mean_squared_error"] for record in records]
                 sheet = folder / "frames_sheet.png"
                 drawing.draw_sheet(sheet, photographs, known, images, errors, text)
@@ -101,8 +100,8 @@ def video(
         if report.residual is not None:
             caption = messages.residual_summary(report.residual)
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
-        video_metrics.write_table(folder / "metrics.csv", records)
-        medians = video_metrics.medians_of(records)
+        metrics.write_table(folder / "metrics.csv", records)
+        medians = metrics.medians_of(records)
         session.write_summary(
             folder / "summary.json",
             {
@@ -143,23 +142,23 @@ def _read(
 
 def _recover(
     session: Session, recovery: Any, still: Any, names: Sequence[str], photographs: Image
-) -> tuple[Image, list[dict[str, Any]], Report]:
+) -> "tuple[Image, list[dict[str, Any]], Report]":
     """Return the frames, (frames, R, C, 3), their rows of the table, and the first one's report."""
     from threadpoolctl import threadpool_limits
 
-    from periscopy_sim.evaluation import video_metrics
+    from periscopy_sim.evaluation import metrics
 
     images: list[Image] = []
     records: list[dict[str, Any]] = []
     # Small products gain little from threads, which wait for each other on a busy machine.
     work = progress("reconstructing", "frames")
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
-        solved = video_metrics.timed_solutions(recovery, photographs)
+        solved = metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
             if not images:
                 report = still.report(photographs[0], solution)
             images.append(solution.image.astype(np.float32))
             numbers = solution.numbers()
-            records.append(video_metrics.record_of(k, names[k], seconds, numbers))
+            records.append(metrics.record_of(k, names[k], seconds, numbers))
             frame_done(k + 1, len(names))
     return np.stack(images), records, report

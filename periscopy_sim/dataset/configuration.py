@@ -1,7 +1,5 @@
 """The description of a data set: a YAML file, checked before anything is rendered."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -205,7 +203,7 @@ class Configuration(Strict):
         lists = {"hidden_images": self.hidden_images, "ambient": self.ambient}
         return {**lists, "scenes": self.scenes}
 
-    def located(self) -> Configuration:
+    def located(self) -> "Configuration":
         """Return the configuration with absolute paths; an error names one that does not exist."""
         found = {
             name: tuple(source.located(self.folder) for source in sources)

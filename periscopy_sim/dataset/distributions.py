@@ -1,7 +1,5 @@
 """Parts of a configuration: numbers, fixed or drawn anew each time, and sources drawn by weight."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any, Self

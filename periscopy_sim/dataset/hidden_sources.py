@@ -4,8 +4,6 @@ Each source is an entry of the configuration. From a random generator alone it d
 C, 3) of linear light in [0, 1], or the frames of a clip, (frames, R, C, 3), each with some light.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Make a data set: blocks that it lacks, on this machine or on Dask workers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,17 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
-from periscopy_sim.dataset.draws import GeometryDraw, draw_geometry
-from periscopy_sim.dataset.geometry import Backgrounds, backgrounds_of, geometry_of, scenario_of
-from periscopy_sim.dataset.layout import KIND, Layout
-from periscopy_sim.dataset.samples import Block, make_samples
+from periscopy_sim.dataset.reading import KIND, Layout
+from periscopy_sim.dataset.samples import (
+    Backgrounds,
+    Block,
+    GeometryDraw,
+    backgrounds_of,
+    draw_geometry,
+    geometry_of,
+    make_samples,
+    scenario_of,
+)
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.threads import ahead
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
-from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
+
+VERSIONS = ("periscopy-sim", "numpy", "mitsuba", "drjit", "variant")
+"""What samples depend on, beside the configuration."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +89,8 @@ def make_dataset(
         Light that bounces is not known well enough, see `render_bounced_light`. The archive's
         `bounced_error` has the error of each geometry.
     """
+    import mitsuba as mi
+
     out, report = Path(out), progress or (lambda *_: None)
     settings = configuration.located()
     if count is not None:
@@ -96,11 +106,12 @@ def make_dataset(
         settings.photograph_type, settings.keep_background,
         isinstance(settings.light, Bounced),
     )  # fmt: skip
+    made_by = provenance(None, mi.variant(), settings.seed, [])
     attributes = {
         "kind": KIND,
         "configuration": settings.identity(),
         "layout": layout.attributes,
-        "versions": _versions(settings.seed),
+        "versions": {name: made_by[name] for name in VERSIONS},
     }
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
@@ -166,20 +177,8 @@ def _made(
             yield from zip(blocks, made, strict=True)
 
 
-def _make_share(
-    making: Callable[[int, int], Block], share: tuple[int, Sequence[int]]
-) -> list[Block]:
-    geometry, blocks = share
-    return [making(geometry, block) for block in blocks]
-
-
-def _versions(seed: int) -> dict[str, Any]:
-    """Return the versions that samples depend on."""
-    import mitsuba as mi
-
-    record = provenance(None, mi.variant(), seed, [])
-    names = ("periscopy-sim", "numpy", "mitsuba", "drjit", "variant")
-    return {name: record[name] for name in names}
+def _make_share(making: Callable[[int, int], Block], share: tuple[int, Any]) -> list[Block]:
+    return [making(share[0], block) for block in share[1]]
 
 
 def _labels(

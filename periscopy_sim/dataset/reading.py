@@ -1,24 +1,125 @@
-"""Open a data set, check it, describe it."""
-
-from __future__ import annotations
+"""The layout of a data set's archive; open one, also for PyTorch, check, describe and export it."""
 
 import json
+import os
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.dataset.layout import BOUNCED_ERROR, read_head
+import numpy as np
+
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import require, require_all
+from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
+KIND = "periscopy data set"
 
-def open_dataset(path: str | Path, *, incomplete: bool = False) -> xr.Dataset:
+PIXELS = ("row", "column", "channel")
+PATCHES = ("hidden_row", "hidden_column", "channel")
+
+_EXPOSED = "mean of a photograph of exposure 1"
+PICTURES = {  # long name and units
+    "photograph": ("photograph of the wall, linear light", _EXPOSED),
+    "hidden": ("hidden image, linear light", "white of the monitor"),
+    "background": ("ambient light of the photograph, without noise", _EXPOSED),
+}
+BOUNCED_ERROR = "bounced_error"
+_OF_WHITE = "error of a white image's photograph by light that bounces over it; 0 if none bounces"
+_SCALE = "photograph's unit over that of A f: photograph = scale A f + background"
+LABELS: dict[str, tuple[Any, str, str | None]] = {
+    "signal_scale": ("float64", _SCALE, "1"),
+    "sbr": ("float64", "signal-to-background ratio", "1"),
+    "snr": ("float64", "signal-to-noise ratio", "dB"),
+    "exposure": ("float64", "mean of the photograph without noise", "1"),
+    BOUNCED_ERROR: ("float64", _OF_WHITE, "1"),
+    "clip_number": ("int64", "number of the video that the photograph is of", None),
+    "frame": ("int32", "number of the frame within its video", None),
+    "geometry": ("int32", "number of the scene and its parameters", None),
+    "split": (str, "train, validation or test", None),
+    "hidden_kind": (str, "source of the hidden image", None),
+    "ambient": (str, "source of the ambient light", None),
+}
+"""Variables of one value for each sample: type, long name and units.
+
+`BOUNCED_ERROR` is there only if A has light that bounces.
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The sizes of a data set."""
+
+    count: int  # samples
+    block: int  # samples in a block
+    photograph_shape: tuple[int, int]  # (rows, columns)
+    hidden_shape: tuple[int, int]  # (R, C)
+    photograph_type: str
+    keep_background: bool
+    bounced_error: bool = False  # whether there is that label
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The sizes without the count, of JSON's types, as `read_head` reads them."""
+        left_out = {"count"} if self.bounced_error else {"count", BOUNCED_ERROR}
+        sizes = {name: size for name, size in asdict(self).items() if name not in left_out}
+        return dict(json.loads(json.dumps(sizes)))
+
+    def of_store(self) -> StoreLayout:
+        """Return the layout of the archive: the variables that every sample has, in blocks."""
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        laid_out: dict[str, dict[str, Any]] = {}
+        for name, (shape, dimensions, dtype) in self._stacks().items():
+            # Noise leaves signs and exponents alike: shuffled bits compress them.
+            settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
+            blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
+            laid_out[name] = {
+                "shape": (self.count, *shape), "chunks": (1, *shape),
+                "shards": (self.block, *shape), "dtype": dtype, "fill_value": np.nan,
+                "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
+                "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
+            }  # fmt: skip
+        for name, (dtype, long_name, units) in LABELS.items():
+            if name == BOUNCED_ERROR and not self.bounced_error:
+                continue
+            fill = "" if dtype is str else (np.nan if dtype == "float64" else -1)
+            laid_out[name] = {
+                "shape": (self.count,), "chunks": (self.block,), "dtype": dtype,
+                "fill_value": fill, "dimension_names": ("sample",), "compressors": [Crc32cCodec()],
+                "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
+            }  # fmt: skip
+        cuts = {"sample": (self.count, self.block)}
+        return StoreLayout("data set", laid_out, cuts, self.count)
+
+    def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
+        """Return shape, dimensions and type of a sample's pictures."""
+        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        return {**stacks, **({"background": pixels} if self.keep_background else {})}
+
+
+def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
+    """Return the attributes of a data set, its layout and the records of its blocks.
+
+    A path without a data set, or one whose head is damaged, is a `DatasetError`.
+    """
+    attributes = attributes_of(path)
+    if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
+        raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
+    sizes: dict[str, Any] = dict(attributes["layout"])
+    sizes |= {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
+    layout = Layout(attributes["count"], **sizes)
+    return attributes, layout, Records(path, layout.of_store(), attributes)
+
+
+def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     """Open a data set; its arrays are read when they are needed.
 
     Parameters
@@ -114,3 +215,133 @@ def describe(path: str | Path) -> dict[str, Any]:
         if name in data and data.sizes["sample"]:
             description[name] = [float(data[name].min()), float(data[name].max())]
     return {**description, "geometries": data.sizes["geometries"]}
+
+
+def export_samples(
+    path: str | Path,
+    folder: Path,
+    indices: Sequence[int],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[str]:
+    """Write samples as EXR files, and the first 24 on a contact sheet; return the files' names.
+
+    The folder receives ``NNNNNNNN_photograph.exr`` and ``NNNNNNNN_hidden.exr`` for each sample, and
+    ``sheet.png``, where a photograph is scaled to its brightest value. `progress` is called with
+    the samples written and their number.
+    """
+    from periscopy_sim.figures.animation import draw_contact_sheet
+    from periscopy_sim.storage.formats.rasters import write_exr
+
+    data = open_dataset(path, incomplete=True)
+    last = data.sizes["sample"] - 1
+    if beyond := [index for index in indices if not 0 <= index <= last]:
+        raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {last}")
+    labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
+    written, titles = [], []
+    sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
+    for done, index in enumerate(indices, 1):
+        sample = data.isel(sample=index).load()
+        notes = {str(name): str(sample[name].item()) for name in labels}
+        for name, pictures in sheet.items():
+            image = sample[name].values.astype(np.float32)
+            written.append(f"{index:08d}_{name}.exr")
+            write_exr(folder / written[-1], image, notes)
+            white = 1.0 if name == "hidden" else max(image.max(), 1e-12)
+            pictures.append(np.clip(image / white, 0, 1).astype(np.float64))
+        light, sbr = notes["ambient"][:30], float(notes["sbr"])
+        kind, split = notes["hidden_kind"], notes["split"]
+        titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")
+        if progress is not None:
+            progress(done, len(indices))
+    draw_contact_sheet(
+        folder / "sheet.png", [(name, pictures[:24]) for name, pictures in sheet.items()],
+        titles=titles[:24], columns=6, fontsize=5.5,
+    )  # fmt: skip
+    return [*written, "sheet.png"]
+
+
+class TorchDataset:
+    """Samples of a data set as tensors, channels first: a map-style data set for PyTorch.
+
+    Safe to hand to a `DataLoader` with any number of workers: each opens the archive for itself.
+    Batches are read at once. The name can be looked up without PyTorch; making one needs it.
+
+    Parameters
+    ----------
+    path
+        The archive that `periscopy dataset` wrote.
+    split
+        ``train``, ``validation`` or ``test``; None for all.
+    variables
+        Names of the variables that a sample holds, or one name.
+    transform
+        Applied to each sample, a dict of tensors.
+
+    Raises
+    ------
+    PeriscopyError
+        If PyTorch is not installed.
+    DatasetError
+        If the path holds no finished data set, the split no samples, or a variable is not known.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        split: str | None = None,
+        variables: Sequence[str] | str = ("photograph", "hidden"),
+        transform: Callable[[dict[str, Any]], Any] | None = None,
+    ) -> None:
+        require("torch")
+        variables = (variables,) if isinstance(variables, str) else tuple(variables)
+        data = open_dataset(path)
+        for name in variables:
+            if name not in data.variables or data[name].dims[0] != "sample":
+                known = ", ".join(sorted(map(str, data.variables)))
+                raise DatasetError(f"{path}: has no variable '{name}' of samples; it has {known}")
+        splits = data["split"].values
+        self.samples = np.flatnonzero(
+            np.ones_like(splits, bool) if split is None else splits == split
+        )
+        if not len(self.samples):
+            found = ", ".join(sorted({*splits.tolist()}))
+            raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
+        self.path, self.variables, self.transform = Path(path), variables, transform
+        self._opened: tuple[int, Any] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> Any:
+        """Return a sample: its variables' tensors by name."""
+        return self.__getitems__([index])[0]
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Any]:
+        """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
+        group = self._archive()
+        wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
+        columns = {name: group[name].oindex[wanted][places] for name in self.variables}
+        samples = [{n: _tensor(v[k]) for n, v in columns.items()} for k in range(len(places))]
+        return samples if self.transform is None else [self.transform(each) for each in samples]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the opened archive behind."""
+        return {**self.__dict__, "_opened": None}
+
+    def _archive(self) -> Any:
+        # An archive opened before a fork waits for threads that the fork has left behind.
+        if self._opened is None or self._opened[0] != os.getpid():
+            import zarr
+
+            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
+        return self._opened[1]
+
+
+def _tensor(value: Any) -> Any:
+    """Return a picture as a tensor, channels first, a number as one, text as it is."""
+    import torch
+
+    if isinstance(value, str):
+        return value
+    return torch.as_tensor(np.ascontiguousarray(np.moveaxis(value, -1, 0)) if value.ndim else value)

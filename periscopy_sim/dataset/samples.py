@@ -1,23 +1,155 @@
-"""Photographs of a data set, and the labels that describe them."""
+"""Samples of a data set: their random draws, the scenes that they are of, photographs and labels.
 
-from __future__ import annotations
+Each draw follows from the seed and a number alone: any sample can be made by itself, in any order,
+on any machine. Geometries, clips and noise have streams of their own: one that takes more draws
+than before leaves the others as they are.
+"""
 
+import threading
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.point_light import point_light_response
-from periscopy_sim.dataset.configuration import Configuration
-from periscopy_sim.dataset.draws import NOISE, AmbientDraw, ClipDraw, draw_clip, random_seed
-from periscopy_sim.dataset.geometry import Backgrounds, Geometry
-from periscopy_sim.dataset.layout import BOUNCED_ERROR, LABELS
-from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.dataset.configuration import (
+    SPLITS,
+    Bounced,
+    Conditions,
+    Configuration,
+    Darkness,
+    Lamps,
+    Pictures,
+)
+from periscopy_sim.dataset.distributions import Distribution, Source
+from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
+from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
+from periscopy_sim.storage.photographs import read_photograph
+
+GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
+"""Streams of random numbers."""
+
+
+@dataclass(frozen=True)
+class GeometryDraw:
+    """A scene with values for its parameters; `source` counts the configuration's scenes."""
+
+    number: int  # of the data set's geometries, from 0
+    source: int
+    parameters: dict[str, str]
+    split: str  # one of `SPLITS`
+
+
+@dataclass(frozen=True, eq=False)
+class AmbientDraw:
+    """Ambient light of a clip; `source` counts the configuration's.
+
+    Of each picture that is added, `mixture` holds its position within the source's names or files,
+    its weight, and whether it is turned upside down and left to right.
+    """
+
+    source: int
+    label: str  # lamps, none, or the names of the mixed pictures
+    lamps: tuple[Array, Array] | None = None  # (L, 3) places and (L, 3) powers
+    mixture: tuple[tuple[int, float, bool, bool], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ClipDraw:
+    """The hidden frames of a clip, and the light that they share."""
+
+    number: int  # of the data set's clips, from 0
+    hidden: Array  # (frames, R, C, 3) linear light
+    kind: str  # of hidden image
+    ambient: AmbientDraw
+    sbr: float  # infinite without ambient light
+    snr: float
+    exposure: float
+
+
+def generator(configuration: Configuration, stream: int, number: int) -> np.random.Generator:
+    """Return the random generator of one of the streams above and a number in it."""
+    return np.random.default_rng([configuration.seed, stream, number])
+
+
+def random_seed(configuration: Configuration, stream: int, number: int) -> int:
+    """Return a seed of 31 bits to one of the streams above and a number in it."""
+    return int(generator(configuration, stream, number).integers(2**31))
+
+
+def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
+    """Draw a scene, its parameters and its split.
+
+    The splits follow multiples of the golden ratio, so that any number of geometries is shared
+    among them as nearly by their sizes as it can be, the first to the largest. A scene of which
+    nothing varies continuously comes again: its splits follow from what it is.
+    """
+    golden = (np.sqrt(5) - 1) / 2
+    rng = generator(configuration, GEOMETRY, number)
+    source = _weighted(rng, configuration.scenes)
+    scene = configuration.scenes[source]
+    parameters = {
+        name: given if isinstance(given, str) else f"{given.draw(rng):.9g}"
+        for name, given in scene.parameters.items()
+    }
+    sizes = np.array([getattr(configuration.splits, name) for name in SPLITS])
+    edges = np.cumsum(sizes)
+    if any(isinstance(q, Distribution) and q.is_continuous for q in scene.parameters.values()):
+        largest = int(sizes.argmax())
+        place = (edges[largest] - sizes[largest] / 2 + number * golden) % 1
+    else:
+        # By the file's name, not its folder: the same data set on every machine.
+        identity = (Path(scene.scene).name, sorted(parameters.items()))
+        place = generator(configuration, SPLIT, zlib.crc32(repr(identity).encode())).random()
+    split = min(int(np.searchsorted(edges, place, side="right")), len(SPLITS) - 1)
+    return GeometryDraw(number, source, parameters, SPLITS[split])
+
+
+def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
+    """Draw the frames and the light of a clip."""
+    rng = generator(configuration, CLIP, number)
+    source = configuration.hidden_images[_weighted(rng, configuration.hidden_images)]
+    size = configuration.hidden
+    shown = source.draw(rng, size, configuration.clip_length)
+    hidden = np.broadcast_to(shown, (configuration.clip_length, *size, 3))
+    ambient = _draw_ambient(configuration, rng)
+    sbr, snr, exposure = (getattr(configuration, n).draw(rng) for n in ("sbr", "snr", "exposure"))
+    dark = ambient.lamps is None and not ambient.mixture
+    return ClipDraw(number, hidden, source.kind, ambient, np.inf if dark else sbr, snr, exposure)
+
+
+def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> AmbientDraw:
+    number = _weighted(rng, configuration.ambient)
+    source = configuration.ambient[number]
+    if isinstance(source, Lamps):
+        return AmbientDraw(number, "lamps", lamps=source.draw(rng))
+    if isinstance(source, Darkness):
+        return AmbientDraw(number, "none")
+    names = source.names if isinstance(source, Conditions) else source.files
+    count = min(round(source.mixed.draw(rng)), len(names))
+    chosen = np.sort(rng.choice(len(names), count, replace=False)).tolist()
+    weights = rng.dirichlet(np.ones(count)) if count > 1 else np.ones(1)
+    turned = rng.random((count, 2)) < (0.5 if source.flip else 0)
+    mixture = tuple(zip(chosen, weights.tolist(), *turned.T.tolist(), strict=True))
+    label = " + ".join(Path(names[which]).stem for which in chosen)
+    return AmbientDraw(number, label, mixture=mixture)
+
+
+def _weighted(rng: np.random.Generator, sources: Sequence[Source]) -> int:
+    weights = np.array([source.weight for source in sources])
+    return int(rng.choice(len(sources), p=weights / weights.sum()))
+
 
 Block = dict[str, NDArray[Any]]
 """Each variable's values for consecutive samples."""
@@ -25,8 +157,8 @@ Block = dict[str, NDArray[Any]]
 
 def make_samples(
     configuration: Configuration,
-    geometry: Geometry,
-    backgrounds: Backgrounds,
+    geometry: "Geometry",
+    backgrounds: "Backgrounds",
     start: int,
     stop: int,
 ) -> Block:
@@ -88,7 +220,7 @@ def make_samples(
     return block
 
 
-def _signals(geometry: Geometry, hidden: Array) -> NDArray[np.floating[Any]]:
+def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
     """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
@@ -101,7 +233,7 @@ def _signals(geometry: Geometry, hidden: Array) -> NDArray[np.floating[Any]]:
 
 
 def _background(
-    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: Backgrounds
+    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: "Backgrounds"
 ) -> Array | None:
     """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
     shape = (*scenario.photograph_shape, 3)
@@ -132,7 +264,7 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     return response @ (powers / np.where(mean > 0, mean, 1)[:, None])
 
 
-def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
+def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
     draw = geometry.draw
     of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}
@@ -149,3 +281,81 @@ def _labels(geometry: Geometry, clips: list[ClipDraw], length: int) -> Block:
     text = np.dtypes.StringDType()
     types = {name: text if kind is str else kind for name, (kind, *_) in LABELS.items()}
     return {name: np.array([each[name] for each in records], types[name]) for name in records[0]}
+
+
+Backgrounds = Mapping[int, NDArray[np.float32]]
+"""By ambient source: (K, rows, columns, 3) light on a grey wall, in any unit."""
+
+_rendering = threading.RLock()
+"""Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A scene with its parameters, ready to take photographs by A."""
+
+    draw: GeometryDraw
+    scenario: Scenario
+    transport: NDArray[np.float32] | BouncedTransport  # (M, N)
+
+
+def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
+    """Return the scene of a geometry; the error of one that cannot be loaded has its parameters."""
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    scene = configuration.scenes[draw.source].scene
+    place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
+    try:
+        with _rendering:
+            return load_scenario(scene, configuration.hidden, draw.parameters)
+    except SceneError as error:
+        raise ConfigurationError(f"{place}: {error}") from error
+
+
+def geometry_of(configuration: str, number: int) -> Geometry:
+    """Return a geometry, given the configuration as JSON; the last few are remembered."""
+    with _rendering:  # a thread that waits for a geometry finds it remembered
+        return _rendered(configuration, number)
+
+
+@lru_cache(maxsize=4)  # direct light takes 66 MB each at 36 x 29 patches and 126 x 126 pixels
+def _rendered(configuration: str, number: int) -> Geometry:
+    from periscopy_sim.rendering.transport.bounced import add_bounces
+    from periscopy_sim.rendering.transport.shadow_rays import render_transport
+
+    settings = Configuration.model_validate_json(configuration)
+    draw, light = draw_geometry(settings, number), settings.light
+    scenario = scenario_of(settings, draw)
+    # The seed is the data set's own: samples of A are no random draw of a sample.
+    A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+    if isinstance(light, Bounced):
+        return Geometry(draw, scenario, add_bounces(scenario, A, light.bounces, seed=settings.seed))
+    return Geometry(draw, scenario, A)
+
+
+def backgrounds_of(
+    settings: Configuration, scenario: Scenario, folder: Path, progress: Progress
+) -> Backgrounds:
+    """Return the ambient light of each source of pictures or conditions, on a scene's wall in grey.
+
+    Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
+    """
+    gain, light = scenario.channel_gain, {}
+    if scenario.wall_reflectance is not None:
+        scenario = replace(scenario, wall_reflectance=scenario.wall_reflectance / gain)
+    for number, source in enumerate(settings.ambient):
+        if isinstance(source, Conditions):
+            pictures = ambient_photographs(
+                source.names, scenario, folder / f"ambient-{number}", settings.seed,
+                target=source.target, progress=progress,
+            )  # fmt: skip
+        elif isinstance(source, Pictures):
+            shape = scenario.photograph_shape
+            pictures = {file: read_photograph(file, shape).values / gain for file in source.files}
+        else:
+            continue
+        for name, picture in pictures.items():
+            if not picture.mean() > 0:
+                raise ConfigurationError(f"{name}: its mean is not positive")
+        light[number] = np.stack([*pictures.values()]).astype(np.float32)
+    return light

@@ -7,8 +7,6 @@ gains nothing. Random rays give A noise that looks like information: use an A wi
 A point that makes no scene fails alone. An interrupted design resumes from its table.
 """
 
-from __future__ import annotations
-
 import csv
 import warnings
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The paper's diagnostics of a scene: condition numbers, angles between subspaces, bounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +9,7 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
@@ -130,20 +128,3 @@ def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Arra
     norms = np.linalg.norm(B, axis=0)
     residual = np.linalg.norm(P.apply(B), axis=0) / np.where(norms > 0, norms, 1)
     return np.asarray(residual * linalg.svdvals(P.cholesky)[-1])
-
-
-def rank_row(
-    A: NDArray[np.floating[Any]], B: NDArray[np.floating[Any]], rank_tolerance: float
-) -> dict[str, float]:
-    """Return the rank, largest residual background and noise gain of one rank tolerance of B.
-
-    By name: ``tolerance``; ``rank``; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
-    ``noise_gain``, trace(P Pᵀ).
-    """
-    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
-    return {
-        "tolerance": rank_tolerance,
-        "rank": P.Q.shape[1],
-        "residual_background": float(residual_background(P, B).max(initial=0)),
-        "noise_gain": float(P.noise_gain.sum()),
-    }

@@ -1,7 +1,5 @@
 """Reconstruction methods by name, a user's own among them."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Many independent tasks on Dask workers, few of them in flight at once."""
 
-from __future__ import annotations
-
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
@@ -25,7 +23,7 @@ IN_FLIGHT = 256
 
 
 @contextmanager
-def connect(scheduler: str | None) -> Iterator[Client]:
+def connect(scheduler: str | None) -> "Iterator[Client]":
     """Reach a Dask scheduler, ``tcp://host:8786`` say, or start one here, a thread for each core.
 
     Meanwhile nothing is logged, and the linear algebra of this process runs on one thread if the
@@ -71,7 +69,7 @@ def _versions() -> dict[str, str]:
 
 
 def compute(
-    client: Client, task: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
+    client: "Client", task: Callable[[Shared, Item], Result], shared: Shared, items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
     """Run a task on every item, each on one thread of linear algebra; yield results as they come.
 

@@ -1,7 +1,5 @@
 """A calibration, its residual and where each parameter ended; a silhouette and its image."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
-from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.model.residual import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 def draw_calibration(
     path: Path,
     photograph: Array,
-    calibration: Calibration,
+    calibration: "Calibration",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, its residual before and after, and the parameters.
@@ -41,7 +39,7 @@ def draw_calibration(
         _draw_parameters(beneath.subplots(), calibration)
 
 
-def _draw_residuals(axes: Any, photograph: Array, calibration: Calibration) -> None:
+def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") -> None:
     """Show the photograph and the mean residual over its channels, in percent, twice."""
     times = "at the start", "after calibration"
     residuals = calibration.residual_before, calibration.residual
@@ -55,7 +53,7 @@ def _draw_residuals(axes: Any, photograph: Array, calibration: Calibration) -> N
     show_signed(axes[1:], maps, bound, "% of the photograph's root mean square")
 
 
-def _draw_parameters(ax: Any, calibration: Calibration) -> None:
+def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
     """Show values and errors over those of the ruler, a row each, and the fine level's path."""
     parameters = calibration.parameters
     rows = np.arange(len(parameters))
@@ -95,7 +93,7 @@ def _draw_parameters(ax: Any, calibration: Calibration) -> None:
 def draw_silhouette(
     path: Path,
     photograph: Array,
-    solution: Silhouette,
+    solution: "Silhouette",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, the mask as seen facing the wall, the image, and the residual.

@@ -1,7 +1,5 @@
 """Images to look at in Python: an exposure that knows no truth, on the screen or in a file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, panel_row
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.formats.decoding import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
 SHORTEST = 256

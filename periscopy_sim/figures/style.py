@@ -1,7 +1,5 @@
 """How figures look: sizes and colours that suit a paper's column and every reader's eyes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,7 +40,7 @@ STYLE: Any = {
 
 
 @contextmanager
-def drawn(path: Path, metadata: Mapping[str, str] | None = None) -> Iterator[Figure]:
+def drawn(path: Path, metadata: Mapping[str, str] | None = None) -> "Iterator[Figure]":
     """Yield a figure to draw on; save it with text chunks of a PNG, such as provenance."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure

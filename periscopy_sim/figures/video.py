@@ -1,14 +1,12 @@
 """Pictures of a reconstructed video: its frames, the animation and the contact sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.evaluation.metrics import gain_matched
-from periscopy_sim.figures import contact_sheet
+from periscopy_sim.figures import animation
 from periscopy_sim.figures.animation import draw_animation
 from periscopy_sim.figures.panels import Image, displayable, write_enlarged
 
@@ -18,7 +16,7 @@ def white_of(frames: Image, most: int = 1000) -> float:
 
     The 99.5th percentile; of a long sequence, that of `most` frames evenly chosen.
     """
-    return float(np.percentile(frames[contact_sheet.evenly_chosen(len(frames), most)], 99.5))
+    return float(np.percentile(frames[animation.evenly_chosen(len(frames), most)], 99.5))
 
 
 def draw_frames(
@@ -49,7 +47,7 @@ def draw_sheet(
 
     The frames' mean squared errors, `errors`, stand beneath.
     """
-    chosen = contact_sheet.evenly_chosen(len(errors), most)
+    chosen = animation.evenly_chosen(len(errors), most)
     white = white_of(photographs)
     rows = [
         ("photograph", [displayable(photographs[k], white) for k in chosen]),
@@ -57,7 +55,7 @@ def draw_sheet(
         ("reconstruction", [gain_matched(images[k], known[k]) for k in chosen]),
     ]
     titles, notes = [f"frame {k}" for k in chosen], [f"MSE {errors[k]:.2g}" for k in chosen]
-    contact_sheet.draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
+    animation.draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
 
 
 def draw_video(

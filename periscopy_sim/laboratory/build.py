@@ -1,7 +1,5 @@
 """Make the scene of a measured laboratory: its XML file and the meshes beside it."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 from shutil import copyfile
@@ -11,12 +9,11 @@ import numpy as np
 
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.document import (
-    Laboratory,
+    LENGTHS,
     MeshBody,
     UprightCylinder,
     load_laboratory,
 )
-from periscopy_sim.laboratory.quantities import LENGTHS
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, read_mesh, write_ply
@@ -55,17 +52,28 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
     """
     measurements, out = Path(measurements), Path(out)
     laboratory = load_laboratory(measurements)
+    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
+    names = [body.name for body in bodies]
+    if any(isinstance(body, UprightCylinder) for body in laboratory.occluders):
+        names.append(CYLINDER)
+    files = {name: out.with_name(f"{out.stem}_{name}.ply") for name in names}
+    meshes: dict[str, TriangleMesh] = {CYLINDER: _unit_cylinder()} if CYLINDER in names else {}
+    mistakes = [f"a mesh is called '{CYLINDER}'; name it otherwise"] * (names.count(CYLINDER) > 1)
+    for body in bodies:
+        try:
+            meshes[body.name] = _own_mesh(body, laboratory.folder / body.file)
+        except ConfigurationError as error:
+            mistakes.append(str(error))
     try:
-        meshes = _meshes(laboratory)
-        files = {name: out.with_name(f"{out.stem}_{name}.ply") for name in meshes}
         text = scene_text(
             laboratory,
             {name: file.name for name, file in files.items()},
             f"A laboratory as measured, made by periscopy lab from {measurements.name}.",
         )
     except ConfigurationError as error:
-        raise ConfigurationError(f"{measurements}: {error}") from None
-    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
+        mistakes.append(str(error))
+    if mistakes:
+        raise ConfigurationError(f"{measurements}: {'; '.join(mistakes)}")
     given = [measurements, *(laboratory.folder / body.file for body in bodies)]
     spare_inputs((out, *files.values()), given)
     with TemporaryDirectory() as folder:  # the scene is tried before it is written
@@ -83,20 +91,6 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
                 copy = stack.enter_context(staged_file(file))
                 copyfile(trial.with_name(file.name), copy)
     return out, *files.values()
-
-
-def _meshes(laboratory: Laboratory) -> dict[str, TriangleMesh]:
-    """Return the meshes by name: those of files, and the cylinder if there is one."""
-    meshes = {
-        body.name: _own_mesh(body, laboratory.folder / body.file)
-        for body in laboratory.occluders
-        if isinstance(body, MeshBody)
-    }
-    if any(isinstance(body, UprightCylinder) for body in laboratory.occluders):
-        if CYLINDER in meshes:
-            raise ConfigurationError(f"a mesh is called '{CYLINDER}'; name it otherwise")
-        meshes[CYLINDER] = _unit_cylinder()
-    return meshes
 
 
 def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:

@@ -1,14 +1,11 @@
 """The text of a scene as it grows: measured numbers as ``<default>``s, and what they place."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from textwrap import indent, wrap
 from xml.sax.saxutils import escape, quoteattr
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import Laboratory
-from periscopy_sim.laboratory.quantities import Measured
+from periscopy_sim.laboratory.document import Laboratory, Measured
 
 HEAD = """<!-- {title}
      Metres and degrees; x to the right as one faces the wall, y from the monitor to the wall, z up.

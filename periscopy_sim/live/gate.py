@@ -6,8 +6,6 @@ token in the page's address, and it passes on a message only if a control of the
 Each rejection leaves one line in the log.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ipaddress
 import logging

@@ -3,8 +3,6 @@
 There is no queue: it takes the latest wish when it is free, and a newer wish ends full pictures.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

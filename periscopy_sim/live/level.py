@@ -1,7 +1,5 @@
 """A laboratory at one size: from a choice to its pictures."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

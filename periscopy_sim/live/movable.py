@@ -3,8 +3,6 @@
 No names say which parameter moves what: a small change of each shows it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

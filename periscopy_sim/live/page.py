@@ -3,8 +3,6 @@
 All viewers see and set the same. The page computes nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The laboratory in 3-D: the scene's wall, monitor and occluders."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """A laboratory and its page, from their opening until nothing of them is left."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace

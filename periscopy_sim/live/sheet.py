@@ -1,17 +1,14 @@
 """The pictures of a laboratory on one sheet of four tiles, and their captions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import displayable
-from periscopy_sim.figures.residual import residual_map
+from periscopy_sim.figures.panels import displayable, residual_map
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.scenario import Array
-from periscopy_sim.storage.formats.srgb import srgb_bytes
+from periscopy_sim.storage.formats.decoding import srgb_bytes
 
 Pixels = NDArray[np.uint8]
 Tile = tuple[str, Pixels | None]

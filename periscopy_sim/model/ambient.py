@@ -1,7 +1,5 @@
 """Ambient light: an orthonormal basis of what the model leaves free beside the hidden image."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

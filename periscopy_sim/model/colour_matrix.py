@@ -1,7 +1,5 @@
 """The colours of a monitor, as the channels of a camera see them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ gain over the wall has gained on a real photograph. Paint is measured on rendere
 and acts where photographs with the monitor off are given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 

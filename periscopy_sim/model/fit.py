@@ -6,8 +6,6 @@ Q is an orthonormal basis of all ambient light, so that least squares of y⊥ ar
 [A, B] with the ambient light fitted freely: the very information that the paper's P keeps.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,7 +60,7 @@ class FittedPhotograph:
     """A photograph in the pixels used, as one scene explains it."""
 
     planes: Array  # (3, M') each channel over the wall's colour
-    fit: Fit
+    fit: "Fit"
 
     @property
     def evidence(self) -> Evidence:

@@ -6,8 +6,6 @@ even where some edges remain. Of noise that neighbours share, as after rectifica
 is too small.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special

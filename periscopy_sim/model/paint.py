@@ -23,8 +23,6 @@ ratio of their explained energies for each α has Fisher's distribution. The col
 paint that hardly shows on the hidden image's light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any

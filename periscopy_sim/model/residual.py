@@ -9,10 +9,8 @@ vignetting and values that are not linear are smooth and keep more. Uneven paint
 noise, and equal in all channels, which a camera's noise is not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -24,7 +22,8 @@ from periscopy_sim.model.transport_operator import TransportOperator
 
 Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
-"""Verdict on the scene; ``unknown`` if too few pixels have neighbours."""
+"""Verdict on the scene; ``unknown`` if too few pixels have neighbours, or the image is no
+least-squares fit."""
 
 DRAWS = 6
 """Draws of white noise, a multiple of the three channels."""
@@ -62,7 +61,7 @@ class Residual:
         Verdict on the scene.
     """
 
-    light: Array
+    light: Array = field(repr=False)
     unexplained: float
     unexplained_by_any: float | None
     noise_alone: float | None
@@ -132,3 +131,15 @@ def _shared(differences: Array) -> float:
     correlations = np.asarray(np.corrcoef(values))[np.triu_indices(3, 1)]
     is_grey = np.isclose(correlations.max(), 1)
     return 0.0 if is_grey else max(float(correlations.mean()), 0.0)
+
+
+def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
+    """Return two parts in percent with two digits, or as many as tell them apart, at most so many.
+
+    What so many digits do not tell apart has two.
+    """
+    for digits in range(2, most + 1):
+        one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
+        if one != other:
+            return one, other
+    return f"{100 * first:.2f}", f"{100 * second:.2f}"

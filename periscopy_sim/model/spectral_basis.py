@@ -7,8 +7,6 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
     f = Σ_k W_k (d_k + ρ g_k) / (w λ_k + ρ) = K⁻¹ g + Σ_k W_k (d_k − w λ_k g_k) / (w λ_k + ρ).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -40,7 +38,7 @@ class SpectralBasis:
         nothing = np.zeros(coefficients.shape, np.float32)
         return filter_rows(nothing, self.rows, nothing, coefficients.astype(np.float32))
 
-    def solver(self, weights: Array, ρ: float, data: Array, weak: float = 0.0) -> Solver:
+    def solver(self, weights: Array, ρ: float, data: Array, weak: float = 0.0) -> "Solver":
         """Return what solves the equations of three channels for many g.
 
         The weights w are (3, 1), or (3, N) of each pattern, ρ is positive and the data d_k are

@@ -7,8 +7,6 @@ A⊥ᵀA⊥ f costs one reading of A for all channels together. So A may be an a
 blocks of rows that are made anew in every pass. The number of threads does not change the results.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What errors of a scene's parameters do to the light of a hidden image."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

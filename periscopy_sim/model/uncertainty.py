@@ -28,8 +28,6 @@ With a colour matrix M, Π = Mᵀ diag(1/σ_c²) M replaces 1/σ² and couples t
 Π = V diag(π) Vᵀ, the channels Vᵀf are independent.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

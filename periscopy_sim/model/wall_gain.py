@@ -30,8 +30,6 @@ How much of r that is nobody knows. So the ratio is the least one over parts of 
 1, added to the products, which makes a gain by chance no likelier.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """How much memory a light transport matrix needs, and whether this machine has it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

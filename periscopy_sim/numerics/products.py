@@ -5,15 +5,12 @@ product, and its threads then spin for milliseconds on the cores that the next s
 by the noise-aware method took half as long again, and the frames of a video twice as long.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.compilation import compiled_reordered
-from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.numerics.threads import compiled_reordered, in_parallel, ranges
 
 Array = NDArray[Any]
 

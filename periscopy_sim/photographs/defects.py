@@ -5,8 +5,6 @@ of a test must hold: noise or the wall itself may explain one of them. The numbe
 which tests/photographs/test_defects.py finds every planted defect, and none on sound walls.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

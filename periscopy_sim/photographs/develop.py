@@ -4,16 +4,82 @@ The black level or a dark frame is subtracted, photographs are averaged, and a f
 out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.sensor_image import SensorImage, check_same_size, sensor_image
+from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.photograph import Mask, check_real, with_channels
+
+
+@dataclass(frozen=True, eq=False)
+class SensorImage:
+    """One picture, linear in light, and where its sensor was saturated.
+
+    `cell` is the number of the sensor's pixels along each side of one pixel here: 2 for cells of a
+    Bayer mosaic. Marks are in pixels of the sensor; masks may be.
+    """
+
+    values: NDArray[np.float32]  # (rows, columns, 3)
+    saturated: Mask  # (rows, columns), where a channel is saturated
+    cell: int = 1
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        rows, columns = self.saturated.shape
+        return rows, columns
+
+
+def sensor_image(
+    values: SensorImage | ArrayLike,
+    name: str,
+    white: float | None = None,
+    saturated: Mask | None = None,
+    cell: int = 1,
+) -> SensorImage:
+    """Return a picture, (rows, columns[, 1 or 3]) linear in light, as a `SensorImage`.
+
+    A `SensorImage` is returned as it is. Messages call the picture `name`. `white` is the value
+    from which on a pixel is saturated. None: for integers the largest, if it is one less than a
+    power of two, the end of a converter's range; else no value is. `saturated`, (rows, columns)
+    bool, adds pixels. An array that is no picture, or holds NaN or infinity, is a PhotographError.
+    """
+    if isinstance(values, SensorImage):
+        return values
+    array = plain_array(values, name)
+    check_real(array.dtype, name)
+    array = with_channels(array, name)
+    with np.errstate(over="ignore", invalid="ignore"):
+        light = np.repeat(array.astype(np.float32), 3 // array.shape[2], axis=2)
+    if not light.size or not np.isfinite(light).all():
+        raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
+    if white is None:
+        largest = int(array.max()) if array.dtype.kind in "iu" else 0
+        white = largest if largest >= 255 and largest & (largest + 1) == 0 else np.inf
+    full = np.asarray((light >= white).any(axis=2))
+    return SensorImage(light, full if saturated is None else full | saturated, cell)
+
+
+def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
+    """Return a mask of a picture's pixels from one of its sensor's: all of a cell must be used."""
+    rows, columns = light.size
+    if light.cell > 1 and mask.shape == (light.cell * rows, light.cell * columns):
+        return np.asarray(mask.reshape(rows, light.cell, columns, light.cell).all(axis=(1, 3)))
+    check_same_size(mask.shape, light.size, "the mask")
+    return mask
+
+
+def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
+    """Check that a picture is as large as the photograph it belongs to."""
+    if tuple(size) != tuple(wanted):
+        raise PhotographError(
+            f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the photograph has "
+            f"{wanted[0]} x {wanted[1]}; give one of the same size"
+        )
 
 
 def develop(

@@ -5,15 +5,12 @@ borders. A new pixel that any saturated or masked pixel enters is not used; aver
 single defective pixels.
 """
 
-from __future__ import annotations
-
 from enum import IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.numerics.threads import compiled, in_parallel, ranges
 from periscopy_sim.scenario import Array
 
 SLIVER = 1e-6

@@ -5,8 +5,6 @@ coefficients of the lens are fitted, and whether a mark is wrong: they compare w
 coefficient, or one mark less, takes off the sum of squares with the rest of that sum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The map from points of a plane wall to a photograph, and to the film of the scene's camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

@@ -1,9 +1,7 @@
 """The base of all methods for single photographs."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 
 import numpy as np
@@ -142,6 +140,9 @@ class StillMethod(ABC, Generic[Precision]):
     mixes_colours = False
     """Whether the method's model has the colour matrix; the others unmix the photograph."""
 
+    judges_scene = True
+    """Whether the image is a least-squares fit, whose residual tells if the scene fits."""
+
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
         """Reject a scene in the place of A, by a TypeError that names `for_scene`."""
         if arguments and hasattr(arguments[0], "photograph_shape"):
@@ -268,7 +269,8 @@ class StillMethod(ABC, Generic[Precision]):
         if self.observation.rows_and_columns is None:
             return None
         y = self.corrected(photograph, solution)
-        return residual_of(y, signal, transport, self.observation.placed)
+        residual = residual_of(y, signal, transport, self.observation.placed)
+        return residual if self.judges_scene else replace(residual, diagnosis="unknown")
 
     def _light(self, transport: TransportOperator, solution: Any) -> Array:
         """Return the light A f̂ of a solution, (M', 3)."""

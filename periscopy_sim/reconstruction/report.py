@@ -1,7 +1,5 @@
 """The report of a method on a photograph, beside its hidden image: numbers, and notes as codes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

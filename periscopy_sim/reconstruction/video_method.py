@@ -1,7 +1,5 @@
 """The base of all methods for video: a frame follows from its photograph and the last frame."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar

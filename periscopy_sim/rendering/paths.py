@@ -18,8 +18,6 @@ uncertainty", 2002.
 Modeling and Computer Simulation, 1998.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

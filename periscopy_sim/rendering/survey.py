@@ -1,7 +1,5 @@
 """A scene as a surveyor sees it: where the camera's rays run, what hides the monitor, how much."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
-from periscopy_sim.rendering.scene.pointwise import map_points
+from periscopy_sim.rendering.scene.wall import map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners

@@ -4,8 +4,6 @@ A field may vary faster along one side than along the other, as light past the b
 does. So the polynomials tried have a largest power each for row and column.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Each is decoded as its format asks, prepared as what it is, and checked as all of its kind are.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +12,9 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
-from periscopy_sim.photographs.sensor_image import SensorImage, sensor_image
+from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
-from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture, format_of
 
 

@@ -1,7 +1,5 @@
 """Sequences of photographs, and what the hidden scene showed meanwhile, decoded frame by frame."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

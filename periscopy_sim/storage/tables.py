@@ -1,7 +1,5 @@
 """Small tables of numbers in text files: colour matrices, and lists of marks on the wall."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A.npy holds the channels' mean, which programs may read without this package; A.
 light bounces, what `BouncedLight` holds; A.json what both were made from.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping

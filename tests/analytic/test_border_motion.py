@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.border_motion import light_derivatives
-from periscopy_sim.analytic.borders import borders_of
+from periscopy_sim.analytic.outline import borders_of
 from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from tests.analytic.test_transport import Box
 

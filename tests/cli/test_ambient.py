@@ -1,6 +1,6 @@
 import pytest
 
-from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.formats.rasters import read_exr
 
 pytestmark = pytest.mark.usefixtures("few_paths")
 COMMAND = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")

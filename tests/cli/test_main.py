@@ -126,6 +126,7 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
 def test_place_that_cannot_be_written_is_refused_before_anything_is_read(monkeypatch, refused):
     monkeypatch.setattr(ps, "load_scenario", failing(RuntimeError))
     Path("file").write_text("kept")
+    Path("y.npy").write_bytes(b"")
     for command in (
         ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--out", "file/new"),
         ("demo", "--out", "file"),

@@ -3,7 +3,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.draws import draw_clip, draw_geometry
+from periscopy_sim.dataset.samples import draw_clip, draw_geometry
 
 
 def test_draws_depend_on_seed_and_number_alone(configured):

@@ -7,9 +7,8 @@ import pytest
 import xarray as xr
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.layout import read_head
 from periscopy_sim.dataset.make import make_dataset
-from periscopy_sim.dataset.reading import describe, verify_dataset
+from periscopy_sim.dataset.reading import describe, read_head, verify_dataset
 from periscopy_sim.errors import DatasetError
 
 

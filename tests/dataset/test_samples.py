@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.dataset.distributions import Distribution
-from periscopy_sim.dataset.draws import draw_clip
-from periscopy_sim.dataset.geometry import geometry_of
-from periscopy_sim.dataset.samples import lamp_light, make_samples
+from periscopy_sim.dataset.samples import draw_clip, geometry_of, lamp_light, make_samples
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced
 

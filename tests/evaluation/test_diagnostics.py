@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from experiments.paper.numbers import rank_row
 from periscopy_sim.evaluation.diagnostics import (
     condition_number,
     diagnose,
-    rank_row,
     residual_background,
 )
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from periscopy_sim.figures.animation import draw_animation
-from periscopy_sim.figures.contact_sheet import draw_contact_sheet, evenly_chosen
+from periscopy_sim.figures.animation import draw_animation, draw_contact_sheet, evenly_chosen
 from tests.figures.conftest import box, covers
 
 METADATA = {"command": "periscopy video λ", "seed": "3"}

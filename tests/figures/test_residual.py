@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.figures.residual import draw_residual
+from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.model.residual import Residual
 from tests.figures.conftest import read
 

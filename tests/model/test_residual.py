@@ -61,6 +61,11 @@ MILD = {"preconditioned": {"repair_threshold": 1e9, "tv_weight": 0.01}}
 METHODS_OF_LIGHT = ("noise-aware", "preconditioned", "iterative")
 
 
+def judged(name, diagnosis):
+    """What a method says of the scene; an image that is no least-squares fit says nothing."""
+    return "unknown" if name == "preconditioned" else diagnosis
+
+
 @pytest.mark.parametrize("name", [name for name, entry in METHODS.items() if not entry.needs])
 @pytest.mark.parametrize("masked", [False, True])
 def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
@@ -86,7 +91,7 @@ def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
 @pytest.mark.parametrize("name", METHODS_OF_LIGHT)
 def test_unexplained_is_noise_alone_where_the_scene_is_right(name):
     found, _ = residual(photograph(), name, **MILD.get(name, {}))
-    assert found.diagnosis == "fits"
+    assert found.diagnosis == judged(name, "fits")
     assert found.noise_alone == pytest.approx(NOISE, rel=0.1)
     assert found.unexplained < 1.25 * NOISE and found.excess < 1.5
 
@@ -94,7 +99,7 @@ def test_unexplained_is_noise_alone_where_the_scene_is_right(name):
 @pytest.mark.parametrize("name", METHODS_OF_LIGHT)
 def test_a_misplaced_scene_does_not_fit_and_no_gain_takes_its_place(name):
     found, solution = residual(photograph(transport(0.06)), name)
-    assert found.diagnosis == "does_not_fit" and found.excess > 3
+    assert found.diagnosis == judged(name, "does_not_fit") and found.excess > 3
     if name == "noise-aware":
         assert not solution.corrections["wall_gain_found"]
 
@@ -102,7 +107,7 @@ def test_a_misplaced_scene_does_not_fit_and_no_gain_takes_its_place(name):
 @pytest.mark.parametrize("name", METHODS_OF_LIGHT)
 def test_a_factor_alike_in_all_channels_is_no_noise(name):
     found, _ = residual(photograph(wall=0.01 * paint(0)), name, **MILD.get(name, {}))
-    assert found.diagnosis == "does_not_fit"
+    assert found.diagnosis == judged(name, "does_not_fit")
     assert found.unexplained > 3 * found.noise_alone
     assert found.noise_alone == pytest.approx(NOISE, rel=0.5)
 
@@ -116,7 +121,7 @@ def test_paint_of_each_channels_own_or_of_a_grey_camera_is_noise():
 
 def test_image_smoothed_too_far_is_no_fault_of_the_scene():
     found, _ = residual(photograph(), "preconditioned")
-    assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "fits"
+    assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "unknown"
 
 
 @pytest.mark.parametrize("name", METHODS_OF_LIGHT)

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.develop import develop
-from periscopy_sim.photographs.sensor_image import sensor_image
+from periscopy_sim.photographs.develop import develop, sensor_image
 
 SIZE = (40, 60)
 LIGHT = np.random.default_rng(2).uniform(100, 200, (*SIZE, 3))

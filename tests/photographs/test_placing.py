@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.photographs.develop import sensor_image
 from periscopy_sim.photographs.marks import Marks, WallPoints
-from periscopy_sim.photographs.placing import PAPER, PlacedFilm, place_film
-from periscopy_sim.photographs.sensor_image import sensor_image
+from periscopy_sim.photographs.prepare import PAPER, PlacedFilm, place_film
 from periscopy_sim.photographs.view_fit import fit_view
 from periscopy_sim.photographs.wall_view import wall_plane
 

@@ -8,10 +8,10 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.photographs.develop import sensor_image
 from periscopy_sim.photographs.marks import Marks, WallPoints
 from periscopy_sim.photographs.prepare import prepare
 from periscopy_sim.photographs.resampling import Flaw
-from periscopy_sim.photographs.sensor_image import sensor_image
 from periscopy_sim.photographs.view_fit import fit_view
 from periscopy_sim.photographs.wall_view import wall_plane
 from periscopy_sim.rendering.variant import is_vectorized, use_variant

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.marks import Marks
-from periscopy_sim.photographs.tags import find_tags
+from periscopy_sim.photographs.marks import Marks, find_tags
 from periscopy_sim.photographs.view_fit import fit_view
 from periscopy_sim.photographs.wall_view import project
 

@@ -1,7 +1,5 @@
 """`periscopy prepare`: any camera's photograph in the pixels of a scene's camera."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -14,16 +12,15 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import number, option
+from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
 from periscopy_sim.photographs.develop import average, develop
-from periscopy_sim.photographs.placing import place_film
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
@@ -31,7 +28,7 @@ from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 if TYPE_CHECKING:
-    from periscopy_sim.photographs.sensor_image import SensorImage
+    from periscopy_sim.photographs.develop import SensorImage
 
 Files = list[Path] | None
 
@@ -43,7 +40,7 @@ def prepare(
     ],
     scene: options.SceneOption,
     out: options.OutFile,
-    black: Annotated[float, number("Black level of the camera, subtracted.", form="VALUE")] = 0.0,
+    black: Annotated[float, option("VALUE", "Black level of the camera, subtracted.")] = 0.0,
     dark: Annotated[
         Files, option("FILE", "Photograph with the lens covered, subtracted; repeatable.")
     ] = None,
@@ -51,7 +48,7 @@ def prepare(
         Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
     ] = None,
     white: Annotated[
-        float | None, number("Saturation value. [default: from the file]", form="VALUE")
+        float | None, option("VALUE", "Saturation value. [default: from the file]")
     ] = None,
     points: Annotated[
         Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
@@ -109,10 +106,10 @@ def prepare(
 
 def _developed(
     photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> SensorImage:
+) -> "SensorImage":
     """Read the photographs into one picture of linear light."""
 
-    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
+    def pictures(paths: Sequence[Path]) -> "Iterator[SensorImage]":
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
@@ -127,7 +124,7 @@ def _developed(
 
 
 def _film(
-    light: SensorImage,
+    light: "SensorImage",
     scenario: ps.Scenario,
     side: int,
     marks: ps.WallPoints | ps.WallTags | None,
@@ -136,6 +133,8 @@ def _film(
     rows, columns = scenario.photograph_shape
     covered = light.size[0] / rows  # pixels of the photograph along a side of the scene's own
     if marks is not None:
+        from periscopy_sim.photographs.prepare import place_film
+
         covered = np.sqrt(place_film(light, scenario, marks).coverage)
     common = gcd(rows, columns)
     times = max(1, round(common * covered / side))
@@ -155,7 +154,7 @@ def _definitions(session: Session, rows: int, columns: int) -> list[str]:
     )
 
 
-def _say_prepared(prepared: ps.Prepared, size: tuple[int, int]) -> None:
+def _say_prepared(prepared: "ps.Prepared", size: tuple[int, int]) -> None:
     """Print how well marks place the scene's pixels, and what the mask leaves out."""
     if (fit := prepared.view) is not None:
         rms = f"{fit.rms:.2f} pixels of the photograph ({1e3 * fit.rms_on_wall:.2g} mm on the wall)"

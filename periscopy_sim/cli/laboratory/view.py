@@ -1,7 +1,5 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -24,7 +22,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
@@ -100,7 +98,7 @@ def view(
 
 
 def write_view(
-    out: Path, pictures: LivePictures, given: Mapping[str, str], photo: Path | None
+    out: Path, pictures: "LivePictures", given: Mapping[str, str], photo: Path | None
 ) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report

@@ -1,20 +1,107 @@
 """A laboratory's wall, plan and side view, to scale."""
 
-from __future__ import annotations
-
-from typing import Any
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from periscopy_sim.figures.laboratory.geometry import (
+    CHARACTERS,
     RoomPlan,
     extremes,
+    facts,
     groups_of,
     hull,
 )
-from periscopy_sim.figures.laboratory.labels import Labels
-from periscopy_sim.figures.style import OKABE_ITO
-from periscopy_sim.scenario import Array
+from periscopy_sim.figures.style import OKABE_ITO, STYLE
+from periscopy_sim.scenario import Array, Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+GAPS = 9.0, 36.0, 72.0
+"""Pixels between a thing and its label, the nearest first."""
+
+
+class Labels:
+    """The labels of one panel; `place` them once everything is drawn."""
+
+    def __init__(self, ax: Any) -> None:
+        self._ax = ax
+        self._labels: list[tuple[str, Array, str]] = []
+        self._avoided: list[Array] = []
+
+    def add(self, text: str, points: Array, colour: str, *, hollow: bool = False) -> None:
+        """Name the thing at points (n, 2), in the panel's coordinates, if it is in sight.
+
+        Other labels may stand within a hollow thing.
+        """
+        (left, right), (bottom, top) = sorted(self._ax.get_xlim()), sorted(self._ax.get_ylim())
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        if (high > (left, bottom)).all() and (low < (right, top)).all():
+            self._labels.append((text, points, colour))
+            if not hollow:
+                self.avoid(points)
+
+    def avoid(self, points: Array) -> None:
+        """Keep labels off the box of points (n, 2)."""
+        self._avoided.append(points)
+
+    def avoid_line(self, points: Array) -> None:
+        """Keep labels off the line through points (n, 2): a label that it strikes is illegible."""
+        for start, end in pairwise(points):
+            self._avoided += [place[None] for place in np.linspace(start, end, 80)]
+
+    def place(self) -> None:
+        """Place every label: beside its thing, off all others' boxes and within the panel."""
+        renderer = self._ax.figure.canvas.get_renderer()
+        frame = self._ax.get_window_extent(renderer)
+        low, high = np.array([frame.x0, frame.y0]), np.array([frame.x1, frame.y1])
+
+        def box(points: Array) -> Array:
+            """Return the box of points in pixels, left, bottom, right, top, cut to the panel."""
+            pixels = self._ax.transData.transform(points)
+            ends = pixels.min(axis=0), pixels.max(axis=0)
+            return np.concatenate([np.clip(end, low, high) for end in ends])
+
+        boxes = [box(points) for points in self._avoided]
+        paper = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}
+        for text, points, colour in self._labels:
+            label = self._ax.text(
+                0, 0, text, transform=None, color=colour, zorder=10, ha="left", va="bottom",
+                bbox=paper,
+            )  # fmt: skip
+            extent = label.get_window_extent(renderer)
+            places = _places(box(points), np.array([extent.width, extent.height]))
+            outside = (places[:, :2] < low + 2).any(axis=1) | (places[:, 2:] > high - 2).any(axis=1)
+            hidden = 1000 * outside + _overlaps(places, np.array(boxes)).sum(axis=1)
+            best = places[np.argmin(hidden)]  # the nearest of the best
+            label.set_position(tuple(best[:2]))
+            boxes.append(best)
+
+
+def _places(box: Array, size: Array) -> Array:
+    """Return boxes, (n, 4), of a label about a thing's box: beside, above, below, then farther."""
+    middle = (box[:2] + box[2:] - size) / 2
+    corners = []
+    for gap in GAPS:
+        (left, below), (right, above) = box[:2] - gap - size, box[2:] + gap
+        corners += [
+            (right, middle[1]), (left, middle[1]), (middle[0], above), (middle[0], below),
+            (right, above), (left, above), (right, below), (left, below),
+        ]  # fmt: skip
+    return np.hstack([corners, corners + size])
+
+
+def _overlaps(a: Array, b: Array) -> Array:
+    """Return whether boxes (n, 4) and (m, 4), or points, come within 2 pixels, (n, m)."""
+    a, b = a[:, None], b + np.array([-2, -2, 2, 2])
+    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    return np.asarray((sides > 0).all(axis=2))
+
 
 VIEWED, MONITOR, *_ = OKABE_ITO
 OCCLUDER, GROUND = "0.25", "0.93"
@@ -147,3 +234,60 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
         for extreme in (np.argmin(along), np.argmax(along)) if len(along) else ():
             ray = np.stack([end, hits[extreme]])
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
+
+
+WIDTH, TALLEST = 10.0, 5.5
+"""Inches of the drawing's width, and that a panel may be high."""
+
+
+def draw_laboratory(
+    path: Path, scenario: Scenario, *, metadata: Mapping[str, str] | None = None
+) -> None:
+    """Draw a scenario's laboratory to scale: see `laboratory_figure`.
+
+    The metadata are text chunks of a PNG, such as provenance.
+    """
+    laboratory_figure(scenario).savefig(path, metadata=dict(metadata or {}))
+
+
+def laboratory_figure(scenario: Scenario) -> "Figure":
+    """Return the figure that `draw_laboratory` saves.
+
+    Three views at one scale, after the third-angle projection: the wall as the camera faces it,
+    the side view beside it, the plan below. Grey is how much of the monitor a point of the wall
+    sees.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    layout = RoomPlan(scenario)
+    low, high, axes = layout.low, layout.high, [*layout.axes]
+    spans = (high - low)[axes]
+    spans = np.maximum(spans, spans.max() / 5)  # labels need room
+    scale = min(0.86 * WIDTH / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
+    ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
+    ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
+    lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
+    height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
+    with rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
+        figure = Figure(figsize=(WIDTH, height), dpi=160)
+        figure.set_layout_engine("constrained", h_pad=0.1)
+        FigureCanvasAgg(figure)  # labels are placed by their size in pixels
+        ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
+        (wall, side), (plan, rest) = figure.subplots(2, 2, **ratios)
+        for ax, (h, v), title in (
+            (wall, (0, 2), "the wall as the camera faces it"),
+            (side, (1, 2), "from the side"),
+            (plan, (0, 1), "plan"),
+        ):
+            ax.set(title=title, xlabel=layout.label(h), ylabel=layout.label(v))
+            ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
+        rest.remove()
+        figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # nothing moves once labels have their places
+        draw_wall(wall, layout)
+        draw_projection(side, layout, (1, 2))
+        draw_projection(plan, layout, (0, 1))
+    return figure

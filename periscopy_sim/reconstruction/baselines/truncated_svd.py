@@ -1,7 +1,5 @@
 """The inverse of A by its top singular vectors, which the paper compares with (Fig. 9)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Unpack
 
@@ -47,6 +45,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     ValueError
         If a singular value that was to be kept is zero to rounding.
     """
+
+    judges_scene = False
 
     def __init__(
         self,

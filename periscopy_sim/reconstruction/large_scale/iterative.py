@@ -19,8 +19,6 @@ References
 Sun, Zhang, "Scaled sparse linear regression", 2012.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Unpack

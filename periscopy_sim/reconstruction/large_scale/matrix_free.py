@@ -22,8 +22,6 @@ Liang, Luo, Schönlieb, "Improving fast iterative shrinkage-thresholding algorit
 and greedier", 2022.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -17,8 +17,6 @@ off the remaining noise at zero, which brightens the image: without the root, na
 black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
@@ -36,8 +34,11 @@ from periscopy_sim.model.uncertainty import displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
 from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
+    Objective,
+    Schedule,
+    Splitting,
+)
 from periscopy_sim.reconstruction.report import Note, Report
 
 Array = NDArray[np.float64]

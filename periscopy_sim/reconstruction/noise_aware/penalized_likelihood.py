@@ -10,11 +10,17 @@ frame before, or changes in all its channels.
 The misfit couples the primaries by MᵀWM = V diag(p) Vᵀ, W = diag(w), but not the channels Vᵀf.
 
 It is solved by the alternating direction method of multipliers (Boyd et al. 2011, Sec. 3) with
-u = ∇f and v = f split off and over-relaxed; `spectral_basis` solves each iteration's equations.
+u = ∇f and v = f split off; `spectral_basis` solves each iteration's equations. With the scaled
+multipliers p and q (ibid., Sec. 3.1.1), an iteration after f has been solved for is, x̃ the
+over-relaxed f (ibid., Sec. 3.4.3),
+
+    u ← shrink(∇x̃ + p, λ/ρ),   p ← p + ∇x̃ − u;     v ← max(x̃ + q, 0),   q ← q + x̃ − v.
+
+In a video v is drawn towards the frame before it, by Σ‖v − v_prev‖ over the patches' colours.
 """
 
-from __future__ import annotations
-
+import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,14 +29,181 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.reconstruction.noise_aware.splitting import (
-    Splitting,
-    advance,
-    right_hand_side,
-)
+from periscopy_sim.numerics.threads import compiled_reordered
 
 Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+Image = NDArray[Any]
+
+RELAXATION = 1.8
+
+BISECTIONS = 24
+"""Halvings after which single precision has no more digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Splitting:
+    """The split variables, which `advance` changes in place."""
+
+    u: Image  # (2, 3, R, C) the gradient, down and across
+    p: Image  # (2, 3, R, C) its multiplier over ρ
+    v: Image  # (3, R, C) the image
+    q: Image  # (3, R, C) its multiplier over ρ
+
+    @classmethod
+    def zeros(cls, shape: tuple[int, ...]) -> "Splitting":
+        """Return the start from a black image, (3, R, C), in single precision."""
+        shapes = [(2, *shape)] * 2 + [shape] * 2
+        return cls(*(np.zeros(each, np.float32) for each in shapes))
+
+    def scaled(self, image: float, multiplier: float) -> "Splitting":
+        """Return the split with the image's parts and the multipliers over ρ scaled."""
+        primal, dual = np.float32(image), np.float32(multiplier)
+        return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
+
+
+def right_hand_side(split: Splitting) -> Image:
+    """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
+    g = np.empty_like(split.v)
+    _set_right_hand_side(split.u, split.p, split.v, split.q, g)
+    return g.reshape(len(g), -1)
+
+
+def advance(
+    f: Image,
+    split: Splitting,
+    threshold: float,
+    positive: bool,
+    previous: Image | None = None,
+    pull: float = 0.0,
+    black: float = 0.0,
+) -> float:
+    """Update u, v, p and q of a split in place from a new f, and return the larger residual.
+
+    f and the frame before, if any, are (3, R, C) in single precision, the latter ≥ 0 where v is.
+    The threshold is λ/ρ, `pull` the weight of the distance to that frame over ρ. The residuals are
+    the primal ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the change of (u, v)
+    over ‖(u, v)‖, to which the dual one is in proportion. None is over less than `black`, the norm
+    of an image that counts as black: one that becomes so would never be told from its own rounding.
+    """
+    fields = split.u, split.p, split.v, split.q
+    sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)
+    gap, change, size, split_size = (math.sqrt(value) for value in sums)
+    least = max(black, sys.float_info.min)
+    return max(gap / max(size, split_size, least), change / max(split_size, least))
+
+
+@compiled_reordered
+def _set_right_hand_side(u: Image, p: Image, v: Image, q: Image, g: Image) -> None:
+    channels, rows, columns = v.shape
+    for c in range(channels):
+        for i in range(rows):
+            for j in range(columns):
+                value = v[c, i, j] - q[c, i, j]
+                if i < rows - 1:
+                    value -= u[0, c, i, j] - p[0, c, i, j]
+                if i > 0:
+                    value += u[0, c, i - 1, j] - p[0, c, i - 1, j]
+                if j < columns - 1:
+                    value -= u[1, c, i, j] - p[1, c, i, j]
+                if j > 0:
+                    value += u[1, c, i, j - 1] - p[1, c, i, j - 1]
+                g[c, i, j] = value
+
+
+@compiled_reordered
+def _advance(
+    f: Image,
+    u: Image,
+    p: Image,
+    v: Image,
+    q: Image,
+    threshold: float,
+    positive: bool,
+    previous: Image | None,
+    pull: float,
+    relaxation: float,
+) -> tuple[float, float, float, float]:
+    channels, rows, columns = f.shape
+    α, κ = f.dtype.type(relaxation), f.dtype.type(threshold)
+    rest = f.dtype.type(1) - α
+    moved = np.empty((2, channels), f.dtype)
+    target, kept = np.empty(channels, f.dtype), np.empty(channels, f.dtype)
+    gap = change = size = split_size = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            squared = f.dtype.type(0)
+            for c in range(channels):
+                here = f[c, i, j]
+                down = f[c, i + 1, j] - here if i < rows - 1 else f.dtype.type(0)
+                across = f[c, i, j + 1] - here if j < columns - 1 else f.dtype.type(0)
+                size += down * down + across * across + here * here
+                gap += (down - u[0, c, i, j]) ** 2 + (across - u[1, c, i, j]) ** 2
+                moved[0, c] = α * down + rest * u[0, c, i, j] + p[0, c, i, j]
+                moved[1, c] = α * across + rest * u[1, c, i, j] + p[1, c, i, j]
+                squared += moved[0, c] ** 2 + moved[1, c] ** 2
+            length = math.sqrt(squared)
+            shrink = max(length - κ, f.dtype.type(0)) / length if length > 0 else f.dtype.type(0)
+            for c in range(channels):
+                for axis in range(2):
+                    new = shrink * moved[axis, c]
+                    change += (new - u[axis, c, i, j]) ** 2
+                    split_size += new * new
+                    p[axis, c, i, j] = moved[axis, c] - new
+                    u[axis, c, i, j] = new
+                here = f[c, i, j]
+                gap += (here - v[c, i, j]) ** 2
+                target[c] = α * here + rest * v[c, i, j] + q[c, i, j]
+                kept[c] = max(target[c], f.dtype.type(0)) if positive else target[c]
+            if previous is not None:
+                _approach(target, previous[:, i, j], f.dtype.type(pull), positive, kept)
+            for c in range(channels):
+                change += (kept[c] - v[c, i, j]) ** 2
+                split_size += kept[c] * kept[c]
+                q[c, i, j] = target[c] - kept[c]
+                v[c, i, j] = kept[c]
+    return gap, change, size, split_size
+
+
+@compiled_reordered
+def _approach(target: Image, previous: Image, pull: float, positive: bool, kept: Image) -> None:
+    """Set v = argmin ½‖v − target‖² + pull ‖v − previous‖, over v ≥ 0 where that is asked for.
+
+    With d = ‖v − previous‖, v is max(0, t + s (previous − t)), s = pull/(d + pull): in closed form
+    as long as nothing is cut off, and otherwise with the one d that agrees with its v.
+    """
+    zero = target.dtype.type(0)
+    squared = zero
+    for c in range(len(target)):
+        # Black before and to be darker yet: it stays black, which need not be searched for.
+        kept[c] = max(target[c], zero) if positive and previous[c] == 0 else target[c]
+        squared += (kept[c] - previous[c]) ** 2
+    distance = max(math.sqrt(squared) - pull, zero)
+    if positive and _is_cut_off(kept, previous, distance, pull):
+        near, far = zero, distance
+        for _ in range(BISECTIONS):
+            distance = (near + far) / 2
+            share = distance / (distance + pull)
+            squared = zero
+            for c in range(len(target)):
+                squared += min(share * (previous[c] - kept[c]), previous[c]) ** 2
+            if squared > distance * distance:
+                near = distance
+            else:
+                far = distance
+    share = pull / (distance + pull) if distance > 0 else zero
+    for c in range(len(target)):
+        # Not from the frame before, which may be so bright that the rest is lost in rounding.
+        value = kept[c] + share * (previous[c] - kept[c]) if distance > 0 else previous[c]
+        kept[c] = max(value, zero) if positive else value
+
+
+@compiled_reordered
+def _is_cut_off(target: Image, previous: Image, distance: float, pull: float) -> bool:
+    least = target.dtype.type(0)
+    for c in range(len(target)):
+        least = min(least, distance * target[c] + pull * previous[c])
+    return bool(least < 0)
+
 
 RIDGE = 0.01
 """Weight of K beside A⊥ᵀA⊥ in the image that sets the scale."""

@@ -1,7 +1,5 @@
 """Video by the noise-aware method: each frame is drawn towards the one before it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Literal, get_args
@@ -14,8 +12,7 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
 )
-from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
-from periscopy_sim.reconstruction.noise_aware.splitting import Splitting
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule, Splitting
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Coupling = Literal["l1", "none"]
@@ -43,7 +40,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
 
     Each frame starts from the solution of the one before, which saves a sixth of the iterations
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
-    Frames are not corrected (`model.correction`): a gain over the wall would differ between them.
+    Frames are not corrected (`Correction`): a gain over the wall would differ between them.
 
     Parameters, attributes and errors are those of `FrameByFrame`.
     """

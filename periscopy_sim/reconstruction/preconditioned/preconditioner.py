@@ -9,8 +9,6 @@ Then P A = I and P B = 0 hold together, so the minimum of Eq. 7, ‖P B‖² + �
 every weight ω > 0: ω is inert and does not appear.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Video (Sec. 3.2): each frame is denoised and repaired together with the one before it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Literal, get_args

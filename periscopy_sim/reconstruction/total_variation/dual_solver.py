@@ -17,14 +17,12 @@ frame, but there the difference, and with it the dual field, is zero: `inside` h
 difference counts and 0 where it does not. So no loop knows a border, and all vectorize.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.threads import compiled_reordered
 
 Array = NDArray[np.float64]
 Strides = NDArray[np.int64]

@@ -6,8 +6,6 @@ independent replicas, and smoothed as far as these allow; samples are added wher
 the error is largest, until the whole is as exact as was asked for.
 """
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -23,8 +21,8 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points
 from periscopy_sim.rendering.scene.refusals import check_media
+from periscopy_sim.rendering.scene.wall import map_points
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, rises, wall_frame

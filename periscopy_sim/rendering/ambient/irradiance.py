@@ -10,8 +10,6 @@ References
 1995.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

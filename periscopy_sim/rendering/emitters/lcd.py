@@ -5,8 +5,6 @@ as the normal radiance times cos^a of the vertical angle and cos^b of the horizo
 taken between the normal and the direction's projection on the plane of normal and up (or across).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 PLUGIN = "lcd"

@@ -8,8 +8,6 @@ document first. What plugins read (meshes, textures, volumes) is found when all 
 scene's ``<path>`` folders, the latest first, then beside the scene.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +23,8 @@ RULER_ERROR = "_error"
 CALIBRATED = "calibrated_covariance"
 """Names the ``<default>`` in which a calibration says how well it knows the parameters."""
 
-TAGS = ("default", "path", "include", "spectrum", "string")
-"""Tags that name files, or values for such names."""
+TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat")
+"""Tags that name files, or values for such names, or that give values a unit."""
 
 Tag = tuple[str, Mapping[str, str]]
 
@@ -44,6 +42,7 @@ class SceneDocument:
     files: tuple[Path, ...]
     folders: tuple[Path, ...]  # where the files of plugins are searched, in this order
     missing: tuple[str, ...]  # names of includes, spectra and folders that are nowhere
+    units: dict[str, str]  # m or degrees, of the ``<default>``s that move or turn something
 
     @property
     def errors(self) -> dict[str, str]:
@@ -71,7 +70,7 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
         if file is not None:
             files.setdefault(file.resolve(), file)
     return SceneDocument(
-        reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing)
+        reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing), reader.units
     )
 
 
@@ -95,6 +94,7 @@ class _Reader:
         self.named: list[Path | str] = []
         """Files in order, and names that plugins look for once all is parsed."""
         self.missing: list[str] = []
+        self.units: dict[str, str] = {}
 
     def read(self, document: Path, folders: list[Path], including: tuple[Path, ...]) -> None:
         """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
@@ -120,6 +120,9 @@ class _Reader:
                     self.named += self._found(name, folders)
                 case "string", {"name": "filename", "value": name}:
                     self.named.append(name)
+                case "rotate" | "translate" | "lookat", _:
+                    names = re.findall(r"\$(\w+)", " ".join(texts.values()))
+                    self.units |= dict.fromkeys(names, "degrees" if tag == "rotate" else "m")
 
     def _found(
         self, name: str, folders: Sequence[Path], kind: Callable[[Path], bool] = Path.is_file

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.motion import LoadedScene
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
-from periscopy_sim.rendering.scene.wall import seen_wall
+from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
 from periscopy_sim.rendering.variant import use_variant
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
@@ -187,8 +186,8 @@ def _photograph_size(
         )
     if min(hidden) < 1 or hidden[0] * hidden[1] > rows * columns:
         raise SceneError(
-            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the "
-            f"{rows}x{columns} pixels of the photograph; no photograph could tell more apart"
+            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the film's "
+            f"{rows}x{columns} pixels, or give the scene's film more pixels"
         )
     return rows, columns
 

@@ -6,8 +6,6 @@ the wall's plane elsewhere. This is exact while the wall is a plain rectangle an
 near the camera's view of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

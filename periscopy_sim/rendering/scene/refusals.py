@@ -6,8 +6,6 @@ with it any path tracer that samples the emitters: only all bounces, or sampling
 show what is missed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
+from periscopy_sim.rendering.scene.wall import map_points, surface_at
 
 OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",

@@ -5,8 +5,6 @@ and column, of the powers that err least; over the patches it is as estimated. S
 matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
-from __future__ import annotations
-
 import operator
 import warnings
 from collections.abc import Callable

@@ -5,8 +5,6 @@
 with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -14,7 +12,7 @@ import numpy as np
 
 from periscopy_sim.rendering.emitters.lcd import falloff_about
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
-from periscopy_sim.rendering.scene.pointwise import surface_at
+from periscopy_sim.rendering.scene.wall import surface_at
 from periscopy_sim.scenario import Scenario
 
 Strata = Literal["midpoint", "gauss", "jittered"]

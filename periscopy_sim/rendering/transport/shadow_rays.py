@@ -3,8 +3,6 @@
 Column j of A is the photograph of the wall when only patch j shines with unit normal radiance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import get_args

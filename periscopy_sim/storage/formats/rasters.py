@@ -1,18 +1,23 @@
-"""PNG, TIFF and JPEG files, read at the bit depth they were saved with."""
+"""Rasters of 8 and 16 bits, and raw files of cameras, read by LibRaw.
 
-from __future__ import annotations
+Of a raw file, each 2 x 2 cell of the Bayer mosaic becomes one pixel: its red, its blue and the mean
+of its two greens. Nothing is interpolated, as demosaicing would, so noise stays white; there is no
+white balance, no colour matrix and no gamma.
+"""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
-from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding
+from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding, listed
+from periscopy_sim.storage.outputs.staging import staged_file
 
 _PROFILE = "a colour profile of deep integers"
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # of Pillow: grey, palettes, RGB
@@ -119,3 +124,129 @@ def _picture(values: NDArray[Any], path: Path, encoding: str | None = None) -> P
     colours = values.shape[2] - 1 if values.shape[2] % 2 == 0 else values.shape[2]
     alpha = values[..., colours:] if colours < values.shape[2] else None
     return Picture(values[..., :colours], alpha, is_display=True, encoding=encoding)
+
+
+RAW_SUFFIXES = (
+    ".dng", ".nef", ".nrw", ".arw", ".srf", ".sr2", ".cr2", ".cr3", ".pef", ".raf", ".orf", ".rw2",
+    ".srw", ".3fr", ".erf", ".iiq", ".mef", ".mos", ".kdc", ".dcr", ".rwl",
+)  # fmt: skip
+
+RAW_SIGNATURE = rb"II\*\x00|MM\x00\*|.{4}ftypcrx |FUJIFILMCCD-RAW|IIRO|IIRS|MMOR|IIU\x00"
+"""Mostly TIFF's; the others are Canon's CR3, Fujifilm's, Olympus', and Panasonic's."""
+
+
+def read_camera_raw(path: Path, *_: object) -> Picture:
+    """Read a camera's raw file as counts above its black level, half the mosaic's size."""
+    import rawpy  # outside `decoding`: a missing package is no damaged file
+    import tifffile
+
+    is_whole = True
+    with suppress(Exception), tifffile.TiffFile(path) as file:
+        is_whole = reaches_its_pixels(file, path)
+    with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
+        if not is_whole:  # LibRaw would fill what is cut off
+            raise ValueError("it is cut short")
+        counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
+        full = counts >= raw.white_level
+        black = np.array(raw.black_level_per_channel, np.float32)
+        if raw.num_colors == 1:
+            light = (counts - black[0])[..., np.newaxis]
+            return Picture(_upright(light, flip), saturated=_upright(full, flip))
+        colours = raw.raw_colors_visible
+        places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
+        is_even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
+        if not is_even or sorted(places) != ["B", "G", "G", "R"]:
+            raise PhotographError(
+                f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
+                "16-bit linear TIFF"
+            )
+        light = bayer_colours(counts - black[colours], places)
+        saturated = np.asarray(bayer_colours(full, places).any(axis=2))
+    return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
+
+
+def bayer_colours(counts: NDArray[Any], places: Sequence[str] = "RGGB") -> NDArray[Any]:
+    """Return half-size colours, (rows, columns, 3), of (2 rows, 2 columns) Bayer counts.
+
+    `places` are the colours of a cell, row-major; its two greens are averaged.
+    """
+    rows, columns = counts.shape[0] // 2, counts.shape[1] // 2
+    colours = np.zeros((rows, columns, 3), np.result_type(counts, np.float32))
+    for k, letter in enumerate(places):
+        cells = counts[k // 2 : 2 * rows : 2, k % 2 : 2 * columns : 2]
+        colours[..., "RGB".index(letter)] += cells / places.count(letter)
+    return colours
+
+
+def _upright(image: NDArray[Any], flip: int) -> NDArray[Any]:
+    """Return a (rows, columns, ...) image as it is to be seen.
+
+    The bits of LibRaw's `flip` reverse the columns, reverse the rows, and exchange both.
+    """
+    turned = image[:: -1 if flip & 2 else 1, :: -1 if flip & 1 else 1]
+    return turned.swapaxes(0, 1) if flip & 4 else turned
+
+
+def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
+    """Write a float32 RGB image, (rows, columns, 3) linear light.
+
+    The same inputs give the same bytes. The metadata are text, and numbers at double precision,
+    under names that OpenEXR itself does not use. Another shape of the image is a ValueError.
+    """
+    import OpenEXR
+
+    pixels = np.asarray(image, dtype=np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise ValueError(f"image: expected shape (rows, columns, 3), got {pixels.shape}")
+    header = {
+        # In an array: a Python float would lose its double precision.
+        **{n: v if isinstance(v, str) else np.array([v], np.float64) for n, v in metadata.items()},
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
+    # OpenEXR ignores strides: each channel must be contiguous.
+    channels = {c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate("RGB")}
+    with staged_file(path) as staged, OpenEXR.File(header, channels) as file:
+        file.write(str(staged))
+
+
+def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
+    """Read an image of `write_exr`, or the colour of any flat OpenEXR file, and the metadata.
+
+    The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated.
+    """
+    picture, metadata = _read(path)
+    shape = (*picture.values.shape[:2], 3)
+    return np.broadcast_to(picture.values, shape).astype(np.float32), metadata
+
+
+def decode_exr(path: Path, *_: object) -> Picture:
+    """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
+    """Return R, G and B, else the only channel, and the texts and numbers of the header."""
+    import OpenEXR
+
+    with decoding(path, "EXR"):
+        with OpenEXR.File(str(path), header_only=True) as file:
+            count = len(file.parts)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
+            header, channels = file.parts[0].header, file.parts[0].channels
+            if count > 1 or header["type"].name not in ("scanlineimage", "tiledimage"):
+                raise PhotographError(f"{path}: has several parts or is deep; save one flat image")
+            if not np.array_equal(header["dataWindow"], header["displayWindow"]):
+                raise PhotographError(f"{path}: holds a crop of its picture; save all of it")
+            names = [name for name in channels if name != "A"]
+            colour = [*"RGB"] if {*"RGB"} <= {*names} else names
+            if colour != [*"RGB"] and len(colour) != 1:
+                raise PhotographError(f"{path}: has {listed(names)}; save R, G and B alone")
+            pixels = np.stack([channels[name].pixels for name in colour], axis=-1)
+            left_out = tuple(name for name in channels if name not in colour)
+            # Doubles come in arrays.
+            values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
+                      for n, v in header.items()}  # fmt: skip
+            metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
+            return Picture(pixels, left_out=left_out), metadata

@@ -4,8 +4,6 @@ A new format is one decoder and one row of `FORMATS`; photographs, masks, hidden
 folders of pictures all read it then.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,10 +14,16 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
-from periscopy_sim.storage.formats.camera_raw import RAW_SIGNATURE, RAW_SUFFIXES, read_camera_raw
 from periscopy_sim.storage.formats.decoding import Picture
-from periscopy_sim.storage.formats.exr import decode_exr
-from periscopy_sim.storage.formats.rasters import read_8_bits, read_png, read_tiff
+from periscopy_sim.storage.formats.rasters import (
+    RAW_SIGNATURE,
+    RAW_SUFFIXES,
+    decode_exr,
+    read_8_bits,
+    read_camera_raw,
+    read_png,
+    read_tiff,
+)
 
 
 @dataclass(frozen=True)

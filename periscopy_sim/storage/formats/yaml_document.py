@@ -1,7 +1,5 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar

@@ -1,7 +1,5 @@
 """Where a result comes from: versions, scene, variant, seed and command."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import shlex

@@ -7,8 +7,6 @@ not a result. Nothing measured, such as times, lies in the store: the same attri
 bytes, however often the work was stopped, and by whomever.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -21,8 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs.resume import LOCK, check_settings
-from periscopy_sim.storage.outputs.staging import out_of_space_reported, staged_file, staged_folder
+from periscopy_sim.storage.outputs.staging import (
+    LOCK,
+    check_settings,
+    out_of_space_reported,
+    staged_file,
+    staged_folder,
+)
 
 MAKING = "making"
 """Folder (and empty Zarr group) of what belongs to the making of a store alone."""

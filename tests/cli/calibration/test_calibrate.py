@@ -88,7 +88,7 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
         (("-D", "occluder_dx_error=-1"), "'occluder_dx_error'"),
         ((*FREE, "--uncertain", "occluder_dx=1"), "'occluder_dx'"),
         ((*FREE, "-D", "occluder_dx=3"), "no occluder"),
-        ((*FREE, "--shown", "mushroom", "--shown", "mushroom"), "--shown"),
+        ((*FREE, "--shown", "mushroom", "--shown", "mushroom"), "shown pictures"),
         ((*FREE, "--cells", "4x4"), "--cells"),
     ],
 )

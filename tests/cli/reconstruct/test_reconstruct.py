@@ -3,6 +3,7 @@
 import hashlib
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,8 +43,8 @@ def test_folder_holds_image_pictures_and_summary(light, succeeds, tiny, tmp_path
     assert len(summary["noise"]) == len(summary["lambda"]) == 3 and summary["kappa"] > 0
     fitting = {"transport matrix", "prototype backgrounds", "fit the method"}
     seconds = summary["seconds"]
-    solved = {"reconstruct", "residual and standard errors"}
-    assert set(seconds) == {"load the scene", *fitting, *solved}
+    solved = {"reconstruct", "residual and standard errors", "draw"}
+    assert set(seconds) == {"load the scene", "check the scene", *fitting, *solved}
     assert sum(seconds.values()) < time.perf_counter() - start
     provenance = summary["provenance"]
     chair = hashlib.sha256(ps.find_scene("chair").read_bytes()).digest()
@@ -132,6 +133,7 @@ def test_impossible_option_is_refused(options, offender, refused, tiny, tmp_path
 
 def test_method_that_knows_one_size_is_refused_before_anything_is_rendered(refused, monkeypatch):
     monkeypatch.setattr(Light, "transport", lambda *_: pytest.fail("rendered"))
+    Path("y.exr").touch()
     line = refused("reconstruct", "y.exr", "--scene", "chair", "-D", "resolution=24", "--hidden",
                    "4x5", "--method", "unrolled", "--out", "out")  # fmt: skip
     assert "'unrolled'" in line and "29x36" in line

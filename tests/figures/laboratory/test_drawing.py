@@ -8,14 +8,13 @@ from matplotlib.colors import to_rgba
 from scipy.interpolate import RegularGridInterpolator
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.figures.laboratory.drawing import laboratory_figure
 from periscopy_sim.figures.laboratory.geometry import (
     NO_BREAK,
     RoomPlan,
     facts,
     turn_and_tilt,
 )
-from periscopy_sim.figures.laboratory.projections import LINES, VIEWED
+from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.camera_view import corners_seen
 from periscopy_sim.laboratory.document import load_laboratory
+from periscopy_sim.laboratory.scene_parts import corners_seen
 from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL
 
 

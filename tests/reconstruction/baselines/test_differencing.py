@@ -3,8 +3,7 @@ import pytest
 
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.preconditioned.repair import repair
-from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.preconditioned.still import Periscope, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.reconstruction import penumbrae
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.baselines.neighbour_differences import neighbour_differences
+from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 
 SHAPES = [(3, 2), (2, 3), (4, 4), (5, 1), (1, 5)]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.baselines.published_steps import descend_as_published
+from periscopy_sim.reconstruction.baselines.differencing import descend_as_published
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 SHAPE = (5, 6)

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from periscopy_sim.reconstruction.noise_aware.splitting import RELAXATION, Splitting, advance
+from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
+    RELAXATION,
+    Splitting,
+    advance,
+)
 
 RNG = np.random.default_rng(0)
 TARGETS = RNG.normal(0.1, 0.7, (3, 12, 10))

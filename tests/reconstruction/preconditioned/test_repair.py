@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import generic_filter
 
-from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.preconditioned.still import repair
 
 SHAPES = [(1, 1, 3), (1, 6, 3), (6, 1, 3), (2, 2, 3), (3, 3, 1), (7, 9, 3), (5, 6, 4)]
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.reconstruction.preconditioned.repair import repair
-from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction
+from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.reconstruction import penumbrae
 

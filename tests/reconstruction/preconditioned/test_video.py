@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.preconditioned.repair import repair
-from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.preconditioned.still import Periscope, repair
 from periscopy_sim.reconstruction.preconditioned.video import Video
 from periscopy_sim.reconstruction.total_variation.prox import (
     prox_total_variation,

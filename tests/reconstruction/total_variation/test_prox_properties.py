@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from periscopy_sim.reconstruction.preconditioned.repair import repair
+from periscopy_sim.reconstruction.preconditioned.still import repair
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
 few = settings(deadline=None, max_examples=40)

@@ -3,7 +3,7 @@ import OpenEXR
 import pytest
 
 from periscopy_sim.errors import OutputError, PhotographError
-from periscopy_sim.storage.formats.exr import decode_exr, read_exr, write_exr
+from periscopy_sim.storage.formats.rasters import decode_exr, read_exr, write_exr
 
 RNG = np.random.default_rng(5)
 IMAGE = RNG.standard_normal((7, 11, 3)).astype(np.float32)

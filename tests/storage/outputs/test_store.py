@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from periscopy_sim.dataset.layout import Layout, read_head
+from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import DatasetError, OutputError
-from periscopy_sim.storage.outputs.resume import alone_in
+from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
 
 SIZES = {

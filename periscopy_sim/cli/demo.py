@@ -1,7 +1,6 @@
-"""`periscopy demo`: photograph and reconstruction of a shipped scene."""
+"""`periscopy demo`, a shipped scene photographed and reconstructed, and `periscopy tutorial`."""
 
-from __future__ import annotations
-
+import shutil
 from typing import Annotated
 
 import numpy as np
@@ -9,13 +8,16 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.output import say, say_written
-from periscopy_sim.cli.photograph import photograph
+from periscopy_sim.cli.options import Out
+from periscopy_sim.cli.output import output_folder, say, say_written
 from periscopy_sim.cli.reconstruct import reconstruct
+from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
+from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.shipped import scenes_folder
+from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file
 
 METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware method"}
@@ -37,6 +39,8 @@ def demo(
     ] = None,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
+    from periscopy_sim.model.noise import camera_noise
+
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
     fraction = effort or 1.0
     with staged_file(ambient) as file:
@@ -47,9 +51,11 @@ def demo(
         light = scene.ambient_light("ceiling_panels", 3e-4 / fraction**0.5)
         write_exr(file, light, scene.metadata)
     photograph(scene, image, photo, max(1, round(fraction * 4096)), str(ambient), sbr=0.5, snr=60.0)
-    truth = scene.hidden_image(image)
+    truth, y = scene.hidden_image(image), scene.photograph(photo).values
+    noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
+    snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))
     shown = [("hidden image", panels.displayable(truth, white=1))]
-    shown.append(("photograph of the wall", panels.displayable(scene.photograph(photo).values)))
+    shown.append(("photograph of the wall", panels.displayable(y)))
     for method, title in METHODS.items():
         reconstruct(
             photo=photo, session=PhotoSession(*named), light=Light(), out=out / method,
@@ -58,7 +64,20 @@ def demo(
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
         shown.append((f"{title}: {ps.psnr(recovered, truth):.1f} dB", matched))
-    caption = "chair scene, SBR 0.5, SNR 60 dB; PSNR after one gain per channel"
+    caption = f"chair scene, SBR 0.5, SNR {min(snr, 60):.0f} dB; PSNR after one gain per channel"
     with staged_file(out / "demo.png") as file:
         panels.draw_panels(file, shown, caption=caption, metadata=scene.metadata)
     say_written(out / "demo.png")
+
+
+def tutorial(out: Out) -> None:
+    """Copy the tutorial's files; overwrite nothing."""
+    shipped = scenes_folder() / "tutorial"
+    for file in sorted(shipped.rglob("*")):
+        own = out / file.relative_to(shipped)
+        if file.is_file() and own.exists():
+            raise OutputError(f"{own} exists already and stays; name another folder")
+    with output_folder(out) as folder:
+        # Not their modes: an installed package may be read-only.
+        shutil.copytree(shipped, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    say(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")

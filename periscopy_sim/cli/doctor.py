@@ -1,7 +1,5 @@
 """`periscopy doctor`: versions, extras and variants on this machine."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

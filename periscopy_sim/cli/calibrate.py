@@ -1,0 +1,325 @@
+"""`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
+from periscopy_sim.cli.session import PhotoSession
+from periscopy_sim.errors import SceneError
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.calibration.silhouette.result import Silhouette
+
+_SHOWN = (
+    "A picture that the monitor showed, in the order of the photographs; repeatable. Photographs "
+    "beyond these have unknown pictures."
+)
+_FREE = (
+    "<default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the standard deviation of "
+    "the measured value. [default: all NAME with a NAME_error]"
+)
+_UNCERTAIN = "Standard errors of <default>s that stay; those of the result count them; repeatable."
+_SILHOUETTE = "Find the form of this shape, a flat mask of cells in the rectangle about it."
+_CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
+_OUT = "Scene to write, NAME.xml; beside it NAME.json and NAME.png."
+
+
+def calibrate(
+    photo: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PHOTO...",
+            help="Photographs of one laboratory, its scene unchanged.",
+            exists=True,
+        ),
+    ],
+    session: PhotoSession,
+    out: Annotated[Path, option("FILE", _OUT, group=arguments.OUTPUT)],
+    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None,
+    free: Annotated[str | None, option("NAME[=ERROR],...", _FREE)] = None,
+    uncertain: Annotated[list[str] | None, option("NAME[=ERROR],...", _UNCERTAIN)] = None,
+    silhouette: Annotated[str | None, option("SHAPE", _SILHOUETTE)] = None,
+    cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
+    monitor_off: arguments.MonitorOffOption = None,
+    mask: arguments.MaskOption = None,
+) -> None:
+    """Find the parameters of a scene that explain photographs best.
+
+    The search starts from the scene's values, or those of -D, and their errors. A JSON file tells
+    values, standard errors and the path of the search. A result that is not to be trusted is
+    written, too, and says so.
+    """
+    arguments.require_suffix(out, ".xml", "the scene")
+    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask)
+    if silhouette is None and cells is not None:
+        raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
+    if silhouette is None:
+        find_parameters(inputs, out, free, uncertain or [])
+    elif free or uncertain:
+        raise SceneError("--silhouette finds a form, and all numbers stay; leave out --free")
+    else:
+        find_silhouette(inputs, out, silhouette, cells)
+
+
+DISTRUSTED = (
+    "Look at the picture. Measure again what is named above, free fewer parameters (--free), leave "
+    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off)."
+)
+"""What to do with a calibration that is not to be trusted."""
+
+DOUBTED = (
+    "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
+    "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask for "
+    "fewer --cells."
+)
+"""What to do with a silhouette that is not to be trusted."""
+
+PARAMETER = (
+    "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
+)  # fmt: skip
+SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence"
+"""What the JSON files have of a `Parameter` and of a `Silhouette`, under its own name."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
+
+    session: PhotoSession
+    photos: list[Path]
+    shown: list[str]
+    monitor_off: list[Path]
+    mask: Path | None
+
+    def spare(self, *outputs: Path) -> None:
+        """Raise an error if an output would replace one of the files."""
+        spare_inputs(outputs, (*self.photos, self.session.path, *self.monitor_off, self.mask))
+
+    def read(self) -> dict[str, Any]:
+        """Return arguments of `calibrate` and of `recover_silhouette`."""
+        session = self.session
+        wall = session.wall(self.photos[0], self.mask, self.monitor_off)
+        others = [session.photograph(file, wall.mask).values for file in self.photos[1:]]
+        return {
+            "photograph": [wall.values, *others],
+            "scene": session.path,
+            "hidden": session.size,
+            "shown": [session.hidden_image(name) for name in self.shown],
+            "parameters": session.definitions,
+            "backgrounds": wall.monitor_off,
+            "mask": wall.mask,
+            "seed": session.seed,
+        }
+
+    def write(self, path: Path, record: dict[str, Any]) -> None:
+        """Write a result's record, and where it is from, as JSON."""
+        session = self.session
+        summary = {
+            "photograph": str(self.photos[0]),
+            "photographs": [str(file) for file in self.photos],
+            "shown": self.shown,
+            "scene": str(session.path),
+            "hidden_shape": session.scenario.hidden_shape,
+            **session.record,
+            "warnings": [*session.warnings, *record["doubts"]],
+            **record,
+            "seconds": session.timed.seconds,
+            "provenance": session.provenance,
+        }
+        write_json(path, summary)
+
+
+def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list[str]) -> None:
+    """Find parameters; write the scene that has them, JSON and a picture."""
+    from periscopy_sim.calibration.prior import free_parameters, start_values
+    from periscopy_sim.figures.calibration import draw_calibration
+
+    session, outputs = inputs.session, (out, out.with_suffix(".json"), out.with_suffix(".png"))
+    path, given = session.path, session.definitions
+    inputs.spare(*outputs)
+    freed = None if free is None else arguments.parse_errors(free, "--free")
+    errors = arguments.known_errors(",".join(uncertain), path, given)
+    start_values(path, list(free_parameters(path, freed, given, errors)), given)
+    with ExitStack() as stack:
+        scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+        with progress("loading"):  # takes seconds
+            from periscopy_sim.calibration.calibrate import calibrate
+            from periscopy_sim.calibration.scene_covariance import SceneCovariance
+            from periscopy_sim.rendering.scene.document import CALIBRATED
+
+        files = inputs.read()
+        _write_copy(session, scene, given, out)  # proves now that it can be written
+        with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
+            result = calibrate(free=freed, uncertain=errors, progress=report, **files)
+        values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
+        values[CALIBRATED] = SceneCovariance.of(result).text()
+        _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
+        inputs.write(json, calibration_record(result))
+        draw_calibration(png, files["photograph"][0], result, session.metadata)
+    say_calibration(result, session.units)
+    say_written(*outputs)
+    if result.doubts:
+        warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
+
+
+def _distrust(result: str, doubts: Sequence[str]) -> str:
+    """Return the remark in a scene whose result is not to be trusted; empty if it is."""
+    return f"{result}: NOT TO BE TRUSTED: {'; '.join(doubts)}" if doubts else ""
+
+
+def _write_copy(
+    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
+) -> None:
+    """Write a scene with other defaults, and see that it loads from where it lies."""
+    from periscopy_sim.calibration.calibrated_scene import write_copy
+    from periscopy_sim.rendering.scene.load import load_scenario
+
+    try:
+        write_copy(session.path, values, staged, remark)
+        load_scenario(staged, session.size)
+    except SceneError as error:
+        why = str(error).replace(str(staged), str(out))
+        raise SceneError(
+            f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
+            f"beside the scene ({why})"
+        ) from None
+
+
+def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) -> None:
+    """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
+    from periscopy_sim.calibration.silhouette.plane import MaskPlane
+    from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+    from periscopy_sim.calibration.silhouette.scene import write_masked_scene
+    from periscopy_sim.figures.calibration import draw_silhouette
+
+    session = inputs.session
+    path, given = session.path, session.definitions
+    size = None if cells is None else arguments.parse_size(cells)
+    mesh = out.with_name(f"{out.stem}_{shape}.ply")
+    picture = out.with_name(f"{out.stem}_silhouette.png")
+    outputs = out, mesh, out.with_suffix(".json"), picture
+    inputs.spare(*outputs)
+    MaskPlane.of(session.scenario, shape)
+    with ExitStack() as stack:
+        scene, ply, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+        files, doing = inputs.read(), "find the silhouette"
+        with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
+            solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
+        made = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
+        remark = _distrust(made, solution.doubts) or made
+        write_masked_scene(path, solution, given, scene, ply, mesh.name, remark)
+        inputs.write(json, silhouette_record(solution))
+        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
+    say_silhouette(solution)
+    say_written(*outputs)
+    if solution.doubts:
+        warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)
+
+
+def calibration_record(result: "Calibration") -> dict[str, Any]:
+    """Return a calibration as its JSON file has it."""
+    held = result.uncertain
+    return {
+        "trusted": result.trusted,
+        "doubts": result.doubts,
+        "better_than_start": result.moved,
+        "parameters": {
+            p.name: {key: getattr(p, key) for key in PARAMETER} for p in result.parameters
+        },
+        "uncertain": {
+            name: {
+                "value": value,
+                "standard_error": error,
+                "moves": dict(zip(result.values, moves, strict=True)),
+            }
+            for name, value, error, moves in zip(
+                held.names, held.values, held.standard_errors, result.moves.T, strict=True
+            )
+        },
+        "correlation": {
+            name: dict(zip(result.values, row, strict=True))
+            for name, row in zip(result.values, result.correlation, strict=True)
+        },
+        "unexplained_before": result.noise_before,
+        "unexplained": result.noise,
+        "overdispersion": result.overdispersion,
+        "gain": {"least": result.gain.min(), "largest": result.gain.max()},
+        "colour_matrix": result.colour_matrix,
+        "path": [vars(visited) for visited in result.path],
+    }
+
+
+def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
+    """Return a silhouette as its JSON file has it."""
+    return {
+        "shape": solution.name,
+        "trusted": not solution.doubts,
+        "doubts": solution.doubts,
+        "rectangle": {way: getattr(solution.plane, way) for way in ("corner", "across", "down")},
+        "opaque": ["".join("#" if cell else "." for cell in row) for row in solution.opaque],
+        "cells_seen": int(solution.seen.sum()),
+        "cells_decided": solution.decided,
+        "starts_agreeing": solution.agreeing,
+        **{key: getattr(solution, key) for key in SILHOUETTE},
+    }
+
+
+def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
+    """Print what is unexplained, the parameters, the gain and the colour matrix.
+
+    `units` are those of the parameters that have one.
+    """
+    from periscopy_sim.model.residual import percentages
+
+    before, after = percentages(*result.unexplained)
+    verdict = "" if result.moved else "; the measured values explain as much, and stay"
+    say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
+    if result.overdispersion > 1:
+        say(
+            f"the photograph counts 1/{result.overdispersion:g} of what its noise allows: it shows "
+            "something that the scene lacks"
+        )
+    width = max(len(p.name) for p in result.parameters)
+    for p in result.parameters:
+        source = "by the photograph" if p.determined else "by the ruler"
+        unit = units.get(p.name, "")
+        say(
+            f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
+            f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
+        )
+    if result.uncertain.names:
+        say(f"errors count those of what stays: {', '.join(result.uncertain.names)}")
+    say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
+    if result.colour_matrix is not None:
+        rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
+        say(f"colour matrix, from the monitor's to the camera's: {rows}")
+
+
+def _rounded(value: float, error: float) -> str:
+    """Return a value and its standard error, which has two digits."""
+    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def say_silhouette(solution: "Silhouette") -> None:
+    """Print what the mask looks like and how far it is to be believed."""
+    from periscopy_sim.model.residual import percentages
+
+    for row in solution.opaque:
+        say("  " + "".join("##" if cell else " ." for cell in row))
+    say(
+        f"of {solution.opaque.size} cells the photograph shows the shadows of {solution.seen.sum()}"
+    )
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
+    if solution.starts:
+        say("silhouette and image may both be shifted, against each other")

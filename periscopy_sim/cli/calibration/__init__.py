@@ -1,1 +1,0 @@
-"""What calibrates a scene, or finds an occluder in it: `periscopy calibrate`."""

@@ -1,1 +1,0 @@
-"""Commands for a first hour: `doctor`, `demo` and `tutorial`."""
