@@ -18,7 +18,7 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.pointwise import map_points, surface_at
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import seen_wall
-from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.rendering.variant import use_variant, without_warnings
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
@@ -147,7 +147,8 @@ def build_scene(
     nodes.average_pixels()
     if only_monitor:
         nodes.darken()
-    return nodes.instantiate()
+    with without_warnings():  # which came when the scenario was loaded
+        return nodes.instantiate()
 
 
 def camera_of(scene: Any) -> Any:
@@ -207,8 +208,8 @@ def _patches(
         _, normal, du, dv, _ = map_points(locate, np.array([[0.5, 0.5]]))
     except RuntimeError:
         raise SceneError(
-            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates, "
-            "or use a rectangle"
+            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates "
+            "(in GLB, and a material), or use a rectangle"
         ) from None
     area = np.linalg.norm(np.cross(du[0], dv[0]))
     if not (np.isfinite(area) and area > 0):

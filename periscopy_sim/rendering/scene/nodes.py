@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import SceneDocument, read_document, undeclared
-from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply, check_mesh
+from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.scenario import EmissionProfile
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
@@ -343,10 +343,10 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)
         check_mesh(file, plugin)
     except ValueError as error:
-        raise SceneError(f"{where}: the file '{file}' {error}; export it again") from None
+        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
     except RuntimeError as error:
         raise SceneError(
-            f"{where}: the file '{file}' cannot be read ({one_line(error)}); export it again"
+            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
         ) from None
     return plugin, file
 
