@@ -48,6 +48,7 @@ def photograph(
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
+        session.check_shadows()
         shown = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient)
         y = session.synthetic_photograph(shown, samples)

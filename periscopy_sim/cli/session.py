@@ -89,6 +89,7 @@ class Session(options.OptionGroup):
         self.timed = Stopwatch()
         self.warnings: list[str] = []
         self.record: dict[str, Any] = {}
+        self._is_checked = False
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -112,7 +113,13 @@ class Session(options.OptionGroup):
 
         check_able(method, self.scenario.hidden_shape)
         check_memory(self.scenario, method)
-        self.warnings += warn_without_shadows(self.scenario, self.scene)
+        self.check_shadows()
+
+    def check_shadows(self) -> None:
+        """Warn, once, where no occluder casts a shadow into the camera's view."""
+        if not self._is_checked:
+            self._is_checked = True
+            self.warnings += warn_without_shadows(self.scenario, self.scene)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""

@@ -9,7 +9,7 @@ from typing import Annotated
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, MonitorLight
 from periscopy_sim.cli.output import as_json, say
-from periscopy_sim.cli.session import Session, check_memory
+from periscopy_sim.cli.session import Session
 
 
 def transport(
@@ -31,7 +31,7 @@ def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
-        check_memory(session.scenario)
+        session.check_scene()
         A = light.transport(session.scenario, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,

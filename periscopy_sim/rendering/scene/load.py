@@ -22,6 +22,10 @@ from periscopy_sim.rendering.variant import use_variant, without_warnings
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
+FARTHEST = 1e3
+"""Distance from the origin over the diagonal of what the camera sees of the wall: there single
+precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograph."""
+
 MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
@@ -108,7 +112,7 @@ def _load(
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
-    _check_facing(scenario)
+    _check_places(scenario)
     boxes = {
         name: corners(body.bounds)
         for name, body in bodies.items()
@@ -127,7 +131,7 @@ def _at(
     moved = loaded.at(nodes)
     if moved is None:
         return _load(nodes, loaded.scenario.hidden_shape, photograph)
-    _check_facing(moved)
+    _check_places(moved)
     return replace(moved, loader=partial(_at, loaded, photograph))
 
 
@@ -227,8 +231,16 @@ def _patches(
     return centers, normals, across, dv / rows, mirrored
 
 
-def _check_facing(scenario: Scenario) -> None:
-    """Check that some patch and some point of the wall face each other."""
+def _check_places(scenario: Scenario) -> None:
+    """Check that single precision resolves the scene, and that some patch and some pixel face."""
+    everything = np.concatenate([scenario.wall_points, scenario.patch_centers])
+    far, size = np.abs(everything).max(), np.linalg.norm(np.ptp(scenario.wall_points, axis=0))
+    if far > FARTHEST * size > 0:
+        raise SceneError(
+            f"scene '{scenario.path}': wall or monitor are {far:.3g} from the origin, and the "
+            f"camera sees {size:.3g} of the wall, which single precision does not resolve; move "
+            "all to the origin"
+        )
     points, normals = scenario.wall_points, scenario.wall_normals
     for center, normal in zip(scenario.patch_centers, scenario.patch_normals, strict=True):
         way = center - points
