@@ -95,7 +95,7 @@ def compute(
                 running.add(submit(item))
     except (CancelledError, KilledWorker) as error:
         raise PeriscopyError(
-            "the Dask scheduler or its workers are gone; start them, with more memory if they died, "
+            "the Dask scheduler or its workers are gone; start them, the workers with more memory, "
             "and run the same command again: it goes on"
         ) from error
 

@@ -84,7 +84,7 @@ def test_what_a_task_raises_is_raised_in_silence(caplog, capfd):
     assert capfd.readouterr() == ("", "") and caplog.records == []
 
 
-def nap(shared, item):
+def nap(shared, item):  # noqa: ARG001
     time.sleep(0.05)
     return shared
 
