@@ -67,7 +67,7 @@ WRITINGS = st.builds(
 
 
 @pytest.mark.parametrize("kind", METHODS)
-@settings(max_examples=10, deadline=None, phases=[Phase.generate])
+@settings(max_examples=6, deadline=None, phases=[Phase.generate])
 @given(writing=WRITINGS)
 def test_units_orders_and_types_do_not_matter(kind, writing):
     expected = PLAIN.image_by(kind)
