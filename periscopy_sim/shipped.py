@@ -63,8 +63,12 @@ def find_image(name: str | Path) -> Path:
 
 
 def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
-    if path.is_file():
-        return path
+    try:
+        if path.is_file():
+            return path
+    except (OSError, ValueError) as reason:  # no file system has such a name
+        text = getattr(reason, "strerror", None) or reason
+        raise error(f"{what} '{path}': {text}; name a file or a shipped {what}") from None
     folder = scenes_folder() / subfolder
     # Also as the checkout's own paths: scenes/chair.xml, scenes/images/mushroom.png.
     inside = [part for part in path.parts if part not in ("scenes", subfolder)]

@@ -54,6 +54,11 @@ def test_unknown_name_is_refused_with_the_names_there_are():
     assert "letters, mushroom" in message
 
 
+@pytest.mark.parametrize("find", [find_scene, find_image])
+def test_a_name_that_no_file_can_have_is_refused(find):
+    assert "a" * 100 in refusal(find, "a" * 5000)
+
+
 @pytest.mark.parametrize("name", ["chair.obj", "chair.xml.bak"])
 def test_a_missing_file_of_another_type_is_not_taken_for_a_shipped_scene(name):
     assert f"'{name}' does not exist" in refusal(find_scene, name)

@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from periscopy_sim.scenario import Array, Scenario, wall_frame
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+
+FIELD_OF_VIEW = 0.401
+"""Side of the paper's field of view, in metres."""
 
 
 def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
@@ -71,7 +74,8 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
         The scene; only its wall and camera matter, and the wall may stand in any orientation.
     grid
         (L, 3) lights in metres, as (across, distance from the wall, up) about the centre of the
-        field of view; None for the paper's.
+        field of view; None for the paper's, stretched as the field of view is over the paper's, so
+        that the scene's unit does not matter.
 
     Returns
     -------
@@ -83,12 +87,21 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
     ValueError
         If the grid is not (L, 3), or a light is not in front of the wall.
     """
-    offsets = paper_grid() if grid is None else np.asarray(grid, np.float64)
+    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    offsets = _stretched_grid(scenario, frame) if grid is None else np.asarray(grid, np.float64)
     if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
         raise ValueError(
             f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "
             "coordinate above 0)"
         )
-    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
     return point_light_response(lights, scenario.wall_points, scenario.wall_normals)
+
+
+def _stretched_grid(scenario: Scenario, frame: WallFrame) -> Array:
+    """Return the paper's grid for a field of view of another size; as it is for a lone pixel."""
+    seen = (scenario.wall_points - frame.center) @ np.stack([frame.up, frame.across]).T
+    count = np.array(scenario.photograph_shape)
+    sides = (np.ptp(seen, axis=0) * count / np.maximum(count - 1, 1))[count > 1]
+    # Rounded: the wall's points are of single precision.
+    return paper_grid() * float(f"{np.prod(sides / FIELD_OF_VIEW) ** (1 / max(len(sides), 1)):.4g}")

@@ -82,6 +82,8 @@ def main() -> None:
         signal.signal(number, interrupt)
     try:
         code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
+        if code == INTERRUPTED:  # Typer makes it of a KeyboardInterrupt
+            raise KeyboardInterrupt
     except (Exception, KeyboardInterrupt) as error:
         if _is_interrupt(error):
             warn("interrupted; no file is half-written", "error")

@@ -27,6 +27,11 @@ SENTENCES = {
         " add a photograph with the monitor off (--monitor-off), or, where rays render A, take "
         "more of them (--samples 256)"
     ),
+    "unexplained": (
+        "the image leaves {unexplained:.3g} % of the photograph unexplained, far more than noise: "
+        "it is unreliable. Check the scene, its backgrounds (--light-model, --monitor-off) and the "
+        "photograph's values, or try another method"
+    ),
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"

@@ -12,7 +12,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
 from periscopy_sim.cli.output import as_json, fixable, progress, say
-from periscopy_sim.cli.session import Session, check_memory
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.ambient_library import ambient_photographs
@@ -52,6 +52,7 @@ def photograph(
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
+        session.check_shadows()
         shown = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient)
         y = session.synthetic_photograph(shown, samples)
@@ -72,7 +73,7 @@ def ambient(
         typer.Argument(metavar="NAME", help="Scene files or shipped conditions."),
     ] = None,
     target: Annotated[
-        float, options.option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
+        float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
     ] = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
@@ -109,7 +110,7 @@ def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
-        check_memory(session.scenario)
+        session.check_scene()
         A = light.transport(session.scenario, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,

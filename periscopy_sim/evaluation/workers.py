@@ -93,7 +93,8 @@ def compute(
                 running.add(submit(item))
     except (CancelledError, KilledWorker) as error:
         raise PeriscopyError(
-            "the Dask workers died; give them more memory and run the same again"
+            "the Dask scheduler or its workers are gone; start them, the workers with more memory, "
+            "and run the same command again: it goes on"
         ) from error
 
 

@@ -16,7 +16,7 @@ from periscopy_sim.laboratory.document import (
 )
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, read_mesh, write_ply
+from periscopy_sim.rendering.scene.mesh_formats import REMEDY, TriangleMesh, read_mesh, write_ply
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 SIDES = 128
@@ -100,7 +100,9 @@ def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
     try:
         mesh = read_mesh(path)
     except ValueError as error:
-        raise ConfigurationError(f"occluder '{body.name}': the file '{path}' {error}") from None
+        raise ConfigurationError(
+            f"occluder '{body.name}': the file '{path}' {error}; {REMEDY}"
+        ) from None
     unit = body.unit or ("m" if body.is_gltf else "")
     x, y, z = mesh.vertices.T * float(LENGTHS[unit])
     up = body.up or ("y" if body.is_gltf else "z")

@@ -250,6 +250,8 @@ class StillMethod(ABC, Generic[Precision]):
         if residual is not None and residual.diagnosis == "does_not_fit":
             names = "unexplained_by_any", "noise_alone"
             warnings.append(Note("does_not_fit", {name: 100 * numbers[name] for name in names}))
+        elif residual is not None and residual.is_large:
+            warnings.append(Note("unexplained", {"unexplained": 100 * residual.unexplained}))
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:

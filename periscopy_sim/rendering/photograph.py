@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -131,19 +130,6 @@ class Monitor:
             raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
         self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
         self._parameters.update()
-
-
-@contextmanager
-def without_warnings() -> Iterator[None]:
-    """Keep Mitsuba from printing, for one, that it was interrupted."""
-    import mitsuba as mi
-
-    before = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)
-    try:
-        yield
-    finally:
-        mi.set_log_level(before)
 
 
 def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

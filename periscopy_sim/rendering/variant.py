@@ -10,8 +10,12 @@ import os
 import re
 import site
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
+from typing import Any
 
 from periscopy_sim.errors import VariantError
 
@@ -141,3 +145,26 @@ def require_vectorized(purpose: str) -> None:
     """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
     if use_variant().startswith("scalar"):
         raise VariantError(f"{purpose}: {INSTALL_LLVM}")
+
+
+_QUIET: list[Any] = []
+"""The log levels that `without_warnings` found, the outermost first."""
+
+_QUIET_LOCK = Lock()
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
+    import mitsuba as mi
+
+    with _QUIET_LOCK:
+        _QUIET.append(mi.log_level())
+        mi.set_log_level(mi.LogLevel.Error)
+    try:
+        yield
+    finally:
+        with _QUIET_LOCK:
+            level = _QUIET.pop()
+            if not _QUIET:
+                mi.set_log_level(level)

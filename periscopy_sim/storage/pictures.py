@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import with_channels
-from periscopy_sim.storage.formats.decoding import srgb_bytes, srgb_decode
+from periscopy_sim.storage.formats.decoding import LINEAR, srgb_bytes, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -20,10 +20,10 @@ from periscopy_sim.storage.outputs.staging import staged_file
 def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Read a picture as the radiance of the hidden scene's patches.
 
-    PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, and what is transparent in
-    them is dark; EXR, NPY and floating-point TIFF are linear light, 8- or 16-bit integers in NPY
-    fractions of their largest value. An NPZ file's array `hidden` is taken likewise, but its 8-bit
-    integers are what a monitor was sent, and decoded.
+    PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, but for a PNG that declares
+    linear light, and what is transparent in them is dark; EXR, NPY and floating-point TIFF are
+    linear light, 8- or 16-bit integers in NPY fractions of their largest value. An NPZ file's array
+    `hidden` is taken likewise, but its 8-bit integers are what a monitor was sent, and decoded.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     if values.size == 0:
         raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
     light = linear_light(values, path)
-    if picture.is_display and values.dtype.kind == "u":
+    if picture.is_display and values.dtype.kind == "u" and picture.encoding != LINEAR:
         light = srgb_decode(light)
     if picture.alpha is not None:
         light = light * linear_light(picture.alpha, path)  # on black

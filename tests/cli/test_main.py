@@ -175,6 +175,7 @@ def test_termination_leaves_nothing_half_written(tmp_path):
     )
     ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True)
     assert ended.returncode == 130 and list(tmp_path.iterdir()) == []
+    assert ended.stderr.count(b"periscopy: error: ") == 1  # whatever the option parser makes of it
 
 
 @pytest.mark.usefixtures("jit")

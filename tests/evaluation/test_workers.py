@@ -82,3 +82,20 @@ def test_what_a_task_raises_is_raised_in_silence(caplog, capfd):
     with pytest.raises(ValueError, match="no 3"), connect(None) as client:
         list(compute(client, fail, "no", [3]))
     assert capfd.readouterr() == ("", "") and caplog.records == []
+
+
+def nap(shared, item):  # noqa: ARG001
+    time.sleep(0.05)
+    return shared
+
+
+def test_a_scheduler_lost_midway_is_one_line_that_says_what_goes_on():
+    from distributed import LocalCluster
+
+    local = {"n_workers": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
+    lost = pytest.raises(PeriscopyError, match="same command")
+    with LocalCluster(protocol="tcp://", **local) as cluster:
+        with lost as error, connect(cluster.scheduler_address) as client:
+            for _ in compute(client, nap, None, range(400)):
+                cluster.close()
+        assert "\n" not in str(error.value)

@@ -119,6 +119,23 @@ def test_paint_of_each_channels_own_or_of_a_grey_camera_is_noise():
     assert residual(grey)[0].diagnosis == "fits"
 
 
+def test_a_black_channel_hides_nothing_of_the_others():
+    black = np.array([1.0, 1.0, 0.0])
+    found, _ = residual(photograph() * black)
+    assert found.diagnosis == "fits" and found.noise_alone > 0
+    assert residual(photograph(transport(0.06)) * black)[0].diagnosis == "does_not_fit"
+
+
+def test_what_an_image_leaves_is_reported_where_the_scene_is_right_too():
+    method = METHODS["noise-aware"](SCENE, A, B)
+    y = photograph()
+    solution = method.solve(y)
+    assert not method.report(y, solution).warnings
+    report = method.report(y, replace(solution, image=-solution.image))
+    assert report.residual.diagnosis == "fits"
+    assert "unexplained" in [note.code for note in report.warnings]
+
+
 def test_image_smoothed_too_far_is_no_fault_of_the_scene():
     found, _ = residual(photograph(), "preconditioned")
     assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "unknown"

@@ -13,6 +13,7 @@ from PIL import Image, ImageCms
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.pictures import read_hidden_image
 
 SHAPE = (6, 9)
 RNG = np.random.default_rng(3)
@@ -211,6 +212,33 @@ def test_integers_are_what_a_png_declares(tmp_path, chunk, content, meant, bits)
     expected = srgb_decoded(values / (2**bits - 1)) if is_encoded else values
     assert np.allclose(photograph.values, expected, rtol=1e-12)
     assert len(photograph.warnings) == (meant != "linear")
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_hidden_image_is_what_its_png_declares(tmp_path, bits):
+    """A transparent colour of 16 bits would be left out, and what it hides be light."""
+    codes = np.full((4, 6, 3), 2 ** (bits - 1), np.uint16)
+    code = codes[0, 0, 0] / (2**bits - 1)
+    for chunk, content, meant in (
+        (b"gAMA", struct.pack(">I", 100_000), code),
+        (b"gAMA", struct.pack(">I", 45_454), srgb_decoded(code)),
+        (b"gAMA", struct.pack(">I", 55_556), None),
+        (b"cICP", bytes([1, 8, 0, 1]), None),
+        (b"tRNS", codes[0, 0].astype(">u2").tobytes(), 0 if bits == 8 else None),
+    ):
+        path = add_chunk(save_png(tmp_path / "f.png", codes, bitdepth=bits), chunk, content)
+        if meant is None:
+            with pytest.raises(PhotographError, match=r"f\.png"):
+                read_hidden_image(path, (2, 2))
+        else:
+            assert np.allclose(read_hidden_image(path, (2, 2)), meant, rtol=1e-9), chunk
+
+
+def test_a_value_that_stands_for_none_is_refused(tmp_path):
+    nodata = [(42113, "s", 0, "-9999", True)]
+    tifffile.imwrite(tmp_path / "y.tif", LIGHT, photometric="rgb", extratags=nodata)
+    with pytest.raises(PhotographError, match="GDAL_NODATA"):
+        read(tmp_path / "y.tif")
 
 
 def test_import_brings_in_no_decoder():

@@ -187,6 +187,24 @@ def test_values_that_stand_for_others_are_refused(packing, tmp_path):
         open_frames(tmp_path / "y.zarr", SHAPE)
 
 
+def test_an_archive_of_other_values_or_dimensions_than_it_seems_is_refused(tmp_path):
+    """A chunk that nobody wrote reads as the fill value, which would be light, or black."""
+    for k, (written, names, attributes) in enumerate((
+        (2, ("frame", "row", "column", "channel"), {}),
+        (3, ("frame", "column", "row", "channel"), {}),
+        (3, ("frame", "x", "y", "channel"), {}),
+        (3, None, {"_Unsigned": "true"}),
+    )):  # fmt: skip
+        group = zarr.open_group(tmp_path / f"{k}.zarr", mode="w", zarr_format=3)
+        array = group.create_array(
+            "photograph", shape=CLIP[:3].shape, dtype="f4", chunks=(1, *SHAPE, 3),
+            dimension_names=names, attributes=attributes, fill_value=7,
+        )  # fmt: skip
+        array[:written] = CLIP[:written]
+        with pytest.raises(PhotographError, match=rf"{k}\.zarr"):
+            open_frames(tmp_path / f"{k}.zarr", SHAPE)
+
+
 def test_damaged_zarr_chunk_is_named_by_its_frame(tmp_path):
     save_zarr(tmp_path / "y.zarr", CLIP)
     (tmp_path / "y.zarr" / "photograph" / "c" / "1" / "0" / "0" / "0").write_bytes(b"torn")

@@ -116,6 +116,13 @@ class IterativePeriscope(StillMethod[np.float64]):
         if self.observation.mask is not None:
             A = used_rows(A, self.observation.mask.ravel())
         self.transport = TransportOperator(A, Q)
+        pixels, patches = self.transport.shape
+        self._strongest = max(min(EIGENVECTORS, patches // 8), 1)
+        if (rank := Q.shape[1]) + self._strongest >= pixels:
+            raise ValueError(
+                f"{pixels} pixels show nothing beside {rank} patterns of ambient light; use more "
+                "pixels, or fewer backgrounds"
+            )
 
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
@@ -154,9 +161,7 @@ class IterativePeriscope(StillMethod[np.float64]):
     @cached_property
     def eigenvectors(self) -> Eigenvectors:
         """The strongest eigenvectors of A⊥ᵀA⊥."""
-        return self.transport.strongest_eigenvectors(
-            max(min(EIGENVECTORS, self.transport.shape[1] // 8), 1)
-        )
+        return self.transport.strongest_eigenvectors(self._strongest)
 
     def _weight(self, noise: Array) -> Array:
         """Return λ."""

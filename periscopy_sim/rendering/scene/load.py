@@ -17,9 +17,13 @@ from periscopy_sim.rendering.scene.motion import LoadedScene
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
-from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.rendering.variant import use_variant, without_warnings
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
+
+FARTHEST = 1e3
+"""Distance from the origin over the diagonal of what the camera sees of the wall: there single
+precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograph."""
 
 MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
@@ -107,7 +111,7 @@ def _load(
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
     )
-    _check_facing(scenario)
+    _check_places(scenario)
     boxes = {
         name: corners(body.bounds)
         for name, body in bodies.items()
@@ -126,7 +130,7 @@ def _at(
     moved = loaded.at(nodes)
     if moved is None:
         return _load(nodes, loaded.scenario.hidden_shape, photograph)
-    _check_facing(moved)
+    _check_places(moved)
     return replace(moved, loader=partial(_at, loaded, photograph))
 
 
@@ -146,7 +150,8 @@ def build_scene(
     nodes.average_pixels()
     if only_monitor:
         nodes.darken()
-    return nodes.instantiate()
+    with without_warnings():  # which came when the scenario was loaded
+        return nodes.instantiate()
 
 
 def camera_of(scene: Any) -> Any:
@@ -206,8 +211,8 @@ def _patches(
         _, normal, du, dv, _ = map_points(locate, np.array([[0.5, 0.5]]))
     except RuntimeError:
         raise SceneError(
-            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates, "
-            "or use a rectangle"
+            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates "
+            "(in GLB, and a material), or use a rectangle"
         ) from None
     area = np.linalg.norm(np.cross(du[0], dv[0]))
     if not (np.isfinite(area) and area > 0):
@@ -225,8 +230,16 @@ def _patches(
     return centers, normals, across, dv / rows, mirrored
 
 
-def _check_facing(scenario: Scenario) -> None:
-    """Check that some patch and some point of the wall face each other."""
+def _check_places(scenario: Scenario) -> None:
+    """Check that single precision resolves the scene, and that some patch and some pixel face."""
+    everything = np.concatenate([scenario.wall_points, scenario.patch_centers])
+    far, size = np.abs(everything).max(), np.linalg.norm(np.ptp(scenario.wall_points, axis=0))
+    if far > FARTHEST * size > 0:
+        raise SceneError(
+            f"scene '{scenario.path}': wall or monitor are {far:.3g} from the origin, and the "
+            f"camera sees {size:.3g} of the wall, which single precision does not resolve; move "
+            "all to the origin"
+        )
     points, normals = scenario.wall_points, scenario.wall_normals
     for center, normal in zip(scenario.patch_centers, scenario.patch_normals, strict=True):
         way = center - points

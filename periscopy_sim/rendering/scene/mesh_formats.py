@@ -21,19 +21,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.variant import use_variant
+from periscopy_sim.rendering.variant import use_variant, without_warnings
 
 FOREIGN = ("stl", "glb")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
 
+REMEDY = "export it as triangles in STL or, where UV coordinates count, in binary PLY"
+"""What makes any mesh file one that is read."""
+
+OBJ_LINES = {b"v", b"vt", b"vn", b"f", b"l", b"p", b"o", b"g", b"s", b"mg", b"mtllib", b"usemtl",
+             b"maplib", b"usemap", b"lod", b"bevel", b"c_interp", b"d_interp"}  # fmt: skip
+"""Lines of an OBJ file that hold triangles, polygons, or nothing that casts a shadow."""
+
 UNREAD = re.compile(
-    rb'"(?:EXT_mesh\w+|KHR_draco_\w+|KHR_mesh_\w+|extensionsRequired|targets|sparse)"'
+    rb'"(?:EXT_mesh\w+|KHR_draco_\w+|KHR_mesh_\w+|extensionsRequired|targets|sparse|skins)"'
     rb'|"normalized"\s*:\s*true|"mode"\s*:\s*[0-35-9]'
 )
 """Geometry in the document of a GLB file that trimesh skips or takes for another: extensions, morph
-targets, sparse and normalized numbers, and modes other than triangles."""
+targets, bones, sparse and normalized numbers, and modes other than triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +80,7 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     end = 20 + int.from_bytes(content[12:16], "little")
     if kind == "glb" and (found := UNREAD.search(content, 20, end)):
         what = found[0].decode().replace('"', "")
-        raise ValueError(f"has what is not supported ({what}); write plain triangles of floats")
+        raise ValueError(f"has what is not supported ({what})")
     mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:
         raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
@@ -97,7 +104,8 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     import mitsuba as mi
 
     # Flat first: Mitsuba follows a wrong index to the vertex normals, out of its memory.
-    mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
+    with without_warnings():  # which come when the scene is loaded
+        mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
     indices, vertices = np.array(mesh.faces_buffer()), mesh.vertex_count()
     del mesh
     if not len(indices):
@@ -105,7 +113,7 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     if indices.max() >= vertices:
         raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
     if plugin == "obj":
-        _check_polygons(path.read_bytes())
+        _check_lines(path.read_bytes())
 
 
 def write_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -153,19 +161,23 @@ def _announced(content: bytes, kind: str) -> int | None:
     return len(re.findall(rb"^\s*facet\b", content, re.M))
 
 
-def _check_polygons(content: bytes) -> None:
-    """Refuse the polygons of an OBJ file that have a notch."""
+def _check_lines(content: bytes) -> None:
+    """Refuse what Mitsuba skips of an OBJ file, and polygons that no fan of triangles fills."""
     lines = [line.split() for line in re.sub(rb"#.*", b"", content).splitlines() if line.strip()]
+    if skipped := {line[0] for line in lines} - OBJ_LINES:
+        raise ValueError(f"has lines of {min(skipped).decode(errors='replace')!r}")
+    if any(line[-1].endswith(b"\\") for line in lines):
+        raise ValueError("has lines that a backslash continues")
     vertices = np.array([line[1:4] for line in lines if line[0] == b"v"], np.float64)
     faces = [[c.split(b"/")[0] for c in line[1:]] for line in lines if line[0] == b"f"]
     for size in {len(face) for face in faces if len(face) > 3}:
         alike = np.array([face for face in faces if len(face) == size], np.int64)
-        corner = vertices[alike - 1]  # (faces, size, 3)
-        side = np.roll(corner, -1, axis=1) - corner
-        area = np.cross(corner - corner[:, :1], side).sum(axis=1, keepdims=True)  # twice, directed
-        turns = np.sum(np.cross(side, np.roll(side, -1, axis=1)) * area, axis=2)
-        if (turns < -1e-6 * np.sum(area**2, axis=2)).any():
-            raise ValueError("has a polygon with a notch; triangulate it")
+        side = vertices[alike[:, 1:] - 1] - vertices[alike[:, :1] - 1]  # from the first corner
+        fan = np.cross(side[:, :-1], side[:, 1:])
+        area, most = fan.sum(axis=1, keepdims=True), np.linalg.norm(fan, axis=2).sum(axis=1)
+        back = np.sum(fan * area, axis=2).min(axis=1) < -1e-6 * most**2
+        if (back | (np.linalg.norm(area[:, 0], axis=1) < 1e-3 * most)).any():
+            raise ValueError("has a polygon with a notch, or one that crosses itself")
 
 
 def _parts(content: bytes, kind: str) -> list[TriangleMesh]:

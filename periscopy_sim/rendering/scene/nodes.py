@@ -7,6 +7,7 @@ so that they work for every shape, sensor and emitter plugin.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,11 +21,14 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import SceneDocument, read_document, undeclared
-from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, as_ply, check_mesh
+from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.scenario import EmissionProfile
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
 """Parameters of the LCD's angular profile."""
+
+MOST_TEXELS = 1 << 27
+"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
 
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
@@ -342,17 +346,39 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
+    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
+        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)
         check_mesh(file, plugin)
     except ValueError as error:
-        raise SceneError(f"{where}: the file '{file}' {error}; export it again") from None
+        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
     except RuntimeError as error:
         raise SceneError(
-            f"{where}: the file '{file}' cannot be read ({one_line(error)}); export it again"
+            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
         ) from None
     return plugin, file
+
+
+def _texels(file: Path) -> float:
+    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
+    import OpenEXR
+    from PIL import Image
+
+    try:
+        if file.suffix.lower() == ".exr":
+            with OpenEXR.File(str(file), header_only=True) as head:
+                low, high = head.parts[0].header["dataWindow"]
+            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of large pictures
+            with Image.open(file) as picture:
+                return float(np.prod(picture.size))
+    except Image.DecompressionBombError:
+        return np.inf
+    except Exception:  # Mitsuba says what is wrong
+        return 0
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.validation import AXES
 from periscopy_sim.photograph import check_real
 from periscopy_sim.storage.formats.decoding import Picture, decoding, listed
 
@@ -16,6 +17,10 @@ PHOTOGRAPH = "photograph"
 """Name of the photographs in an NPZ file or a Zarr group."""
 
 _NAN = "AAAAAAAA+H8="  # as xarray writes it into the attributes of Zarr 3
+
+_PACKED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "valid_range", "valid_min",
+           "valid_max"}  # fmt: skip
+"""Attributes by which values stand for others, or for none."""
 
 
 def read_npy(path: Path, key: str) -> Picture:
@@ -50,15 +55,20 @@ def npz_array(path: Path, key: str = PHOTOGRAPH) -> NDArray[Any]:
 def zarr_stack(path: Path) -> Any:
     """Open the array `photograph` of a Zarr group of format 3, which holds no pickles.
 
-    Values that stand for others, by a scale or a fill value, are a `PhotographError`.
+    Values that stand for others, by a scale or a fill value, values that nobody wrote, and
+    dimensions in another order are a `PhotographError`.
     """
     import zarr
 
     with decoding(path, "Zarr", f"save a Zarr 3 group with an array '{PHOTOGRAPH}'"):
         array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
-        packed = {"scale_factor", "add_offset", "missing_value"} & {*array.attrs}
-        if packed or array.attrs.get("_FillValue", _NAN) != _NAN:
+        if _PACKED & {*array.attrs} or array.attrs.get("_FillValue", _NAN) != _NAN:
             raise ValueError("xarray packed its values; use float32, and NaN for missing ones")
+        names = array.metadata.dimension_names or ()
+        if any(names) and names[1:] != AXES[: len(names) - 1]:
+            raise ValueError(f"its dimensions are {names}, not (any, {', '.join(AXES)})")
+        if not np.isnan(array.fill_value) and array.nchunks_initialized < array.nchunks:
+            raise ValueError("chunks are missing; write all of them (write_empty_chunks)")
         return array
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
 from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -33,13 +32,15 @@ def read_png(path: Path, key: str) -> Picture:
     with decoding(path, "PNG"):
         content = path.read_bytes()
         chunks = dict(png.Reader(bytes=content).chunks())
-        encoding = _png_encoding(chunks, path) if key == PHOTOGRAPH else None
+        encoding = None if key == "mask" else _png_encoding(chunks, path)
         if chunks[b"IHDR"][8] < 16:
             return read_8_bits(path, key, "PNG", encoding)
         exif = Image.Exif()
         exif.load(chunks.get(b"eXIf", b""))
         if exif.get(ExifTags.Base.Orientation, 1) != 1:
             raise _unread(path, "a turned picture of 16 bits")
+        if b"tRNS" in chunks:
+            raise _unread(path, "a transparent colour of 16 bits")
         columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         return _picture(values.reshape(rows, columns, info["planes"]), path, encoding)
@@ -63,13 +64,16 @@ def read_tiff(path: Path, key: str) -> Picture:
             raise _unread(path, page.photometric.name)
         if {*page.extrasamples} - {tifffile.EXTRASAMPLE.UNASSALPHA}:
             raise _unread(path, "a fourth channel other than straight alpha")
+        if "GDAL_NODATA" in page.tags:
+            raise _unread(path, "a value that stands for none (GDAL_NODATA)")
         # Deflate packs up to 1032 bytes in one: of more, tifffile would fill the memory.
         if not reaches_its_pixels(file, path) or series.nbytes > 1032 * path.stat().st_size:
             raise PhotographError(f"{path}: is cut short or damaged; save or copy it again")
         values = series.asarray()
         if series.axes == "SYX":
             values = np.moveaxis(values, 0, -1)
-        if key == PHOTOGRAPH and values.dtype.kind == "u" and "InterColorProfile" in page.tags:
+        curves = any(name in page.tags for name in ("InterColorProfile", "TransferFunction"))
+        if key != "mask" and values.dtype.kind == "u" and curves:
             raise _unread(path, _PROFILE)
         return _picture(values, path)
 
@@ -102,10 +106,11 @@ def _png_encoding(chunks: Mapping[bytes, bytes], path: Path) -> str | None:
         return SRGB  # nearly, as most profiles of 8 bits are; the reader warns
     if b"sRGB" in chunks:
         return SRGB
-    known = {100_000: LINEAR, 45_455: GAMMA, 0: None}
-    if (gamma := int.from_bytes(chunks.get(b"gAMA", b""))) not in known:
-        raise _unread(path, f"gamma {gamma / 1e5}")
-    return known[gamma]
+    known = {1: LINEAR, 0.455: GAMMA, 0: None}
+    gamma = int.from_bytes(chunks.get(b"gAMA", b"")) / 1e5
+    if round(gamma, 3) not in known:
+        raise _unread(path, f"gamma {gamma}")
+    return known[round(gamma, 3)]
 
 
 def _unread(path: Path, what: str) -> PhotographError:

@@ -7,7 +7,13 @@ import traceback
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.mesh_formats import check_mesh, read_mesh, write_ply
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.mesh_formats import (
+    TriangleMesh,
+    check_mesh,
+    read_mesh,
+    write_ply,
+)
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 
 VERTICES = np.array([(0.4, 0.5, 0.2), (0.5, 0.5, 0.2), (0.4, 0.6, 0.3), (0.45, 0.5, 0.4)], "f4")
@@ -198,17 +204,25 @@ def primitive(document):
             edited(lambda d: d.update(extensionsUsed=["EXT_mesh_gpu_instancing"])),
             "EXT_mesh_gpu_instancing",
         ),
-        ("obj", f"{SQUARE}v 0.5 0.1 0\nf 1 2 5 3 4\n".encode(), "notch"),
+        ("glb", edited(lambda d: d.update(skins=[{"joints": [0]}])), "skins"),
+        ("obj", f"{SQUARE}v 0.5 0.1 0\nf 2 5 3 4 1\n".encode(), "notch"),
+        ("obj", f"{SQUARE}f 1 3 2 4\n".encode(), "crosses itself"),
+        ("obj", f"{SQUARE}f 1 2 \\\n3\nf 1 3 4\n".encode(), "'3'"),
+        ("obj", f"{SQUARE}f 1 2 3\ncall more.obj\n".encode(), "call"),
     ],
 )
 def test_what_would_be_read_wrong_is_refused(mesh_file, form, content, offender):
     assert offender in refusal(mesh_file(form, content))
 
 
-def test_convex_polygons_are_their_triangles(mesh_file):
-    mesh = read_mesh(mesh_file("obj", f"{SQUARE}f 1 2 3 4\n".encode()))
+@pytest.mark.parametrize(("polygon", "expected"), [("1 2 3 4", 1), ("6 7 3 4 1 5", 0.75)])
+def test_polygons_that_a_fan_fills_are_its_triangles(mesh_file, polygon, expected):
+    """The second has its notch at the first corner."""
+    corners = f"{SQUARE}v 0.5 0 0\nv 0.5 0.5 0\nv 1 0.5 0\n"
+    mesh = read_mesh(mesh_file("obj", f"{corners}f {polygon}\n".encode()))
     a, b, c = mesh.vertices[mesh.faces].swapaxes(0, 1)
-    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(expected)
 
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -244,3 +258,29 @@ def test_scene_with_any_format_is_the_scene_with_its_triangles(room, mesh_file, 
         np.testing.assert_array_equal(
             render_transport(scenario, samples=4), render_transport(expected, samples=4)
         )
+
+
+PLY = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+PLY += "property float z\nelement face 1\nproperty list uchar int vertex_indices\n{}end_header\n"
+PLY += "".join(f"{x} {y} {z}\n" for x, y, z in VERTICES.tolist())
+
+
+@pytest.mark.parametrize("quads", ["quads.ply", "quads.obj"])
+def test_the_remedy_that_a_refusal_names_makes_a_mesh_that_is_read(room, tmp_path, quads):
+    """Modellers export polygons, or indices from the end: see what the message says, and do it."""
+    lines = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTICES.tolist())
+    content = PLY.format("") + "4 0 1 3 2\n" if quads.endswith("ply") else f"{lines}f -4 -3 -1 -2\n"
+    (tmp_path / quads).write_text(content)
+    with pytest.raises(SceneError, match=rf"{quads}.*triangles in STL.* binary PLY"):
+        room.load(SHAPE.format(quads[-3:], quads))
+    (tmp_path / "same.stl").write_bytes(stl(VERTICES[[(0, 1, 3), (0, 3, 2)]]))
+    write_ply(tmp_path / "same.ply", TriangleMesh(VERTICES, np.array([(0, 1, 3), (0, 3, 2)])))
+    for name in ("same.stl", "same.ply"):
+        assert len(room.load(SHAPE.format(name[-3:], name)).occluders[0].faces) == 2
+
+
+def test_a_warning_of_mitsubas_appears_once(room, tmp_path, capfd):
+    edges = "element edge 1\nproperty int vertex1\nproperty int vertex2\n"
+    (tmp_path / "tent.ply").write_text(PLY.format(edges) + "3 0 1 2\n0 1\n")
+    render_transport(room.load(SHAPE.format("ply", "tent.ply")), samples=4)
+    assert "".join(capfd.readouterr()).count("edge") == 1

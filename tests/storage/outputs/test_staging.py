@@ -46,6 +46,22 @@ def test_failure_leaves_the_old_output_and_nothing_else(tmp_path, failure, stage
     assert old.read_bytes() == b"old" and entries(tmp_path) == before
 
 
+@pytest.mark.parametrize("staged_output", [staged_file, staged_folder])
+def test_a_file_system_that_cannot_be_written_is_named(tmp_path, monkeypatch, staged_output):
+    """There, even the removal of a file that does not exist is an error."""
+
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    for change in ("touch", "mkdir", "unlink"):
+        monkeypatch.setattr(Path, change, refuse)
+    with (
+        pytest.raises(OutputError, match=r"cannot write .*y: Read-only"),
+        staged_output(tmp_path / "y"),
+    ):
+        pass
+
+
 UNWRITABLE = [
     "/proc/x",
     "/proc/periscopy/y",
