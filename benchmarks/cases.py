@@ -23,7 +23,7 @@ from benchmarks.suites import Suite, crop, geometry
 from experiments.paper.moving_scene import clip
 from experiments.setting import kept, package_sha256
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.decoding import srgb_decode
+from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.pictures import area_average
 

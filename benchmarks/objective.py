@@ -12,7 +12,7 @@ from benchmarks.entry import Outcome
 from benchmarks.scoring import METRICS, scores
 from benchmarks.suites import VERSION
 from periscopy_sim.evaluation.metrics import gain_matched
-from periscopy_sim.storage.formats.decoding import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import png_bytes
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.figures import style
 from periscopy_sim.figures.panels import displayable
 from periscopy_sim.scenario import Scenario, wall_frame
-from periscopy_sim.storage.formats.decoding import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_encode
 
 COLUMN = 3.5
 """Width of a column, inches."""

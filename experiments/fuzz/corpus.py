@@ -15,10 +15,10 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from periscopy_sim.storage.formats.decoding import srgb_decode
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.scene.mesh_formats import read_mesh
+from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.pictures import read_hidden_image
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".exr")

@@ -341,7 +341,7 @@ def _draw(gone: Way, place: Workplace) -> Picture:
     """Draw the pictures and what is left of the photographs, one row a step."""
     import matplotlib.image as mpl_image
 
-    from periscopy_sim.storage.formats.decoding import srgb_encode
+    from periscopy_sim.storage.formats.srgb import srgb_encode
 
     name = f"{gone.laboratory}_{gone.ruler}"
     truth = np.load(place.rendered / gone.laboratory / "truth" / "hidden.npy")

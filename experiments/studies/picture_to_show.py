@@ -72,7 +72,7 @@ class Laboratory:
             self.scenario, self.names, self.centers, self.errors, NONE, photographs, [picture]
         )
         level = problem.joint()
-        look = level.look(level.trial(level.center))
+        look = level.look(level.candidate(level.center))
         variances = np.diag(np.linalg.inv(look.curvature()))[: len(self.names)]
         return np.asarray(np.sqrt(variances) / self.errors)
 

@@ -15,7 +15,7 @@ from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_par
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
-from periscopy_sim.calibration.search import COOLING, DRAWS, FINE_COOLING, STEPS, Search
+from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -135,12 +135,16 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
     search = Search(coarse, fine, seed, path.add)
-    end = search.best() if problem.has_unknown_images else search.followed(fine.trial(fine.center))
+    end = (
+        search.best()
+        if problem.has_unknown_images
+        else search.followed(fine.candidate(fine.center))
+    )
     gain, κ = end.point[len(names) :], end.temperature
-    measured = fine.trial(np.append(problem.centers, gain))
+    measured = fine.candidate(np.append(problem.centers, gain))
     values = np.append(fine.values(end.point), problem.uncertain.values)
     level = problem.joint()
-    joint = level.look(level.trial(np.append(values, gain)), κ)
+    joint = level.look(level.candidate(np.append(values, gain)), κ)
     known = learned(joint, len(names))
     moved = is_significant(measured.objective_at(κ) - end.objective, known)
     best = end if moved else measured
@@ -179,7 +183,8 @@ class _Path:
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
         coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
         followed = 2 if problem.has_unknown_images else 1
-        self._expected = STEPS * (coarse + FINE_LOOK * followed * len(FINE_COOLING))
+        colder = len(fine_cooling(len(problem.photographs)))
+        self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [])
 

@@ -27,7 +27,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Candidate:
     """Photographs explained at a point.
 
     Attributes
@@ -53,7 +53,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Look(Trial):
+class Look(Candidate):
     """What photographs say at a point: the objective and its derivatives.
 
     Attributes
@@ -124,6 +124,11 @@ class ResolutionLevel:
     background: Array
     groups: tuple[Group, ...]
 
+    @property
+    def photographs(self) -> int:
+        """How many there are."""
+        return sum(int(group.light.shape[1]) for group in self.groups) // 3
+
     @cached_property
     def _places(self) -> Array:
         """(2, M) row and column of the pixels used, between -1 and 1."""
@@ -159,24 +164,24 @@ class ResolutionLevel:
         """Return twice the negative logarithm of the prior's density, less a constant."""
         return float(self.precision @ (point - self.center) ** 2)
 
-    def trial(self, point: Array) -> Trial:
+    def candidate(self, point: Array) -> Candidate:
         """Return the photographs explained at a point."""
         try:
             A = self.gain(point)[:, None] * self.scene.transport(self.values(point))
         except SceneError:
-            return Trial(point, (), self.penalty(point))
+            return Candidate(point, (), self.penalty(point))
         explained = (g.images.explain(A, self.background, g.light) for g in self.groups)
-        return Trial(point, tuple(explained), self.penalty(point))
+        return Candidate(point, tuple(explained), self.penalty(point))
 
-    def look(self, trial: Trial, temperature: float = 1.0) -> Look:
+    def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
         """Return what the photographs say at a point; a SceneError says that it is no scene."""
-        point = trial.point
+        point = candidate.point
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]
         bright = gain * A
         slope = np.zeros(len(point))
         motions, beyond = [], []
-        for each in trial.explanations:
+        for each in candidate.explanations:
             lights = each.lights.astype(np.float32)
             by_gain = self.terms[:, :, None] * (bright @ lights)
             motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
@@ -190,8 +195,8 @@ class ResolutionLevel:
         crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
         return Look(
             point=point,
-            explanations=trial.explanations,
-            penalty=trial.penalty,
+            explanations=candidate.explanations,
+            penalty=candidate.penalty,
             slope=slope,
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,

@@ -17,16 +17,16 @@ from functools import partial
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Look, ResolutionLevel, Trial
+from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
-"""Temperatures of a coarse descent: colder starts end in the nearest minimum."""
+"""Temperatures of a coarse descent, a photograph: colder starts end in the nearest minimum."""
 
-FINE_COOLING = 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0
-"""Temperatures of a fine descent, to that of white noise."""
+HOTTEST = 128.0
+"""Temperature, a photograph, at which a fine descent begins: it is halved to 1, white noise's."""
 
 STEPS = 2
 """Of a descent at each temperature."""
@@ -49,6 +49,12 @@ LONGEST = 3.0
 Visit = Callable[[Look], None]
 
 
+def fine_cooling(photographs: int) -> list[float]:
+    """Return the temperatures of a fine descent on so many photographs, hottest first."""
+    count = int(np.ceil(np.log2(HOTTEST * photographs))) + 1
+    return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
+
+
 def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visit) -> Look:
     """Return the look after at most `STEPS` steps of Levenberg and Marquardt's method."""
     look, damping = replace(start, temperature=temperature), DAMPING
@@ -57,20 +63,20 @@ def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visi
             break
         for _ in range(TRIALS):
             step = _step(level, look, damping)
-            trial = level.trial(look.point + step)
-            if trial.objective_at(temperature) < look.objective:
+            candidate = level.candidate(look.point + step)
+            if candidate.objective_at(temperature) < look.objective:
                 break
             damping = max(damping, DAMPING) * 10
         else:
             break
         # Valleys are rough: the information nearby exceeds that over the valley.
         while True:
-            farther = level.trial(look.point + 2 * step)
-            if farther.objective_at(temperature) >= trial.objective_at(temperature):
+            farther = level.candidate(look.point + 2 * step)
+            if farther.objective_at(temperature) >= candidate.objective_at(temperature):
                 break
-            step, trial = 2 * step, farther
-        gain, damping = look.objective - trial.objective_at(temperature), damping / 5
-        look = level.look(trial, temperature)
+            step, candidate = 2 * step, farther
+        gain, damping = look.objective - candidate.objective_at(temperature), damping / 5
+        look = level.look(candidate, temperature)
         visit(look)
         if gain < NEGLIGIBLE:
             break
@@ -120,32 +126,33 @@ class Search:
             apart = end.point - own.point
             if apart @ own.curvature() @ apart > NEGLIGIBLE:
                 others.append(end.point)
-        look = self.followed(self.fine.trial(own.point))
+        look = self.followed(self.fine.candidate(own.point))
         if not others:
             return look
-        trials = [self.fine.trial(point) for point in others]
-        other = self.followed(min(trials, key=lambda trial: trial.objective_at(1.0)))
+        candidates = [self.fine.candidate(point) for point in others]
+        other = self.followed(min(candidates, key=lambda each: each.objective_at(1.0)))
         # Where photographs cannot tell, the end that is likelier before them is kept.
         hottest = max(look.temperature, other.temperature)
         gain = look.objective_at(hottest) - other.objective_at(hottest)
         return other if is_significant(gain, len(own.point)) else look
 
     def _coarse_end(self, level: ResolutionLevel) -> Look:
-        look = level.look(level.trial(level.center))
+        look = level.look(level.candidate(level.center))
         for temperature in COOLING:
-            look = descend(level, look, temperature, partial(self.visit, 0))
+            look = descend(level, look, level.photographs * temperature, partial(self.visit, 0))
         return look
 
-    def followed(self, start: Trial) -> Look:
+    def followed(self, start: Candidate) -> Look:
         """Return the coldest fine look, from a start, that the prior allows.
 
         Photographs that move the parameters farther than chance errs in measured values show
         something that the scene lacks: they count for less.
         """
         look = self.fine.look(start)
-        for temperature in FINE_COOLING:
+        hottest, *_ = cooling = fine_cooling(self.fine.photographs)
+        for temperature in cooling:
             colder = descend(self.fine, look, temperature, partial(self.visit, 1))
-            if temperature < FINE_COOLING[0] and is_significant(colder.penalty, len(start.point)):
+            if temperature < hottest and is_significant(colder.penalty, len(start.point)):
                 break
             look = colder
         return look

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
 from periscopy_sim.scenario import Array
-from periscopy_sim.storage.formats.decoding import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from periscopy_sim.photograph import Photograph, check_size, with_channels
 from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
-from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture, srgb_decode
+from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
+from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture, format_of
 
 

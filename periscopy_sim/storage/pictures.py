@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import with_channels
-from periscopy_sim.storage.formats.decoding import LINEAR, srgb_bytes, srgb_decode
+from periscopy_sim.storage.formats.decoding import LINEAR
+from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_decode
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
 

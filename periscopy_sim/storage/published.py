@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
-from periscopy_sim.storage.formats.decoding import decoding, srgb_decode
+from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
+from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.pictures import area_average
 
 REPEATS = ("averaged_iterations", "iterations")

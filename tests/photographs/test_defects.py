@@ -9,7 +9,7 @@ import pytest
 from periscopy_sim.measurement import Sensor
 from periscopy_sim.photographs import defects
 from periscopy_sim.photographs.defects import defective_pixels
-from periscopy_sim.storage.formats.decoding import srgb_decode
+from periscopy_sim.storage.formats.srgb import srgb_decode
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
 ROWS, COLUMNS = 90, 110

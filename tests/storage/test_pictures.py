@@ -8,7 +8,7 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import OutputError, PhotographError
-from periscopy_sim.storage.formats.decoding import srgb_decode, srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 from periscopy_sim.storage.pictures import area_average, read_hidden_image, write_png
 
 RNG = np.random.default_rng(4)

@@ -11,7 +11,7 @@ from experiments.published import layout
 from experiments.published.layout import PLACEMENTS, captures, place_of
 from experiments.published.setting import PublishedSetting
 from experiments.setting import FittedScene
-from periscopy_sim.storage.formats.decoding import srgb_encode
+from periscopy_sim.storage.formats.srgb import srgb_encode
 
 HIDDEN, PHOTOGRAPH = (10, 12), (42, 42)
 COUNTS = 200.0  # for each unit of exposure, of the brightest photograph
