@@ -100,3 +100,10 @@ class MovingScene:
         """Return B of the point lights, (M, L)."""
         B = np.asarray(point_light_backgrounds(self.at(values)), np.float64)
         return np.asarray(B.reshape(-1, self.finer**2, B.shape[1]).mean(axis=1))
+
+
+def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
+    factor = min(1.0, longest / max(size))
+    rows, columns = (max(1, round(factor * n)) for n in size)
+    return rows, columns

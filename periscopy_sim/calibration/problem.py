@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.level import Group, ResolutionLevel
-from periscopy_sim.calibration.moving_scene import MovingScene
+from periscopy_sim.calibration.moving_scene import MovingScene, fitted
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
@@ -195,10 +195,3 @@ def _thinned(pixels: NDArray[np.bool_], count: float) -> NDArray[np.bool_]:
     lattice = np.zeros_like(pixels)
     lattice[stride // 2 :: stride, stride // 2 :: stride] = True
     return pixels & lattice
-
-
-def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
-    factor = min(1.0, longest / max(size))
-    rows, columns = (max(1, round(factor * n)) for n in size)
-    return rows, columns

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.analytic.area_transport import require_areas
-from periscopy_sim.calibration.moving_scene import MovingScene
+from periscopy_sim.calibration.moving_scene import MovingScene, fitted
 from periscopy_sim.calibration.prior import check_error, start_values
-from periscopy_sim.calibration.problem import fitted
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
