@@ -97,9 +97,11 @@ class MovingScene:
         raise unphysical
 
     def point_lights(self, values: Array) -> Array:
-        """Return B of the point lights, (M, L)."""
-        B = np.asarray(point_light_backgrounds(self.at(values)), np.float64)
-        return np.asarray(B.reshape(-1, self.finer**2, B.shape[1]).mean(axis=1))
+        """Return B of the point lights, (M, L), whose grid all of the photograph places."""
+        moved = self.scenario.at(**dict(zip(self.names, values.tolist(), strict=True)))
+        (rows, columns), n = self.pixels.shape, self.finer
+        B = np.asarray(point_light_backgrounds(moved), np.float64)
+        return np.asarray(B.reshape(rows, n, columns, n, -1).mean(axis=(1, 3))[self.pixels])
 
 
 def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,11 @@ from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
 
-LONGEST = 42
-"""Rows and columns, at most, for which derivatives are computed; between them light is linear."""
+LONGEST = 126
+"""Rows and columns, at most, for which derivatives are computed; beyond them light is linear."""
+
+BAND = 1000
+"""Pixels whose derivatives are in memory at a time, about."""
 
 
 def uncertain_transport(
@@ -61,10 +65,15 @@ def uncertain_transport(
     )
     deviations = np.sqrt(np.sum(directions**2, axis=1))
     scene = MovingScene(movable, names, deviations, np.ones(coarse, bool), 1)
-    _, changes = scene.linearized(values)
+    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
-        light = (changes @ image.reshape(-1, 3).astype(np.float32)).reshape(-1, *coarse, 3)
+        f, parts = image.reshape(-1, 3).astype(np.float32), []
+        for band in bands:
+            pixels = np.zeros(coarse, bool)
+            pixels[band] = True
+            parts.append(replace(scene, pixels=pixels).linearized(values)[1] @ f)
+        light = np.concatenate(parts, axis=1).reshape(-1, *coarse, 3)
         finer = 1, *np.divide(shape, coarse), 1
         smooth = ndimage.zoom(light, finer, order=1, mode="nearest", grid_mode=True)
         return np.asarray(smooth.reshape(len(names), -1, 3))

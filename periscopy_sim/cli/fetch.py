@@ -11,6 +11,7 @@ import typer
 
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import output_folder, progress, say
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.published import fetch as fetch_set
 from periscopy_sim.storage.published import published_sets, read_capture
 
@@ -24,6 +25,8 @@ def fetch(name: Name = "", out: Out = None) -> None:
     Raw captures as their authors lay them out, and an NPZ file of each for `reconstruct`.
     """
     sets = published_sets()
+    if not name and out is not None:
+        raise PeriscopyError("--out: name the set to fetch")
     if not name:
         for each, found in sets.items():
             say(f"{each}: {found.what} ({len(found.files)} captures)")

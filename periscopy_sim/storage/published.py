@@ -16,10 +16,14 @@ from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.pictures import area_average
 
 REPEATS = ("averaged_iterations", "iterations")
 """Fields for the number of exposures; the first counts if both are there."""
+
+RANGE_NOT_SATISFIABLE = 416
+"""HTTP's status for a range that begins at the end of the file or beyond."""
 
 FILM = (126, 126)
 """(rows, columns) of the cameras of the shipped scenes."""
@@ -78,26 +82,27 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
     sets = published_sets()
     if name not in sets:
         guess = did_you_mean(name, sets)
-        raise PeriscopyError(f"no set '{name}'; {guess or 'name one of'} {', '.join(sets)}")
+        raise PeriscopyError(f"no set '{name}'; {guess or 'name one of ' + ', '.join(sets)}")
     url, files = sets[name].url, sets[name].files
     root = Path(os.environ.get("PERISCOPY_DATA") or pooch.os_cache("periscopy_sim"))
     pooch.get_logger().setLevel("WARNING")  # `progress` reports
     # The retry is for a download that continued what was damaged.
     cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
-    for number, file in enumerate(files):
-        if progress is not None:
-            progress(number, len(files))
-        try:
-            cache.fetch(file, downloader=_resumed(cache.abspath / f"{file}.partial"))
-        except RequestException as error:
-            raise PeriscopyError(
-                f"{file}: {url} did not send it ({type(error).__name__}); check the network and "
-                "run this again, which continues where it stopped"
-            ) from None
-        except ValueError:
-            raise PeriscopyError(
-                f"{file}: {url} sends another file than the published one, by its SHA-256"
-            ) from None
+    with alone_in(Path(cache.abspath)):
+        for number, file in enumerate(files):
+            if progress is not None:
+                progress(number, len(files))
+            try:
+                cache.fetch(file, downloader=_resumed(cache.abspath / f"{file}.partial"))
+            except RequestException as error:
+                raise PeriscopyError(
+                    f"{file}: {url} did not send it ({type(error).__name__}); check the network "
+                    "and run this again, which continues where it stopped"
+                ) from None
+            except ValueError:
+                raise PeriscopyError(
+                    f"{file}: {url} sends another file than the published one, by its SHA-256"
+                ) from None
     return Path(cache.abspath)
 
 
@@ -119,8 +124,9 @@ def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
                 pooch.HTTPDownloader(chunk_size=2**16, headers=headers, timeout=30)(
                     url, stream, None
                 )
-        except HTTPError:  # nothing follows what is there
-            partial.unlink()
+        except HTTPError as error:
+            if error.response.status_code == RANGE_NOT_SATISFIABLE:  # nothing follows what is there
+                partial.unlink()
             raise
         partial.replace(output)
 

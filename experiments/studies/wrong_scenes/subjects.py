@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 NAMES = "chair", "plate", "shelf", "sign"
 
-SAMPLES = 65536
+SAMPLES = 16384
 """Paths a pixel of each of two renderings. Their mean has a grain of 0.04 % of the chair's signal,
 over a third of the noise at 60 dB; at an SBR of 0.5 it is an eighth of that noise."""
 

@@ -306,10 +306,10 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
             state = mi.parser.parse_file(config, str(path), **parameters)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError) as error:
-        for name, text in parameters.items():
-            if f'value "{text}"' in str(error):
-                kind = "whole number" if "integer" in str(error) else "number"
-                raise SceneError(f"{name}={text}: scene '{path}' needs a {kind} there") from None
+        if wrong := [n for n, text in parameters.items() if f'value "{text}"' in str(error)]:
+            kind = "whole number" if "integer" in str(error) else "number"
+            texts = " or ".join(f"{name}={parameters[name]}" for name in wrong)
+            raise SceneError(f"{texts}: scene '{path}' needs a {kind} there") from None
         raise SceneError(f"scene '{path}': {one_line(error)}") from None
     if document.missing:  # Mitsuba looks where the process started, too
         raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
