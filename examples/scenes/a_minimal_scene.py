@@ -61,8 +61,8 @@ ax.set_axis_off()
 
 # %%
 # Everything else is as with the shipped scenes. In a shell: ``periscopy photograph minimal.xml
-# letters --snr 60 --out photo.exr``, then ``periscopy reconstruct photo.exr --scene minimal.xml
-# --hidden 12x15 --out out``.
+# letters --hidden 12x15 --snr 60 --out photo.exr``, then ``periscopy reconstruct photo.exr --scene
+# minimal.xml --hidden 12x15 --out out``. The monitor shows 12 x 15 patches, as the image has.
 
 hidden = (12, 15)
 scene = ps.load_scenario(file, hidden)

@@ -19,7 +19,7 @@ from periscopy_sim.analytic.outline import (
     outline_of,
 )
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
-from periscopy_sim.numerics.threads import compiled
+from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
 PART = float(np.cbrt(np.finfo(np.float64).eps))

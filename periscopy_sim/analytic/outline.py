@@ -22,7 +22,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.threads import compiled
+from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
 Indices = NDArray[np.int64]

@@ -21,7 +21,7 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
-from periscopy_sim.numerics.threads import compiled, compiled_reordered
+from periscopy_sim.numerics.compilation import compiled, compiled_reordered
 from periscopy_sim.scenario import Array
 
 GAUSS = 0.5 / np.sqrt(3.0)

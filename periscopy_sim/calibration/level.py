@@ -35,7 +35,7 @@ class Candidate:
     point, explanations
         (P + K,), and the photographs explained there, a group each; () where there is no scene.
     penalty
-        Of the prior: twice a negative logarithm, less a constant, as `evidence` is.
+        −2 log of the prior's density, up to a constant.
     """
 
     point: Array
@@ -44,7 +44,7 @@ class Candidate:
 
     @cached_property
     def evidence(self) -> float:
-        """Of the photographs; infinite where there is no scene."""
+        """−2 log evidence, up to a constant; infinite if the point is no scene."""
         return sum(each.evidence for each in self.explanations) if self.explanations else np.inf
 
     def objective_at(self, temperature: float) -> float:
@@ -54,7 +54,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Look(Candidate):
-    """What photographs say at a point: the objective and its derivatives.
+    """The objective and its derivatives at a point.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class ResolutionLevel:
 
     @property
     def photographs(self) -> int:
-        """How many there are."""
+        """Number of photographs."""
         return sum(int(group.light.shape[1]) for group in self.groups) // 3
 
     @cached_property
@@ -174,7 +174,7 @@ class ResolutionLevel:
         return Candidate(point, tuple(explained), self.penalty(point))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
-        """Return what the photographs say at a point; a SceneError says that it is no scene."""
+        """Return the derivatives, too; a SceneError says that the point is no scene."""
         point = candidate.point
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.model.residual import percentages
+from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
 LEARNED = 0.5

@@ -38,7 +38,7 @@ DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
 
 NEGLIGIBLE = 0.5
-"""Decrease of the objective, predicted or made, that is not worth a step: so near, ends are one."""
+"""Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
 
 TRIALS = 4
 """Steps tried, each shorter, before a point is called the best."""

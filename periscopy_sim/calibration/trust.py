@@ -42,8 +42,8 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
 def misfits(look: Look, noise: Array) -> Array:
     """Return how much of each photograph no scene explains, (K,): the residual over the light.
 
-    Of both, the light of far lamps is projected out and the camera's white noise, of standard
-    deviation `noise`, (3 K,), is subtracted.
+    Both exclude the light of far lamps and the camera's white noise, of standard deviation
+    `noise`, (3 K,).
     """
     residuals = np.concatenate([np.sum(each.residual**2, axis=0) for each in look.explanations])
     energies = np.concatenate([each.energy for each in look.explanations])
@@ -72,7 +72,7 @@ def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) 
         if abs(distance) > FARTHEST
     ]
     if known < LEARNED:
-        reasons.append("the photograph tells less of the parameters than the ruler does")
+        reasons.append("the photograph determines the parameters less well than the measurements")
     for k, fraction in enumerate(misfit, 1):
         which = f"photograph {k}" if len(misfit) > 1 else "the photograph"
         if fraction > MISFIT:

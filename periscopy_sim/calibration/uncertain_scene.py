@@ -59,7 +59,7 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = fitted(shape, LONGEST)
+    coarse = fitted(shape, max(LONGEST, *scenario.hidden_shape))
     movable = load_scenario(
         scenario.path, scenario.hidden_shape, scenario.parameters, photograph=coarse
     )

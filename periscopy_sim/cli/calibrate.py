@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
@@ -278,15 +279,15 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.numerics.percentages import percentages
 
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
     if result.overdispersion > 1:
         say(
-            f"the photograph counts 1/{result.overdispersion:g} of what its noise allows: it shows "
-            "something that the scene lacks"
+            f"the photograph has 1/{result.overdispersion:g} of its weight, because the scene does "
+            "not explain all of it"
         )
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
@@ -297,9 +298,12 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
         )
     if result.uncertain.names:
-        say(f"errors count those of what stays: {', '.join(result.uncertain.names)}")
+        names = ", ".join(result.uncertain.names)
+        say(f"standard errors include those of the fixed parameters: {names}")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
-    if result.colour_matrix is not None:
+    if result.colour_matrix is None:
+        say(sentence("any_place"))
+    else:
         rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
 
@@ -312,7 +316,7 @@ def _rounded(value: float, error: float) -> str:
 
 def say_silhouette(solution: "Silhouette") -> None:
     """Print what the mask looks like and how far it is to be believed."""
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.numerics.percentages import percentages
 
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))

@@ -31,7 +31,7 @@ def fetch(name: Name = "", out: Out = None) -> None:
         for each, found in sets.items():
             say(f"{each}: {found.what} ({len(found.files)} captures)")
         return
-    with progress(f"downloading {name}", "captures") as report:
+    with progress(f"fetching {name}", "captures") as report:
         folder = fetch_set(name, report)
     chosen = sets[name]
     say(f"cite: {chosen.cite}")

@@ -22,10 +22,10 @@ SENTENCES = {
     ),
     "does_not_fit": (
         "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
-        "photograph, where noise alone would leave {noise_alone:.3g} %. Export linear values, "
-        "measure or calibrate the scene (periscopy calibrate), mask what is not bare wall (--mask),"
-        " add a photograph with the monitor off (--monitor-off), or, where rays render A, take "
-        "more of them (--samples 256)"
+        "photograph, where noise alone would leave {noise_alone:.3g} %. Export linear values, give "
+        "as many patches as the picture has (--hidden), measure or calibrate the scene (periscopy "
+        "calibrate), mask what is not bare wall (--mask), add a photograph with the monitor off "
+        "(--monitor-off), or, where rays render A, take more of them (--samples 256)"
     ),
     "unexplained": (
         "the image leaves {unexplained:.3g} % of the photograph unexplained, far more than noise: "
@@ -33,6 +33,10 @@ SENTENCES = {
         "photograph's values, or try another method"
     ),
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
+    "any_place": (
+        "the numbers and the image may be displaced together by whole patches: only a known "
+        "picture (--shown) fixes the place"
+    ),
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
@@ -70,7 +74,7 @@ def report_sentences(report: "Report") -> list[str]:
 
 def residual_summary(residual: "Residual") -> str:
     """Return how much of a photograph is unexplained, and how much noise alone would leave."""
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.numerics.percentages import percentages
 
     unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
     summary = f"unexplained: {unexplained} % of the photograph"

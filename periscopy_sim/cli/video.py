@@ -56,7 +56,7 @@ def video(
     colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
-    from periscopy_sim.evaluation import metrics
+    from periscopy_sim.evaluation import video_metrics
 
     for ending in also or ():
         require_encoder(ending)
@@ -87,7 +87,7 @@ def video(
         text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
             if known is not None:
-                metrics.compare(records, images, known)
+                video_metrics.compare(records, images, known)
                 errors = [record["mean_squared_error"] for record in records]
                 sheet = folder / "frames_sheet.png"
                 drawing.draw_sheet(sheet, photographs, known, images, errors, text)
@@ -100,8 +100,8 @@ def video(
         if report.residual is not None:
             caption = messages.residual_summary(report.residual)
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
-        metrics.write_table(folder / "metrics.csv", records)
-        medians = metrics.medians_of(records)
+        video_metrics.write_table(folder / "metrics.csv", records)
+        medians = video_metrics.medians_of(records)
         session.write_summary(
             folder / "summary.json",
             {
@@ -146,19 +146,19 @@ def _recover(
     """Return the frames, (frames, R, C, 3), their rows of the table, and the first one's report."""
     from threadpoolctl import threadpool_limits
 
-    from periscopy_sim.evaluation import metrics
+    from periscopy_sim.evaluation import video_metrics
 
     images: list[Image] = []
     records: list[dict[str, Any]] = []
     # Small products gain little from threads, which wait for each other on a busy machine.
     work = progress("reconstructing", "frames")
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
-        solved = metrics.timed_solutions(recovery, photographs)
+        solved = video_metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
             if not images:
                 report = still.report(photographs[0], solution)
             images.append(solution.image.astype(np.float32))
             numbers = solution.numbers()
-            records.append(metrics.record_of(k, names[k], seconds, numbers))
+            records.append(video_metrics.record_of(k, names[k], seconds, numbers))
             frame_done(k + 1, len(names))
     return np.stack(images), records, report

@@ -64,7 +64,9 @@ def find_method(name: str) -> Factory:
         factory = reduce(getattr, attribute.split("."), SimpleNamespace(**_definitions(name)))
         inspect.signature(factory).bind(None, None, None)  # type: ignore[arg-type]
     except AttributeError as error:
-        raise PeriscopyError(f"method '{name}': {error}; check the name") from error
+        raise PeriscopyError(
+            f"method '{name}': there is no '{attribute}'; check the name"
+        ) from error
     except TypeError as error:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"

@@ -4,20 +4,16 @@ Every metric uses the truth: for the gain of each channel or a matrix of colours
 so for the shift.
 """
 
-import csv
 import math
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.video_method import FrameByFrame
+    pass
 
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
@@ -139,52 +135,3 @@ def shifted(image: Image, down: float, right: float) -> Array:
         np.asarray(image, np.float64), (down, right, 0), order=1, mode="grid-constant"
     )
     return moved
-
-
-Record = dict[str, Any]
-
-
-def timed_solutions(
-    video: "FrameByFrame[Any, Any]", photographs: Image, batch: int = 16
-) -> Iterator[tuple[Any, float]]:
-    """Yield solutions in turn, and the seconds of each: its own and its share of its batch's."""
-    for start in range(0, len(photographs), batch):
-        clock = time.perf_counter()
-        remaining: list[Callable[[], Any]] = list(
-            video.recoveries(photographs[start : start + batch])
-        )
-        share = (time.perf_counter() - clock) / len(remaining)
-        for finish in remaining:
-            clock = time.perf_counter()
-            solution = finish()
-            yield solution, share + time.perf_counter() - clock
-
-
-def record_of(frame: int, name: str, seconds: float, numbers: Mapping[str, Any]) -> Record:
-    """Return a frame's row of the table; of numbers by channel, the root mean square."""
-    means = {
-        key: value if isinstance(value, int) else float(np.sqrt(np.mean(np.square(value))))
-        for key, value in numbers.items()
-    }
-    return {"frame": frame, "name": name, "seconds": seconds, **means}
-
-
-def compare(records: Sequence[Record], images: Image, known: Image) -> None:
-    """Add each frame's metrics against the truth to its record."""
-    for record, image, truth in zip(records, images, known, strict=True):
-        record["mean_squared_error"] = mean_squared_error(image, truth)
-        record["psnr"] = psnr(image, truth)
-
-
-def medians_of(records: Sequence[Record]) -> dict[str, float]:
-    """Return the median over the frames of each number."""
-    names = (name for name in records[0] if name not in ("frame", "name"))
-    return {name: float(np.median([record[name] for record in records])) for name in names}
-
-
-def write_table(path: Path, records: Sequence[Record]) -> None:
-    """Write the records as CSV, one row a frame."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.DictWriter(stream, list(records[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(records)

@@ -23,6 +23,9 @@ from periscopy_sim.numerics.products import project_out, times_rows
 Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
+PRECISION = 1e-5
+"""Relative precision of A by areas; A by rays has less."""
+
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
 
@@ -131,8 +134,11 @@ class Fit:
         C = Q.T @ used
         self.gram: Array = used.T @ used - C.T @ C
         energy = float(np.trace(self.gram))
-        if not energy > ROUNDING * float(np.vdot(used, used)):
-            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+        if not energy > PRECISION**2 * float(np.vdot(used, used)):
+            raise ValueError(
+                "A with the backgrounds projected out is zero: B explains all of it, as where no "
+                "occluder casts a shadow"
+            )
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.threads import compiled_reordered, in_parallel, ranges
+from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.threads import in_parallel, ranges
 
 Array = NDArray[Any]
 

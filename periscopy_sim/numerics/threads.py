@@ -1,4 +1,4 @@
-"""Compiled loops that release the interpreter's lock, and threads that run them."""
+"""Independent pieces of work on threads, for compiled functions that release the GIL."""
 
 import os
 import threading
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import islice
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -72,23 +72,3 @@ def _executor(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
 
 def _mark_as_worker() -> None:
     _here.process = os.getpid()
-
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def compiled(function: Function, **options: Any) -> Function:
-    """Compile a function as it stands; divisions by zero give infinity or NaN, as in NumPy."""
-    import numba  # a second, which the help of commands need not take
-
-    settings = {"nogil": True, "error_model": "numpy", **options}
-    try:
-        result: Function = numba.njit(cache=True, **settings)(function)
-    except RuntimeError:  # no folder takes the cache: each process compiles anew
-        result = numba.njit(**settings)(function)
-    return result
-
-
-def compiled_reordered(function: Function) -> Function:
-    """Compile a function of finite numbers whose sums may be reordered, so that loops vectorize."""
-    return compiled(function, fastmath={"reassoc", "nsz", "nnan", "contract"})

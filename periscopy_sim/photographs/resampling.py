@@ -10,7 +10,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.threads import compiled, in_parallel, ranges
+from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.threads import in_parallel, ranges
 from periscopy_sim.scenario import Array
 
 SLIVER = 1e-6

@@ -20,7 +20,7 @@ from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.pictures import area_average
 
 REPEATS = ("averaged_iterations", "iterations")
-"""Fields for the number of exposures; the first counts if both are there."""
+"""Fields for the number of exposures; the first takes precedence."""
 
 RANGE_NOT_SATISFIABLE = 416
 """HTTP's status for a range that begins at the end of the file or beyond."""
@@ -88,7 +88,7 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
     pooch.get_logger().setLevel("WARNING")  # `progress` reports
     # The retry is for a download that continued what was damaged.
     cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
-    with alone_in(Path(cache.abspath)):
+    with alone_in(root):
         for number, file in enumerate(files):
             if progress is not None:
                 progress(number, len(files))

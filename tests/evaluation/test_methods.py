@@ -180,7 +180,7 @@ def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
         ("mine.py:", "no method 'mine.py:'"),
         ("none.py:Mine", "FileNotFoundError"),
         ("no_such_module:Mine", "No module named 'no_such_module'"),
-        ("mine.py:Other", "has no attribute 'Other'"),
+        ("mine.py:Other", "'Other'"),
         ("mine.py:pair", "three arguments (scenario, A, B)"),
         ("mine.py:constant", "three arguments (scenario, A, B)"),
         ("mine.py:deaf", "makes an object of type int, which has no"),

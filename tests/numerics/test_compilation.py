@@ -3,7 +3,7 @@
 import numpy as np
 from numba.core import caching
 
-from periscopy_sim.numerics.threads import compiled
+from periscopy_sim.numerics.compilation import compiled
 
 
 def mean(values):

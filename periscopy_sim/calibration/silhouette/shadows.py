@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.numerics.threads import compiled
+from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array, Scenario, pixel_edges
 
 STEPS = 5.0

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.numerics.threads import compiled_reordered
+from periscopy_sim.numerics.compilation import compiled_reordered
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]

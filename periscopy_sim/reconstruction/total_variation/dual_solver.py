@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics.threads import compiled_reordered
+from periscopy_sim.numerics.compilation import compiled_reordered
 
 Array = NDArray[np.float64]
 Strides = NDArray[np.int64]

@@ -217,7 +217,7 @@ def write_settings(folder: Path, settings: Mapping[str, Any]) -> None:
 def refuse_results(folder: Path, results: Iterable[str]) -> None:
     """Raise if a folder holds results, files by name or pattern, without a record of settings."""
     for file in (file for pattern in results for file in folder.glob(pattern)):
-        raise OutputError(f"{file}: nothing tells what it was made with; name another folder")
+        raise OutputError(f"{file}: has no record of its settings; name another folder")
 
 
 def check_settings(
