@@ -59,7 +59,7 @@ def demo(
     for method, title in METHODS.items():
         reconstruct(
             photo=photo, session=PhotoSession(*named), light=Light(), out=out / method,
-            method=method, numbers=options.StillNumbers(), truth=image,
+            method=method, numbers=options.StillNumbers(), truth=image, uncertain="none",
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
