@@ -45,6 +45,14 @@ def test_without_occluders_it_is_the_integral(emission):
     assert relative(area_transport(scenario), oracle(scenario, (30, 30))) < 4e-4
 
 
+def test_one_patch_sends_the_light_of_all():
+    fine, coarse = (
+        area_transport(ps.load_scenario("chair", hidden, photograph=(5, 6)))
+        for hidden in ((5, 6), (1, 1))
+    )
+    np.testing.assert_allclose(coarse[:, 0], fine.sum(axis=1), rtol=1e-4)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_boxes_anywhere_hide_what_their_half_spaces_hide(seed):

@@ -123,6 +123,12 @@ def test_strongest_patterns_are_the_eigenvectors_of_the_dense_gram_matrix(patche
     assert (np.linalg.norm(left, axis=0) <= 2e-4 * eigenvectors.energy).all()
 
 
+def test_rows_may_be_a_list():
+    rows = np.random.default_rng(0).random((8, 3))
+    operator = TransportOperator(rows.tolist(), np.zeros((8, 0)))
+    np.testing.assert_allclose(operator.matmat(np.eye(3)), rows)
+
+
 def test_backgrounds_of_another_size_are_refused():
     with pytest.raises(ValueError, match="B has 7 rows"):
         TransportOperator(matrix(), basis(7))

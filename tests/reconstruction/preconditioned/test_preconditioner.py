@@ -182,6 +182,8 @@ def test_bad_arguments_are_rejected():
     A, B = transport(), backgrounds()
     with pytest.raises(ValueError, match="rows"):
         form_preconditioner(A[: N - 1])
+    with pytest.raises(ValueError, match="rows"):
+        form_preconditioner(A, B[1:])
     with pytest.raises(ValueError, match="tolerance"):
         form_preconditioner(A, B, rank_tolerance=1.0)
     for name, array in (("A", A), ("B", B)):
