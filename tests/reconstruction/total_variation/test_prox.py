@@ -152,6 +152,7 @@ def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
         ((3, 3), {"tolerance": 0}, "tolerance"),
         ((3, 3), {"max_iterations": 0}, "max_iterations"),
         ((2, 3, 3), {"temporal_weight": -1}, "temporal_weight"),
+        ((2, 3, 3), {"temporal_weight": np.inf}, "temporal_weight"),
         ((3, 3), {"temporal_weight": 1}, "shape"),
         ((3, 3), {"previous": np.ones((3, 4)), "l1_weight": 1}, "previous"),
         ((3, 3), {"previous": np.full((3, 3), np.nan), "l1_weight": 1}, "previous"),
