@@ -116,7 +116,7 @@ class Learned(NoiseAware):
         numbers = {**report.numbers, "weights_sha256": self.provenance["sha256"]}
         return replace(report, numbers=numbers)
 
-    def standard_errors(self, solution: NoiseAwareReconstruction) -> None:  # type: ignore[override]  # noqa: ARG002
+    def standard_errors(self, *_: object) -> None:  # type: ignore[override]
         """Return None: nobody knows the standard errors of a network's additions."""
         return
 

@@ -251,19 +251,20 @@ class NoiseAware(StillMethod[np.float64]):
             report,
             numbers=numbers,
             notes=[*report.notes, *notes],
-            standard_errors=self._standard_errors(solution, response),
+            standard_errors=self.standard_errors(solution, response),
         )
 
-    def standard_errors(self, solution: NoiseAwareReconstruction) -> Array:
+    def standard_errors(
+        self, solution: NoiseAwareReconstruction, response: Array | None = None
+    ) -> Array:
         """Return the standard error of each patch of a recovered image, see `model.uncertainty`.
 
         They are (R, C, 3), in units of the image, and assume that A and B are right but for the
         errors of uncertain parameters, that the corrections are, and that what the wall hides of
-        the image varies like what it shows.
+        the image varies like what it shows. The `response` is that of `model.uncertainty`, None to
+        compute it.
         """
-        return self._standard_errors(solution, self._response(solution))
-
-    def _standard_errors(self, solution: NoiseAwareReconstruction, response: Array | None) -> Array:
+        response = self._response(solution) if response is None else response
         evidence, M = solution.evidence, self.observation.mixing
         _, rest = self.fit.explicable(evidence, solution.image)
         return standard_errors(
