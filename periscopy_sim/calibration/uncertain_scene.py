@@ -18,7 +18,7 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
 
 LONGEST = 126
-"""Rows and columns, at most, for which derivatives are computed; beyond them light is linear."""
+"""Most rows and columns for which derivatives are computed; larger photographs interpolate."""
 
 BAND = 1000
 """Pixels whose derivatives are in memory at a time, about."""
@@ -78,4 +78,4 @@ def uncertain_transport(
         smooth = ndimage.zoom(light, finer, order=1, mode="nearest", grid_mode=True)
         return np.asarray(smooth.reshape(len(names), -1, 3))
 
-    return UncertainTransport(names, values, directions, slopes)
+    return UncertainTransport(names, directions, slopes)

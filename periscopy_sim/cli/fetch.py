@@ -28,8 +28,8 @@ def fetch(name: Name = "", out: Out = None) -> None:
     if not name and out is not None:
         raise PeriscopyError("--out: name the set to fetch")
     if not name:
-        for each, found in sets.items():
-            say(f"{each}: {found.what} ({len(found.files)} captures)")
+        for each, data in sets.items():
+            say(f"{each}: {data.what} ({len(data.files)} captures)")
         return
     with progress(f"fetching {name}", "captures") as report:
         folder = fetch_set(name, report)

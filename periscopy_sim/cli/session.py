@@ -88,7 +88,6 @@ class Session(options.OptionGroup):
         self.timed = Stopwatch()
         self.warnings: list[str] = []
         self.record: dict[str, Any] = {}
-        self._is_checked = False
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -120,10 +119,7 @@ class Session(options.OptionGroup):
         self.check_shadows()
 
     def check_shadows(self) -> None:
-        """Warn, once, where no occluder casts a shadow into the camera's view."""
-        if self._is_checked:
-            return
-        self._is_checked = True
+        """Warn where no occluder casts a shadow into the camera's view."""
         with self.timed("check the scene"), progress("checking the scene"):
             self.warnings += warn_without_shadows(self.scenario, self.scene)
 

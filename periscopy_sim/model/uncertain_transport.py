@@ -22,8 +22,6 @@ class UncertainTransport:
     ----------
     names
         Names of the P parameters.
-    values
-        (P,) of the scene.
     directions
         (P, K) L, in the units of the parameters.
     slopes
@@ -31,14 +29,8 @@ class UncertainTransport:
     """
 
     names: tuple[str, ...]
-    values: Array
     directions: Array
     slopes: Callable[[Array], Image]
-
-    @property
-    def standard_errors(self) -> Array:
-        """(P,) of the parameters."""
-        return np.asarray(np.sqrt(np.sum(self.directions**2, axis=1)))
 
     def lights(self, image: Array, mask: NDArray[np.bool_] | None = None) -> Array:
         """Return D f, (K, 3, M'): what each direction's standard error does to an image's light.

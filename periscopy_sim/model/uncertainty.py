@@ -135,9 +135,7 @@ def _moved(image: Array, axis: int) -> Array:
     """
     pad = [(0, 0)] * 3
     pad[axis] = (1, 1)
-    steps = np.diff(np.pad(image, pad), axis=axis)
-    pad[axis] = (1, 1)
-    steps = np.pad(steps, pad)
+    steps = np.pad(np.diff(np.pad(image, pad), axis=axis), pad)
     weights = np.array([-1, 7, 7, -1]) / 12
     count = image.shape[axis]
     parts = [w * steps.take(range(k, k + count), axis) for k, w in enumerate(weights)]

@@ -9,7 +9,6 @@ RNG = np.random.default_rng(0)
 CHANGES = RNG.standard_normal((2, 8, 5))
 TRANSPORT = UncertainTransport(
     ("x", "turn"),
-    np.array([0.1, 2.0]),
     RNG.standard_normal((2, 3)),
     lambda image: CHANGES @ image.reshape(-1, 3),
 )
@@ -22,8 +21,3 @@ def test_light_is_that_of_every_direction_in_the_pixels_used(mask):
     expected = np.einsum("pk,pmn,nc->kcm", TRANSPORT.directions, CHANGES, image[0])
     expected = expected if mask is None else expected[..., MASK.ravel()]
     np.testing.assert_allclose(TRANSPORT.lights(image, mask), expected, atol=1e-12)
-
-
-def test_standard_errors_follow_the_directions():
-    L = TRANSPORT.directions
-    np.testing.assert_allclose(TRANSPORT.standard_errors**2, np.diag(L @ L.T))

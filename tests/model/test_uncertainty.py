@@ -167,7 +167,7 @@ def uncertain_by(names, changes):
     def slopes(image):
         return changes @ image.reshape(-1, 3)
 
-    return UncertainTransport(names, np.zeros(len(names)), np.eye(len(names)), slopes)
+    return UncertainTransport(names, np.eye(len(names)), slopes)
 
 
 UNCERTAIN = uncertain_by(("x", "turn"), CHANGES)
