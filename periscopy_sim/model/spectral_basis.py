@@ -38,7 +38,7 @@ class SpectralBasis:
         nothing = np.zeros(coefficients.shape, np.float32)
         return filter_rows(nothing, self.rows, nothing, coefficients.astype(np.float32))
 
-    def solver(self, weights: Array, ρ: float, data: Array, weak: float = 0.0) -> "Solver":
+    def solver(self, weights: Array, ρ: float, data: Array, weak: float) -> "Solver":
         """Return what solves the equations of three channels for many g.
 
         The weights w are (3, 1), or (3, N) of each pattern, ρ is positive and the data d_k are

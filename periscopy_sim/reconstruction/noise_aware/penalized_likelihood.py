@@ -208,6 +208,10 @@ def _is_cut_off(target: Image, previous: Image, distance: float, pull: float) ->
 RIDGE = 0.01
 """Weight of K beside A⊥ᵀA⊥ in the image that sets the scale."""
 
+WEAK, RENEWED = 0.1, 10
+"""Part of ρ below which a pattern's curvature is weak, as that of most patterns, and iterations
+between two sums of weak patterns. The iterations stay as many and take a third of the time."""
+
 BLACK = 1e-3
 """Over the image's scale, root mean square: an image so dark is black."""
 
@@ -222,17 +226,11 @@ class Schedule:
         Largest residual that counts as converged, and most iterations.
     penalty
         λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
-    weak
-        Fraction of ρ below which a curvature is weak, see `SpectralBasis.solver`.
-    renewed
-        Iterations after which patterns of weak curvature are summed anew.
     """
 
     tolerance: float
     max_iterations: int
     penalty: float = 0.2
-    weak: float = 0.0
-    renewed: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +280,7 @@ class Objective:
             return Minimum(np.zeros((len(p), *self.hidden_shape), np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
-        solve = self.basis.solver(p[:, None], ρ, data, schedule.weak)
+        solve = self.basis.solver(p[:, None], ρ, data, WEAK)
         V = V.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:
@@ -294,7 +292,7 @@ class Objective:
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
             g = right_hand_side(split)
-            f = V @ solve(V.T @ g, renew=iteration % schedule.renewed == 0)
+            f = V @ solve(V.T @ g, renew=iteration % RENEWED == 0)
             iteration += 1
             image = f.reshape(split.v.shape)
             residual = advance(image, split, threshold, self.positive, drawn_to, pull, black)

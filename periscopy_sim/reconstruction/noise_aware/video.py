@@ -20,10 +20,6 @@ Coupling = Literal["l1", "none"]
 PENALTY = 0.4
 """λ/ρ over the image's scale: the step that needed the fewest iterations from a frame nearby."""
 
-WEAK, RENEWED = 0.1, 10
-"""Part of ρ below which a pattern's curvature is taken for small, as that of most patterns, and
-iterations for which their sum is kept. That saves a fifth of the time; the frame stays the same."""
-
 LOOSER = 3.0
 """Tolerance over that of a still: with this step, it leaves a frame as near to its minimum."""
 
@@ -73,7 +69,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
             still = self.still
             tolerance = LOOSER * still.tolerance
             penalty = PENALTY / max(1.0, weight)  # the step follows the larger of λ and λ₂
-            schedule = Schedule(tolerance, still.max_iterations, penalty, WEAK, RENEWED)
+            schedule = Schedule(tolerance, still.max_iterations, penalty)
             solution, split = self.still.recover(
                 evidence, schedule, self._split, self.previous, weight
             )
