@@ -18,7 +18,7 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
-from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
+from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, shadow_within
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.scenario import Array
 
@@ -49,7 +49,7 @@ def light_derivatives(
         (P,) whether a parameter moves any but the vertices.
     """
     rows, columns = shape
-    changes = np.empty((len(shines), rows, columns))
+    changes = np.empty((rows, columns, len(shines)))  # parameters side by side: loops vectorize
     still, near = np.empty((rows, columns)), np.empty((rows, columns))
     cells, exponents = lit.cells, lit.exponents
     for i in range(len(lit.points)):
@@ -73,17 +73,18 @@ def light_derivatives(
                 facing = normal + PART * moved.normals[q, i, k]
                 size, fall = cells + PART * moved.cells[q], exponents + PART * moved.exponents[q]
                 add_light(place, facing, size, fall, shadow, near)
-                changes[q] += (near - still) / PART
-        for q in range(len(shines)):
-            gather(changes[q], cut, 1 / lit.points.shape[1], out[q, i])
+                for row in range(rows):
+                    for column in range(columns):
+                        changes[row, column, q] += (near[row, column] - still[row, column]) / PART
+        _gather(changes, cut, 1 / lit.points.shape[1], out[:, i])
 
 
 @compiled
 def _motion(
     p: Array, vertices: Array, moved_p: Array, moved_vertices: Array, between: Indices
 ) -> Array:
-    """Return derivatives, (P, n, 4), of the border's ends, as p and the vertices there move."""
-    found = np.empty((len(moved_p), len(between), 4))
+    """Return derivatives, (n, 4, P), of the border's ends, as p and the vertices there move."""
+    found = np.empty((len(between), 4, len(moved_p)))
     for e in range(len(between)):
         for end in range(2):
             vertex = vertices[between[e, end]]
@@ -93,7 +94,7 @@ def _motion(
                 moved = moved_vertices[q, between[e, end]]
                 longer = (p[2] * moved[2] - moved_p[q, 2] * vertex[2]) / (above * above)
                 for axis in range(2):
-                    found[q, e, 2 * end + axis] = (
+                    found[e, 2 * end + axis, q] = (
                         moved_p[q, axis]
                         + longer * (vertex[axis] - p[axis])
                         + stretch * (moved[axis] - moved_p[q, axis])
@@ -112,17 +113,31 @@ def _move_border(
     motion: Array,
     out: Array,
 ) -> None:
-    """Add to `out`, (P, R, C), the light over which the outline moves, cell by cell."""
+    """Add to `out`, (R, C, P), the light over which the outline moves, cell by cell."""
     for e, sign, row, column, u, v, beside, below in segments:
         if column < 0:
             continue
         middle = (v + below) / 2
         light = sign * _light(p, normal, cells, exponents, (u + beside) / 2, middle)
         t = (middle - border[e, 1]) / (border[e, 3] - border[e, 1])
-        for q in range(len(motion)):
-            du0, dv0, du1, dv1 = motion[q, e]
-            du, dv = du0 + t * (du1 - du0), dv0 + t * (dv1 - dv0)
-            out[q, row, column] += light * (du * (below - v) - dv * (beside - u))
+        down, across = light * (below - v), light * (beside - u)
+        du0, dv0, du1, dv1 = motion[e]
+        cell = out[row, column]
+        for q in range(len(cell)):
+            du, dv = du0[q] + t * (du1[q] - du0[q]), dv0[q] + t * (dv1[q] - dv0[q])
+            cell[q] += down * du - across * dv
+
+
+@compiled
+def _gather(changes: Array, cut: Indices, scale: float, out: NDArray[np.float32]) -> None:
+    """Fill `out`, (P, N), with the mean of each patch's cells, times a number."""
+    rows, columns, _ = changes.shape
+    out[:] = 0
+    for row in range(rows):
+        for column in range(columns):
+            j = row // cut[0] * (columns // cut[1]) + column // cut[1]
+            for q in range(len(out)):
+                out[q, j] += changes[row, column, q] * scale / (cut[0] * cut[1])
 
 
 @compiled

@@ -146,9 +146,15 @@ class _Reader:
         """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
         if "$" not in text:
             return text
-        names = "|".join(map(re.escape, sorted(self._values, key=len, reverse=True))) or "(?!)"
-        filled = re.sub(rf"(?<!\\)\$({names})", lambda match: self._values[match[1]], text)
+        filled = _references(tuple(self._values)).sub(lambda match: self._values[match[1]], text)
         return filled.replace("\\$", "$")
+
+
+@lru_cache(maxsize=64)
+def _references(names: tuple[str, ...]) -> re.Pattern[str]:
+    """Return the pattern of a reference to one of some parameters, the longest name that fits."""
+    either = "|".join(map(re.escape, sorted(names, key=len, reverse=True))) or "(?!)"
+    return re.compile(rf"(?<!\\)\$({either})")
 
 
 def _first(
