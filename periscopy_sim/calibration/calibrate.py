@@ -135,16 +135,12 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
     search = Search(coarse, fine, seed, path.add)
-    end = (
-        search.best()
-        if problem.has_unknown_images
-        else search.followed(fine.candidate(fine.center))
-    )
+    level, end = search.best(search.starts() if problem.has_unknown_images else [fine.center])
     gain, κ = end.point[len(names) :], end.temperature
-    measured = fine.candidate(np.append(problem.centers, gain))
+    measured = level.candidate(np.append(problem.centers, gain))
     values = np.append(fine.values(end.point), problem.uncertain.values)
-    level = problem.joint()
-    joint = level.look(level.candidate(np.append(values, gain)), κ)
+    whole = problem.joint()
+    joint = whole.look(whole.candidate(np.append(values, gain)), κ)
     known = learned(joint, len(names))
     moved = is_significant(measured.objective_at(κ) - end.objective, known)
     best = end if moved else measured
@@ -164,7 +160,7 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
         uncertain=problem.uncertain,
         moves=errors.moves,
         correlation=errors.correlation,
-        path=path.visited((coarse, fine)),
+        path=path.visited((coarse, fine, level)),
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
@@ -178,20 +174,21 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
 
 
 class _Path:
-    """Points at which a search looks, of the coarse level and of the fine one."""
+    """Points at which a search looks, of the coarse level, the fine one and the last."""
 
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
         coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
-        followed = 2 if problem.has_unknown_images else 1
-        colder = len(fine_cooling(len(problem.photographs)))
+        followed = 3 if problem.has_unknown_images else 2
+        colder = len(fine_cooling(len(problem.photographs))) / 2
         self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)
         self._count, self._progress = len(problem.names), progress
-        self._points: tuple[list[tuple[Array, float]], ...] = ([], [])
+        self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [])
 
     def add(self, level: int, look: Look) -> None:
-        """Add a look at the coarse level, 0, or the fine one, 1, and report how far this is."""
+        """Add a look at the coarse level, 0, the fine, 1, or the last, 2; report how far it is."""
         self._points[level].append((look.point[: self._count], look.evidence))
-        looks = len(self._points[0]) + FINE_LOOK * len(self._points[1])
+        coarse, *fine = map(len, self._points)
+        looks = coarse + FINE_LOOK * sum(fine)
         self._progress(min(0.99, looks / self._expected))
 
     def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:

@@ -34,6 +34,9 @@ Matrix = NDArray[np.floating[Any]]
 BRIGHTNESS = 0.01
 """ε: weight of how bright an image is, beside how rough."""
 
+FLAT = 0.1
+"""Difference over the image's root mean square below which neighbours are no edge."""
+
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
@@ -152,6 +155,13 @@ class SmoothImages:
         return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
 
     @classmethod
+    def like(cls, image: Array) -> SmoothImages:
+        """Return images of patches with the edges of an image, (R, C, 3)."""
+        rows, columns, _ = image.shape
+        patches = sparse.identity(rows * columns, format="csr")
+        return cls(patches, smoothness((rows, columns), image))
+
+    @classmethod
     def shown(cls, picture: Matrix) -> SmoothImages:
         """Return a known picture, (R, C, 3), in any mixture of its colours.
 
@@ -203,23 +213,34 @@ class SmoothImages:
         )
 
 
-def smoothness(shape: tuple[int, int]) -> Array:
+def smoothness(shape: tuple[int, int], image: Array | None = None) -> Array:
     """Return K for images of (R, C) patches, (R C, R C), row-major.
 
-    fᵀ K f = Σ (difference of neighbours)² + ε ‖f‖². Beyond the monitor all is dark: else an
-    image moved until it touches the border would be smoother than one that does not, and the
-    evidence would favour a place whole patches from the right one.
+    fᵀ K f = Σ w (difference of neighbours)² + ε ‖f‖², w = 1, or in proportion to 1/‖difference‖ of
+    an image, (R, C, 3): fᵀ K f is then near its total variation (Vogel, Oman, SIAM J. Sci. Comput.
+    17, 1996). Beyond the monitor all is dark: else an image moved until it touches the border would
+    be smoother than one that does not, and the evidence would favour a place whole patches from the
+    right one.
     """
-    down, across = (_differences(size) for size in shape)
-    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
+    rows, columns = shape
+    along = (
+        sparse.kron(_differences(rows), np.eye(columns)),
+        sparse.kron(np.eye(rows), _differences(columns)),
+    )
+    D = sparse.vstack(along, format="csr")
+    weights = np.ones(D.shape[0])
+    if image is not None:
+        edges = np.sum((D @ image.reshape(-1, 3)) ** 2, axis=1)
+        weights = (edges + FLAT**2 * np.mean(image**2)) ** -0.5
+        weights /= weights.mean()
+    K: Array = D.T @ (weights[:, None] * D.toarray())
     K[np.diag_indices_from(K)] += BRIGHTNESS
     return K
 
 
 def _differences(size: int) -> Array:
-    """Return the squared differences' matrix, (size, size), of a row of patches in the dark."""
-    differences = np.diff(np.eye(size + 2)[:, 1:-1], axis=0)
-    return differences.T @ differences
+    """Return the differences, (size + 1, size), of a row of patches in the dark."""
+    return np.diff(np.eye(size + 2)[:, 1:-1], axis=0)
 
 
 def _hats_along(size: int, count: int) -> Any:

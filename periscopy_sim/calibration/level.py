@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.polynomial import legendre
 
 from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
-from periscopy_sim.calibration.sharp_images import SharpImages
+from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
@@ -163,6 +163,18 @@ class ResolutionLevel:
     def penalty(self, point: Array) -> float:
         """Return twice the negative logarithm of the prior's density, less a constant."""
         return float(self.precision @ (point - self.center) ** 2)
+
+    def with_edges(self, found: Candidate) -> ResolutionLevel:
+        """Return the level whose unknown images are smooth but for the edges of those found."""
+        groups = []
+        for group, explained in zip(self.groups, found.explanations, strict=True):
+            if isinstance(explained, SharpExplanation):
+                lights = np.split(group.light, len(explained.images), axis=1)
+                images = map(SmoothImages.like, explained.images)
+                groups += [Group(*each) for each in zip(lights, images, strict=True)]
+            else:
+                groups.append(group)
+        return replace(self, groups=tuple(groups))
 
     def candidate(self, point: Array) -> Candidate:
         """Return the photographs explained at a point."""

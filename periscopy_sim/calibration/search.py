@@ -6,18 +6,20 @@ Visual Reconstruction, 1987). What the photographs leave open stays where the pr
 descents with centres that are drawn from the prior end in different places that explain the
 photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
 2014). Two fine descents follow, whose images are nonnegative and have few edges: from the end of
-the prior itself and from the best of the other ends.
+the prior itself and from the best of the other ends. They find the right valley, but not its
+bottom: the likeliest image of few edges goes with a scene whose light it need not follow. So the
+last descent integrates over all images that have the edges of the one found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -25,8 +27,9 @@ from periscopy_sim.scenario import Array
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of a coarse descent, a photograph: colder starts end in the nearest minimum."""
 
-HOTTEST = 128.0
-"""Temperature, a photograph, at which a fine descent begins: it is halved to 1, white noise's."""
+HOTTEST, COLDEST = 128.0, 8.0
+"""Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1,
+white noise's."""
 
 STEPS = 2
 """Of a descent at each temperature."""
@@ -107,10 +110,10 @@ class Search:
     coarse: ResolutionLevel
     fine: ResolutionLevel
     seed: int
-    visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one
+    visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one, 2 at last
 
-    def best(self) -> Look:
-        """Return the best fine look that a search over the prior leads to.
+    def starts(self) -> list[Array]:
+        """Return where fine descents start: at the prior's own coarse end, and at the best other.
 
         A SceneError says that the prior's centre is no scene.
         """
@@ -126,15 +129,28 @@ class Search:
             apart = end.point - own.point
             if apart @ own.curvature() @ apart > NEGLIGIBLE:
                 others.append(end.point)
-        look = self.followed(self.fine.candidate(own.point))
-        if not others:
-            return look
-        candidates = [self.fine.candidate(point) for point in others]
-        other = self.followed(min(candidates, key=lambda each: each.objective_at(1.0)))
-        # Where photographs cannot tell, the end that is likelier before them is kept.
-        hottest = max(look.temperature, other.temperature)
-        gain = look.objective_at(hottest) - other.objective_at(hottest)
-        return other if is_significant(gain, len(own.point)) else look
+        others.sort(key=lambda point: self.fine.candidate(point).objective_at(1.0))
+        return [own.point, *others[:1]]
+
+    def best(self, starts: Sequence[Array]) -> tuple[ResolutionLevel, Look]:
+        """Return the best look that fine descents lead to, and its level."""
+        cooling = fine_cooling(self.fine.photographs)
+        hot = [each for each in cooling if each >= COLDEST * self.fine.photographs]
+        best: Look | None = None
+        for start in starts:
+            look = self.fine.look(self.fine.candidate(start), cooling[0])
+            look = self._cooled(self.fine, 1, look, hot)
+            # Where photographs cannot tell, the end that is likelier before them is kept.
+            hottest = max(look.temperature, best.temperature) if best else look.temperature
+            if best is None or is_significant(
+                best.objective_at(hottest) - look.objective_at(hottest), len(start)
+            ):
+                best = look
+        assert best is not None
+        level = self.fine.with_edges(best)
+        last = level.look(level.candidate(best.point), best.temperature)
+        colder = [each for each in cooling if each <= best.temperature]
+        return level, self._cooled(level, 2, last, colder)
 
     def _coarse_end(self, level: ResolutionLevel) -> Look:
         look = level.look(level.candidate(level.center))
@@ -142,17 +158,17 @@ class Search:
             look = descend(level, look, level.photographs * temperature, partial(self.visit, 0))
         return look
 
-    def followed(self, start: Candidate) -> Look:
-        """Return the coldest fine look, from a start, that the prior allows.
+    def _cooled(
+        self, level: ResolutionLevel, stage: int, look: Look, cooling: Sequence[float]
+    ) -> Look:
+        """Return the coldest look of a descent that the prior allows.
 
         Photographs that move the parameters farther than chance errs in measured values show
         something that the scene lacks: they count for less.
         """
-        look = self.fine.look(start)
-        hottest, *_ = cooling = fine_cooling(self.fine.photographs)
         for temperature in cooling:
-            colder = descend(self.fine, look, temperature, partial(self.visit, 1))
-            if temperature < hottest and is_significant(colder.penalty, len(start.point)):
+            colder = descend(level, look, temperature, partial(self.visit, stage))
+            if temperature < cooling[0] and is_significant(colder.penalty, len(look.point)):
                 break
             look = colder
         return look

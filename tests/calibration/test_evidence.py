@@ -11,6 +11,7 @@ from scipy import optimize, stats
 
 from periscopy_sim.calibration.evidence import (
     BRIGHTNESS,
+    FLAT,
     SmoothExplanation,
     SmoothImages,
     smoothness,
@@ -44,11 +45,12 @@ def wall() -> Wall:
     return Wall(A, Q, y + 0.05 * random.standard_normal(y.shape), changes)
 
 
-@pytest.fixture(params=["patches", "hats", "shown"])
+@pytest.fixture(params=["patches", "hats", "edges", "shown"])
 def images(request: pytest.FixtureRequest) -> SmoothImages:
     kinds = {
         "patches": SmoothImages.hats(SHAPE, SHAPE),
         "hats": SmoothImages.hats(SHAPE, COARSE),
+        "edges": SmoothImages.like(PICTURE),
         "shown": SmoothImages.shown(PICTURE),
     }
     return kinds[request.param]
@@ -103,6 +105,23 @@ def test_smoothness_sums_squares_of_differences_with_darkness_around() -> None:
     steps = np.sum(np.diff(dark[:, 1:-1], axis=0) ** 2) + np.sum(np.diff(dark[1:-1], axis=1) ** 2)
     expected = steps + BRIGHTNESS * np.sum(f**2)
     assert f.ravel() @ smoothness(SHAPE) @ f.ravel() == pytest.approx(expected)
+
+
+def test_smoothness_of_an_image_is_its_total_variation_where_it_has_edges() -> None:
+    """Up to a unit, but for flat parts and for how bright it is."""
+    images = 100 * np.random.default_rng(0).random((2, *SHAPE, 1)) * np.ones(3)
+    ratios = []
+    for image in images:
+        dark = np.pad(image[..., 0], 1)
+        steps = [np.diff(dark[:, 1:-1], axis=0), np.diff(dark[1:-1], axis=1)]
+        weights = [1 / np.sqrt(3 * step**2 + FLAT**2 * np.mean(image**2)) for step in steps]
+        mean = np.mean(np.concatenate([each.ravel() for each in weights]))
+        expected = sum(float(np.sum(w * d**2)) for w, d in zip(weights, steps, strict=True))
+        f = image[..., 0].ravel()
+        rough = f @ smoothness(SHAPE, image) @ f - BRIGHTNESS * f @ f
+        assert rough == pytest.approx(expected / mean)
+        ratios.append(rough * mean / sum(np.abs(step).sum() for step in steps))
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
 
 
 def test_hats_make_any_bilinear_image() -> None:
