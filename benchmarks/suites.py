@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 
@@ -202,7 +203,7 @@ def _definition(suite: Suite) -> dict[str, Any]:
     return {
         **asdict(suite),
         "drawn": drawn,
-        "scenes": {name: scene_sha256(find_scene(name)) for name in scenes},
+        "scenes": {name: scene_sha256(read_document(find_scene(name))) for name in scenes},
         "pictures": {name: _picture_sha256(suite, name) for name in suite.images},
     }
 

@@ -24,7 +24,6 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
-from periscopy_sim.shipped import find_scene
 
 Image = NDArray[np.floating[Any]]
 Report = Callable[[float], None]
@@ -107,14 +106,12 @@ def calibrate(
             f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
             "each"
         )
-    path = find_scene(scene)
-    defaults = {name: str(value) for name, value in (parameters or {}).items()}
-    errors = free_parameters(path, free, defaults, uncertain or {})
+    scenario = load_scenario(scene, hidden, parameters)
+    errors = free_parameters(scenario.document, free, uncertain or {})
     names = tuple(errors)
-    centers = ruled_values(path, names, defaults)
-    defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
-    held = uncertain_parameters(path, names, defaults, uncertain or {})
-    scenario = load_scenario(path, hidden, defaults)
+    centers = ruled_values(scenario.document, names)
+    held = uncertain_parameters(scenario.document, names, uncertain or {})
+    scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "

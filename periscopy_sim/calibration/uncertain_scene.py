@@ -53,7 +53,7 @@ def uncertain_transport(
         names, values, directions = errors.names, errors.values, errors.directions
     else:
         names = tuple(errors)
-        values = start_values(scenario.path, names, scenario.parameters)
+        values = start_values(scenario.document, names)
         for name, error in errors.items():
             check_error(name, error)
         directions = np.diag(list(errors.values()))

@@ -145,28 +145,28 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     from periscopy_sim.figures.calibration import draw_calibration
 
     session, outputs = inputs.session, (out, out.with_suffix(".json"), out.with_suffix(".png"))
-    path, given = session.path, session.definitions
     inputs.spare(*outputs)
+    document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    errors = arguments.known_errors(",".join(uncertain), path, given)
-    start_values(path, list(free_parameters(path, freed, given, errors)), given)
+    errors = arguments.known_errors(",".join(uncertain), document)
+    start_values(document, list(free_parameters(document, freed, errors)))
     with ExitStack() as stack:
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
             from periscopy_sim.calibration.scene_covariance import SceneCovariance
-            from periscopy_sim.rendering.scene.document import CALIBRATED
+            from periscopy_sim.scenario import CALIBRATED
 
         files = inputs.read()
-        _write_copy(session, scene, given, out)  # proves now that it can be written
+        _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
-        values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
+        values = {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = SceneCovariance.of(result).text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
         draw_calibration(png, files["photograph"][0], result, session.metadata)
-    say_calibration(result, session.units)
+    say_calibration(result, document.units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
@@ -185,7 +185,7 @@ def _write_copy(
     from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
-        write_copy(session.path, values, staged, remark)
+        write_copy(session.scenario.document, values, staged, remark)
         load_scenario(staged, session.size)
     except SceneError as error:
         why = str(error).replace(str(staged), str(out))
@@ -203,7 +203,6 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
     from periscopy_sim.figures.calibration import draw_silhouette
 
     session = inputs.session
-    path, given = session.path, session.definitions
     size = None if cells is None else arguments.parse_size(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
@@ -217,7 +216,7 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
         made = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
         remark = _distrust(made, solution.doubts) or made
-        write_masked_scene(path, solution, given, scene, ply, mesh.name, remark)
+        write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         inputs.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     say_silhouette(solution)

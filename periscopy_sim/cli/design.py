@@ -65,7 +65,7 @@ def design(
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
-    start = start_values(path, list(ranges), given)
+    start = start_values(session.scenario.document, list(ranges))
     points = [
         dict(zip(ranges, map(designs.as_text, start), strict=True)),
         *designs.grid_of(ranges, grid),
@@ -111,7 +111,7 @@ def design(
         if best is not None:
             remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
             with staged_file(out / BEST) as file:
-                write_copy(path, {**given, **designs.values_of(best)}, file, remark)
+                write_copy(session.scenario.document, designs.values_of(best), file, remark)
                 ps.load_scenario(file, session.size)
         record = {
             **settings,

@@ -57,7 +57,7 @@ def reconstruct(
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
-    named = options.known_errors(text, session.path, session.definitions)
+    named = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if named and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
@@ -117,15 +117,15 @@ def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.Uncert
 
     scenario, scene = session.scenario, session.scene
     errors: dict[str, float] | SceneCovariance = named
-    if not named and (known := scene_covariance(scenario.path)) is not None:
+    if not named and (known := scene_covariance(scenario.document)) is not None:
         if not known.trusted:
             session.warn(messages.sentence("untrusted", scene=scene))
-        if changed := ", ".join(known.changed(scenario.path, scenario.parameters)):
+        if changed := ", ".join(known.changed(scenario.document)):
             session.warn(messages.sentence("uncounted", scene=scene, names=changed))
             return None
         errors = known
     elif not named:
-        errors = free_parameters(scenario.path, None, scenario.parameters)
+        errors = free_parameters(scenario.document)
     count = len(errors.names if isinstance(errors, SceneCovariance) else errors)
     if count and not named and not has_areas(scenario):
         say(messages.sentence("no_derivatives", scene=scene))

@@ -21,7 +21,6 @@ from periscopy_sim.numerics.memory import available_memory, has_memory, transpor
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -37,7 +36,7 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     import mitsuba as mi
 
     command = ["periscopy", *sys.argv[1:]]
-    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
+    record = provenance(scenario.document, mi.variant(), seed, command)
     return {**record, "parameters": dict(scenario.parameters)}
 
 
@@ -94,11 +93,6 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             return ps.load_scenario(self.path, self.size, self.definitions)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """The units of the scene's ``<default>``s that have one."""
-        return read_document(self.path).units
 
     @cached_property
     def provenance(self) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class LiveSession:
             Level(path, given, each, light, photograph, is_coarse=each is not sizes)
             for each in (coarse_sizes(*sizes, used), sizes)
         )
-        movables, handles = find_movables(path, given, coarse.scenario)
+        movables, handles = find_movables(given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
             offered = replace(offered, images=())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.rasters import read_exr, write_exr
@@ -49,13 +50,14 @@ def ambient_photographs(
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
-    made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
+    made = provenance(scenario.document, mi.variant(), seed, [])
     made |= {"parameters": dict(scenario.parameters), "target": f"{target:g}"}
     for of_this_run in ("command", "python", "numpy", "scipy"):
         del made[of_this_run]
     for name, path in paths.items():
         file = folder / f"{name}.exr"
-        settings = as_text({**made, "ambient": name, "ambient_sha256": scene_sha256(path)})
+        digest = scene_sha256(read_document(path))
+        settings = as_text({**made, "ambient": name, "ambient_sha256": digest})
         if not file.is_file():
             with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
                 rendered = render_background(

@@ -108,7 +108,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     with decoding(file, "JSON", AGAIN):
         record = {"bounces": "direct", **json.loads(file.read_text("utf-8"))}
     made = {
-        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
+        "scene_sha256": scene_sha256(scenario.document),
         "parameters": dict(scenario.parameters),
         "hidden_shape": list(scenario.hidden_shape),
         "bounces": bounces_in_words(bounces),

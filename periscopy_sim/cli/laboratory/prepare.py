@@ -19,7 +19,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
 from periscopy_sim.photographs.develop import average, develop
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.formats.rasters import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
@@ -143,7 +142,7 @@ def _film(
 
 def _definitions(session: Session, rows: int, columns: int) -> list[str]:
     """Return NAME=VALUE of the scene's <default>s that set its film's size."""
-    declared = read_document(session.path).defaults.keys() - session.definitions.keys()
+    declared = session.scenario.document.defaults.keys() - session.definitions.keys()
     if {"height", "width"} <= declared:
         return [f"height={rows}", f"width={columns}"]
     if "resolution" in declared and rows == columns:

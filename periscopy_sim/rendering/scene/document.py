@@ -11,48 +11,16 @@ scene's ``<path>`` folders, the latest first, then beside the scene.
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from periscopy_sim.errors import SceneError, did_you_mean
-
-RULER_ERROR = "_error"
-"""Ends the name of a ``<default>`` that says how well the one before that ending is known."""
-
-CALIBRATED = "calibrated_covariance"
-"""Names the ``<default>`` in which a calibration says how well it knows the parameters."""
+from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import SceneDocument
 
 TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat")
 """Tags that name files, or values for such names, or that give values a unit."""
 
 Tag = tuple[str, Mapping[str, str]]
-
-
-@dataclass(frozen=True)
-class SceneDocument:
-    """What a scene file and those that it includes say.
-
-    `defaults` maps the name of each ``<default>`` to its value, the first of that name, whatever
-    was given instead. `files` are the scene and every file that exists and belongs to it, each
-    once, in the order of the text.
-    """
-
-    defaults: dict[str, str]
-    files: tuple[Path, ...]
-    folders: tuple[Path, ...]  # where the files of plugins are searched, in this order
-    missing: tuple[str, ...]  # names of includes, spectra and folders that are nowhere
-    units: dict[str, str]  # m or degrees, of the ``<default>``s that move or turn something
-
-    @property
-    def errors(self) -> dict[str, str]:
-        """The ``<default>``s that tell a ruler's errors, each with the one that it is of."""
-        ends = {name: name.removesuffix(RULER_ERROR) for name in self.defaults}
-        return {name: of for name, of in ends.items() if of != name and of in self.defaults}
-
-    def find(self, name: str) -> Path | None:
-        """Return the file that a plugin's ``filename`` stands for, None if there is none."""
-        return _first(name, self.folders)
 
 
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
@@ -70,16 +38,19 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
         if file is not None:
             files.setdefault(file.resolve(), file)
     return SceneDocument(
-        reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing), reader.units
+        path,
+        dict(parameters or {}),
+        reader.defaults,
+        tuple(files.values()),
+        tuple(folders),
+        tuple(reader.missing),
+        reader.units,
     )
 
 
-def undeclared(scene: Path, name: str, declared: Mapping[str, str]) -> SceneError:
-    """Return the error of a parameter that a scene does not declare, with what may be meant."""
-    known = {each: text for each, text in declared.items() if each != CALIBRATED}
-    listed = ", ".join(f"{each} (default {text})" for each, text in known.items())
-    meant = did_you_mean(name, known) or f"it declares {listed or 'none'}"
-    return SceneError(f"scene '{scene}' declares no parameter '{name}'; {meant}")
+def find_file(document: SceneDocument, name: str) -> Path | None:
+    """Return the file that a plugin's ``filename`` stands for, None if there is none."""
+    return _first(name, document.folders)
 
 
 class _Reader:

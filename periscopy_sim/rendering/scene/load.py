@@ -94,8 +94,7 @@ def _load(
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
     bodies = {name: _occluder(shape) for name, shape in shapes.items()}
     scenario = Scenario(
-        path=path,
-        parameters=nodes.parameters,
+        document=nodes.document,
         photograph_shape=pixels,
         hidden_shape=hidden,
         wall_points=wall.points,

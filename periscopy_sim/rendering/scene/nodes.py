@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import SceneDocument, read_document, undeclared
+from periscopy_sim.rendering.scene.document import find_file, read_document
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
-from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.scenario import EmissionProfile, SceneDocument
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
 """Parameters of the LCD's angular profile."""
@@ -61,8 +61,8 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.path, self.parameters = Path(path), parameters or {}
-        self._config, self._state = parse(self.path, self.parameters)
+        self.document = read_document(Path(path), parameters)
+        self._config, self._state = parse(self.document)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         for name, kind in required.items():
@@ -70,6 +70,11 @@ class SceneNodes:
         self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> Path:
+        """The scene file."""
+        return self.document.path
 
     def of_type(self, kind: str) -> Iterator[Any]:
         """Return the properties of all nodes of a kind, such as ``Shape``, in file order."""
@@ -281,7 +286,7 @@ def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray
     return np.ascontiguousarray(texture)
 
 
-def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
+def parse(document: SceneDocument) -> tuple[Any, Any]:
     """Return Mitsuba's configuration and state of a scene file, with files by absolute names.
 
     `mitsuba.parser.instantiate` takes both. A file that is missing or malformed, or a parameter
@@ -289,11 +294,11 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     """
     import mitsuba as mi
 
-    document = read_document(path, parameters)
+    path, parameters = document.path, document.given
     for name in parameters:
         if name not in document.defaults:
-            raise undeclared(path, name, document.defaults)
-    for name, text in {**document.defaults, **parameters}.items():
+            raise document.undeclared(name)
+    for name, text in document.values.items():
         if not all(map(_is_finite, str(text).replace(",", " ").split())):
             raise SceneError(f"scene '{path}': parameter '{name}' is '{text}'; give finite numbers")
     config = mi.parser.ParserConfig(mi.variant())
@@ -322,7 +327,7 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
             raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' is not finite")
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
-            plugin, file = _file_of(node.props, document, path)
+            plugin, file = _file_of(node.props, document)
             node.props["filename"] = str(file.resolve())
             node.props.set_plugin_name(plugin)
     return config, state
@@ -336,13 +341,13 @@ def _is_finite(word: str) -> bool:
         return True
 
 
-def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path]:
+def _file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
     name, plugin = props["filename"], props.plugin_name()
-    where = f"scene '{path}': {plugin} '{props.id()}'"
-    file = document.find(name)
+    where = f"scene '{document.path}': {plugin} '{props.id()}'"
+    file = find_file(document, name)
     if file is None:
-        raise SceneError(f"{where} names a missing file '{path.parent / name}'")
+        raise SceneError(f"{where} names a missing file '{document.path.parent / name}'")
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
