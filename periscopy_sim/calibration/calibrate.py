@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
-from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
+from periscopy_sim.calibration.prior import (
+    Free,
+    free_parameters,
+    ruled_values,
+    uncertain_parameters,
+)
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import RULER_ERROR, SceneDocument
 
@@ -72,6 +73,26 @@ def start_values(document: SceneDocument, free: Sequence[str]) -> Array:
         if _number(given.get(name, "0")) is None:
             raise SceneError(f"{name}={given[name]}: give a finite number to start from")
     return np.array([float(given.get(name, numbers[name])) for name in free])
+
+
+def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
+    """Return the measured values of a scene's parameters, (P,), checked as by `start_values`.
+
+    They are the given ones, else those from which the calibration that wrote the scene began,
+    unless the scene has other values by now, else the scene's.
+    """
+    values = start_values(document, names)
+    known = scene_covariance(document)
+    if known is None:
+        return values
+    ruled = dict(zip(known.names, known.ruled, strict=True))
+    changed = {*document.given, *known.changed(document)}
+    return np.array(
+        [
+            value if name in changed else ruled.get(name, value)
+            for name, value in zip(names, values, strict=True)
+        ]
+    )
 
 
 def declared_errors(document: SceneDocument) -> dict[str, float]:

@@ -15,13 +15,11 @@ photograph has contributed already.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import CALIBRATED, Array, SceneDocument
 
@@ -146,26 +144,6 @@ def scene_covariance(document: SceneDocument) -> SceneCovariance | None:
             f"scene '{document.path}': its <default> '{CALIBRATED}' is damaged; delete that line, "
             "or calibrate again"
         ) from None
-
-
-def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
-    """Return the measured values of a scene's parameters, (P,), checked as by `start_values`.
-
-    They are the given ones, else those from which the calibration that wrote the scene began,
-    unless the scene has other values by now, else the scene's.
-    """
-    values = start_values(document, names)
-    known = scene_covariance(document)
-    if known is None:
-        return values
-    ruled = dict(zip(known.names, known.ruled, strict=True))
-    changed = {*document.given, *known.changed(document)}
-    return np.array(
-        [
-            value if name in changed else ruled.get(name, value)
-            for name, value in zip(names, values, strict=True)
-        ]
-    )
 
 
 def _number(text: str) -> float:

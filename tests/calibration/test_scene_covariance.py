@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.calibration.prior import UncertainParameters, start_values
+from periscopy_sim.calibration.prior import UncertainParameters, ruled_values, start_values
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.scene_covariance import (
     SceneCovariance,
-    ruled_values,
     scene_covariance,
 )
 from periscopy_sim.errors import SceneError

@@ -9,13 +9,22 @@ scene's ``<path>`` folders, the latest first, then beside the scene.
 """
 
 import re
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
+from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scenario import SceneDocument
+
+MOST_TEXELS = 1 << 27
+"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
 
 TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat")
 """Tags that name files, or values for such names, or that give values a unit."""
@@ -48,9 +57,49 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
     )
 
 
-def find_file(document: SceneDocument, name: str) -> Path | None:
-    """Return the file that a plugin's ``filename`` stands for, None if there is none."""
-    return _first(name, document.folders)
+def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
+    """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
+    name, plugin = props["filename"], props.plugin_name()
+    where = f"scene '{document.path}': {plugin} '{props.id()}'"
+    file = _first(name, document.folders)
+    if file is None:
+        raise SceneError(f"{where} names a missing file '{document.path.parent / name}'")
+    if file.stat().st_size == 0:
+        raise SceneError(f"{where} names an empty file '{file}'")
+    kind = file.suffix[1:].lower()
+    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
+        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
+    try:
+        if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
+            return "ply", as_ply(file, kind if kind in FORMATS else plugin)
+        check_mesh(file, plugin)
+    except ValueError as error:
+        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
+    except RuntimeError as error:
+        raise SceneError(
+            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
+        ) from None
+    return plugin, file
+
+
+def _texels(file: Path) -> float:
+    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
+    import OpenEXR
+    from PIL import Image
+
+    try:
+        if file.suffix.lower() == ".exr":
+            with OpenEXR.File(str(file), header_only=True) as head:
+                low, high = head.parts[0].header["dataWindow"]
+            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of large pictures
+            with Image.open(file) as picture:
+                return float(np.prod(picture.size))
+    except Image.DecompressionBombError:
+        return np.inf
+    except Exception:  # Mitsuba says what is wrong
+        return 0
 
 
 class _Reader:

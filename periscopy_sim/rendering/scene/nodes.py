@@ -7,7 +7,6 @@ so that they work for every shape, sensor and emitter plugin.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,15 +19,12 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import find_file, read_document
-from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
+from periscopy_sim.rendering.scene.document import file_of, read_document
+from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scenario import EmissionProfile, SceneDocument
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
 """Parameters of the LCD's angular profile."""
-
-MOST_TEXELS = 1 << 27
-"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
 
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
@@ -327,7 +323,7 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
             raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' is not finite")
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
-            plugin, file = _file_of(node.props, document)
+            plugin, file = file_of(node.props, document)
             node.props["filename"] = str(file.resolve())
             node.props.set_plugin_name(plugin)
     return config, state
@@ -339,51 +335,6 @@ def _is_finite(word: str) -> bool:
         return bool(np.isfinite(float(word)))
     except ValueError:
         return True
-
-
-def _file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
-    """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
-    name, plugin = props["filename"], props.plugin_name()
-    where = f"scene '{document.path}': {plugin} '{props.id()}'"
-    file = find_file(document, name)
-    if file is None:
-        raise SceneError(f"{where} names a missing file '{document.path.parent / name}'")
-    if file.stat().st_size == 0:
-        raise SceneError(f"{where} names an empty file '{file}'")
-    kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
-        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
-    try:
-        if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
-            return "ply", as_ply(file, kind if kind in FORMATS else plugin)
-        check_mesh(file, plugin)
-    except ValueError as error:
-        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
-    except RuntimeError as error:
-        raise SceneError(
-            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
-        ) from None
-    return plugin, file
-
-
-def _texels(file: Path) -> float:
-    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
-    import OpenEXR
-    from PIL import Image
-
-    try:
-        if file.suffix.lower() == ".exr":
-            with OpenEXR.File(str(file), header_only=True) as head:
-                low, high = head.parts[0].header["dataWindow"]
-            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of large pictures
-            with Image.open(file) as picture:
-                return float(np.prod(picture.size))
-    except Image.DecompressionBombError:
-        return np.inf
-    except Exception:  # Mitsuba says what is wrong
-        return 0
 
 
 @contextmanager
@@ -407,10 +358,3 @@ def searching(*folders: Path) -> Iterator[None]:
             yield
         finally:
             search(before)
-
-
-def one_line(error: BaseException) -> str:
-    """Return Mitsuba's reason without the source file that complains."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines)
-    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.nodes import one_line
-from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.rendering.variant import is_vectorized, one_line
 from periscopy_sim.scenario import Array
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)

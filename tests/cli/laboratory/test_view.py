@@ -67,7 +67,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
         (Report(), ()),
     ):
         each = replace(pictures, report=report)
-        write_view(tmp_path / "view", each, {"resolution": "24"}, None)
+        write_view(tmp_path / "view", each, None)
         assert {file.name for file in (tmp_path / "view").iterdir()} == files | set(more)
     defaults = read_document(tmp_path / "view" / "scene.xml").defaults
     assert defaults["occluder_dx"] == "0.0123" and defaults["resolution"] == "24"
@@ -80,7 +80,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
 
 def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     taken = pictures_of(occluder_dx=0.01).photograph
-    write_view(tmp_path / "view", pictures_of(taken), {"resolution": "24"}, "wall.exr")
+    write_view(tmp_path / "view", pictures_of(taken), "wall.exr")
     assert (tmp_path / "view" / "residual.png").is_file()
     assert not (tmp_path / "view" / "photograph.exr").exists()
     record = json.loads((tmp_path / "view" / "view.json").read_text())
