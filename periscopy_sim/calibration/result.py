@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.calibration.prior import UncertainParameters
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.numerics.percentages import percentages
 from periscopy_sim.scenario import Array
 
@@ -143,3 +144,22 @@ class Calibration:
     def values(self) -> dict[str, float]:
         """The calibrated values, by name."""
         return {parameter.name: parameter.value for parameter in self.parameters}
+
+    @property
+    def scene_covariance(self) -> SceneCovariance:
+        """The covariance that the calibrated scene carries."""
+        held = self.uncertain
+        errors = np.array([parameter.standard_error for parameter in self.parameters])
+        shared = self.moves * held.standard_errors
+        return SceneCovariance(
+            (*self.values, *held.names),
+            np.array([*self.values.values(), *held.values]),
+            np.block(
+                [
+                    [self.correlation * np.outer(errors, errors), shared],
+                    [shared.T, np.diag(held.standard_errors**2)],
+                ]
+            ),
+            self.trusted,
+            np.array([*(parameter.start for parameter in self.parameters), *held.values]),
+        )

@@ -16,15 +16,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import CALIBRATED, Array, SceneDocument
-
-if TYPE_CHECKING:
-    from periscopy_sim.calibration.result import Calibration
 
 SAME = 1e-6
 """Fraction of a parameter's standard error, or of its size, within which a value is as written."""
@@ -44,25 +40,6 @@ class SceneCovariance:
     covariance: Array
     trusted: bool
     ruled: Array
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> SceneCovariance:
-        """Return that of a calibration."""
-        parameters, held = calibration.parameters, calibration.uncertain
-        errors = np.array([parameter.standard_error for parameter in parameters])
-        shared = calibration.moves * held.standard_errors
-        return cls(
-            (*calibration.values, *held.names),
-            np.array([*calibration.values.values(), *held.values]),
-            np.block(
-                [
-                    [calibration.correlation * np.outer(errors, errors), shared],
-                    [shared.T, np.diag(held.standard_errors**2)],
-                ]
-            ),
-            calibration.trusted,
-            np.array([*(parameter.start for parameter in parameters), *held.values]),
-        )
 
     @property
     def errors(self) -> Array:

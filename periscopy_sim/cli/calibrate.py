@@ -14,6 +14,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
@@ -154,15 +155,13 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
-            from periscopy_sim.calibration.scene_covariance import SceneCovariance
-            from periscopy_sim.scenario import CALIBRATED
 
         files = inputs.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
-        values[CALIBRATED] = SceneCovariance.of(result).text()
+        values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
         draw_calibration(png, files["photograph"][0], result, session.metadata)

@@ -103,7 +103,7 @@ def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
         residual=nothing,
         gain=nothing,
     )
-    known = SceneCovariance.of(found)
+    known = found.scene_covariance
     assert known.names == ("dx", "dz", "monitor_dx")
     expected = np.array([[25, 5, 20], [5, 4, 0], [20, 0, 25]]) * 1e-6
     np.testing.assert_allclose(known.covariance, expected)

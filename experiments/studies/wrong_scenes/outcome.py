@@ -146,7 +146,7 @@ class Trial:
         )
         calibrated = processor_seconds()
         image, errors, geometry = reconstructed(
-            subject.at(found.values), SceneCovariance.of(found), photograph
+            subject.at(found.values), found.scene_covariance, photograph
         )
         recovered = processor_seconds()
         others = [
