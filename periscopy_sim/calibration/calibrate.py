@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +23,12 @@ from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.observation import Backgrounds, named
+from periscopy_sim.numerics import Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
 
-Image = NDArray[np.floating[Any]]
 Report = Callable[[float], None]
 
 FINE_LOOK = 8

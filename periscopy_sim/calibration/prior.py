@@ -6,13 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import RULER_ERROR, SceneDocument
-
-Array = NDArray[np.float64]
+from periscopy_sim.scenario import RULER_ERROR, Array, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of free parameters, or names with the errors of their measured values."""

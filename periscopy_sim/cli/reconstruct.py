@@ -24,7 +24,7 @@ OPTIONAL = (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from periscopy_sim.reconstruction.method import Image
+    from periscopy_sim.numerics import Image
     from periscopy_sim.reconstruction.report import Report
     from periscopy_sim.scenario import Array
 

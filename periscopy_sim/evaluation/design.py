@@ -15,19 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.measurement import noise_level
 from periscopy_sim.model.ambient import RANK_TOLERANCE, ROUNDING
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 NUMBERS = ("bound", "told_error", "error")
 """Errors of a scene, as `errors_of` returns them: standard deviations, white is 1."""

@@ -7,16 +7,14 @@ so for the shift.
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from periscopy_sim.numerics import Array, Image
 
 if TYPE_CHECKING:
     pass
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)

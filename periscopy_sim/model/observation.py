@@ -13,14 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
 names, or by number."""

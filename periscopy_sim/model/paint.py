@@ -34,9 +34,7 @@ from scipy import special
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import Observation
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array
 
 DARK = 0.05
 """Fraction of the smooth light's mean below which a background photograph shows no paint."""

@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.model.noise import ROUNDING, camera_noise, second_differences
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array
 
-Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
 """Verdict on the scene; ``unknown`` if too few pixels have neighbours, or the image is no
 least-squares fit."""

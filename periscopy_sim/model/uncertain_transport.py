@@ -2,13 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array, Image
 
 
 @dataclass(frozen=True, eq=False)

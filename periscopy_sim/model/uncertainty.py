@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-Array = NDArray[np.float64]
+from periscopy_sim.numerics import Array
 
 ROUNDING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one

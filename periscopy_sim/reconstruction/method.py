@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
+from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.reconstruction.report import Note, Report
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 Precision = TypeVar("Precision", bound=np.floating[Any])
 
 

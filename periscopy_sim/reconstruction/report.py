@@ -4,13 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from periscopy_sim.model.residual import Residual
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array, Image
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
