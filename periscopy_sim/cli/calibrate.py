@@ -277,7 +277,7 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.model.residual import percentages
 
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
@@ -314,7 +314,7 @@ def _rounded(value: float, error: float) -> str:
 
 def say_silhouette(solution: "Silhouette") -> None:
     """Print what the mask looks like and how far it is to be believed."""
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.model.residual import percentages
 
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))

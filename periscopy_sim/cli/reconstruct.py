@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from periscopy_sim.numerics import Image
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
     from periscopy_sim.scenario import Array
 
 
@@ -52,7 +52,7 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)

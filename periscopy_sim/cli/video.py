@@ -22,7 +22,7 @@ from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
 
 OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
 """Files that depend on the options and on the number of frames."""

@@ -22,7 +22,7 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, observation_of
-from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Mask
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import METHODS

@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
-from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.model.residual import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:

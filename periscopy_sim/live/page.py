@@ -17,7 +17,7 @@ from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 REST = {"slider": 0.3, "handle": 1.0}

@@ -12,7 +12,7 @@ from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Array, Scenario
 
 

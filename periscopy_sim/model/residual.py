@@ -145,3 +145,15 @@ def _shared(differences: Array) -> float:
         return 0.0
     is_grey = np.isclose(correlations.max(), 1)
     return 0.0 if is_grey else max(float(correlations.mean()), 0.0)
+
+
+def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
+    """Return two parts in percent with two digits, or as many as tell them apart, at most so many.
+
+    Equal values have two digits.
+    """
+    for digits in range(2, most + 1):
+        one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
+        if one != other:
+            return one, other
+    return f"{100 * first:.2f}", f"{100 * second:.2f}"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from periscopy_sim.model.colour_matrix import ColourMatrix
     from periscopy_sim.model.observation import Backgrounds
-    from periscopy_sim.model.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Mask
     from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
     from periscopy_sim.reconstruction.video_method import FrameByFrame

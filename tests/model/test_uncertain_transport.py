@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import UncertainTransport
 
 RNG = np.random.default_rng(0)
 CHANGES = RNG.standard_normal((2, 8, 5))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import (
     ROUNDING,
+    UncertainTransport,
     contrast,
     curvature_of_total_variation,
 )

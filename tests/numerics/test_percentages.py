@@ -2,7 +2,7 @@
 
 import pytest
 
-from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.model.residual import percentages
 
 
 @pytest.mark.parametrize(

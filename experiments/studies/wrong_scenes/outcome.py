@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.wrong_scenes.subjects import Photographed
+from periscopy_sim.calibration.moving_scene import uncertain_transport
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.calibration.uncertain_scene import uncertain_transport
 from periscopy_sim.errors import SceneError
-from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -10,9 +10,8 @@ from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.reconstruction.method import Observed, StillMethod
+from periscopy_sim.reconstruction.method import Observed, Report, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
-from periscopy_sim.reconstruction.report import Report
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):

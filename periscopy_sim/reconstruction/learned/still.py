@@ -21,11 +21,11 @@ from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
 )
-from periscopy_sim.reconstruction.report import Report
 
 _THREADS = Lock()
 """Lock of PyTorch's number of threads, which the whole process shares."""

@@ -12,7 +12,7 @@ import pytest
 
 from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.level import Choice, Level
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.formats.rasters import read_exr
