@@ -13,9 +13,10 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import Model, option
-from periscopy_sim.cli.output import progress, resumed_folder, say, say_written, warn, write_json
+from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"

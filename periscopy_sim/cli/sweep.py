@@ -8,7 +8,7 @@ import typer
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, Model, option
-from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
+from periscopy_sim.cli.output import fixable, progress, say, say_written
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import Session
@@ -16,6 +16,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.rasters import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
-from periscopy_sim.storage.outputs.staging import check_settings, staged_file
+from periscopy_sim.storage.outputs.resume import check_settings
+from periscopy_sim.storage.outputs.staging import staged_file
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Receives the name of a rendering, and gives the function that reports its fraction done."""

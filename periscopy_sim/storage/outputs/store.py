@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import (
     LOCK,
-    check_settings,
     out_of_space_reported,
     staged_file,
     staged_folder,
