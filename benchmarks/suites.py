@@ -64,7 +64,7 @@ class Suite:
     seed
         Of geometries, crops and noise.
     geometries
-        How many. Each is drawn by the seed: none is a shipped scene as it stands.
+        How many. Each is drawn by the seed: none is an unchanged shipped scene.
     hidden
         (rows, columns) of the hidden image.
     images

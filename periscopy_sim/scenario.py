@@ -88,7 +88,7 @@ class SceneDocument:
 
     @property
     def errors(self) -> dict[str, str]:
-        """The ``<default>``s that tell a ruler's errors, each with the one that it is of."""
+        """The ``<default>``s that are standard errors, each with the one that it is of."""
         ends = {name: name.removesuffix(RULER_ERROR) for name in self.defaults}
         return {name: of for name, of in ends.items() if of != name and of in self.defaults}
 

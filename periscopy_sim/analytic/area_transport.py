@@ -123,9 +123,9 @@ def area_derivatives(
     scenario, finer
         As there.
     sides
-        For each of P parameters the scene on either side, and how far these are apart. Only where
-        things stand there is taken, not what is seen: so far that single precision tells it, and no
-        farther than it goes in proportion.
+        For each of P parameters the scene on either side, and how far these are apart. Only the
+        places of things there count, not what is seen: far enough for single precision, and so
+        near that places change in proportion.
     A
         What `area_transport` computes of the scenario, if that is known.
 

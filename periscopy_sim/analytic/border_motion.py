@@ -4,7 +4,7 @@ The light that a shadow takes away changes where its border moves, by what shine
 what shines within (Reynolds' transport theorem). The first is an integral along the shadow's
 outline, of all parameters at once; the second, smooth, is a difference with the border as it is.
 Derivatives good to a percent would not do: of what each of a dozen parameters does a hundredth may
-be all by which they are told apart.
+be all by which they differ.
 """
 
 import numpy as np

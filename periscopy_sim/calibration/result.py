@@ -1,4 +1,4 @@
-"""What a calibration found, and how far to believe it."""
+"""The result of a calibration, and how far to trust it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from periscopy_sim.model.residual import percentages
 from periscopy_sim.scenario import Array
 
 LEARNED = 0.5
-"""Fraction of a prior's variance: where more is left, the ruler rather than the photograph
-determines a parameter, and photographs that take less from all of them together tell nothing."""
+"""Fraction of a prior's variance: where more remains, the ruler rather than the photograph
+determines a parameter; photographs that reduce all of them by less determine nothing."""
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ def calibrate(
 ) -> None:
     """Find the parameters of a scene that explain photographs best.
 
-    The search starts from the scene's values, or those of -D, and their errors. A JSON file tells
+    The search starts from the scene's values, or those of -D, and their errors. A JSON file lists
     values, standard errors and the path of the search. A result that is not to be trusted is
     written, too, and says so.
     """

@@ -179,7 +179,7 @@ class Configuration(Strict):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        self.colours  # noqa: B018  raises where the matrix does not tell colours apart
+        self.colours  # noqa: B018  raises where the matrix mixes colours up
         for whole, part in (
             ("samples_per_shard", "clip_length"),
             ("samples_per_geometry", "samples_per_shard"),

@@ -146,7 +146,7 @@ class Folder(Source):
         return self.model_copy(update={"folder": place, "version": sha256_of(pictures_in(place))})
 
     def identity(self) -> dict[str, Any]:
-        """Return the name of the folder; `version` tells its pictures."""
+        """Return the name of the folder; `version` is the digest of its pictures."""
         return {"folder": Path(self.folder).name}
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002

@@ -32,7 +32,7 @@ NUMBERS = ("bound", "told_error", "error")
 FIXED = ("point", *NUMBERS, "failure")
 
 Row = dict[str, Any]
-"""A point: its number ``point``, 0 of the scene as it stands; the parameters' values as text, by
+"""A point: its number ``point``, 0 of the given scene; the parameters' values as text, by
 their names; the `NUMBERS`, None where missing; ``failure``, why it is no scene."""
 
 
@@ -134,7 +134,7 @@ def run_design(
     table: Path,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> list[Row]:
-    """Assess points, the scene as it stands first; resume from the rows that a table holds.
+    """Assess points, the given scene first; resume from the rows that a table holds.
 
     `errors` returns the `NUMBERS` of a point's values; a ValueError of any but the first point is
     its failure. The table is a CSV file of a row for each point, renewed after each; `progress` is

@@ -71,8 +71,7 @@ def find_method(name: str) -> Factory:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
-    found: Factory = factory  # type: ignore[assignment]
-    return found
+    return factory  # type: ignore[return-value]
 
 
 def check_able(name: str, hidden_shape: tuple[int, int]) -> None:

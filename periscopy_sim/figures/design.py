@@ -20,7 +20,7 @@ DRAWN = {
 """Numbers of a row that are drawn, in percent of white, and their titles."""
 
 GREY = "0.85"
-MARKS = "circle: scene as it stands; star: best; grey: no scene, or undetermined patches"
+MARKS = "circle: given scene; star: best; grey: no scene, or undetermined patches"
 
 
 LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Colours that the colour-blind tell apart, after Okabe and Ito, the darker first."""
+"""Colours that the colour-blind distinguish, after Okabe and Ito, the darker first."""
 
 STYLE: Any = {
     "font.size": 8,

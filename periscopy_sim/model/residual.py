@@ -148,7 +148,7 @@ def _shared(differences: Array) -> float:
 
 
 def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
-    """Return two parts in percent with two digits, or as many as tell them apart, at most so many.
+    """Return two fractions in percent with two digits, or with as many as differ, at most `most`.
 
     Equal values have two digits.
     """

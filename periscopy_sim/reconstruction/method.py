@@ -174,7 +174,7 @@ class StillMethod(ABC, Generic[Precision]):
     """Whether the method's model has the colour matrix; the others unmix the photograph."""
 
     judges_scene = True
-    """Whether the image is a least-squares fit, whose residual tells if the scene fits."""
+    """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
 
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
         """Reject a scene in the place of A, by a TypeError that names `for_scene`."""

@@ -54,7 +54,7 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     """Yield the function that writes a matrix of some bounces; its files appear once all are whole.
 
     The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
-    the digests of the other files, which tell files of two matrices apart.
+    the digests of the other files, by which files of two matrices differ.
     """
     bounced = () if bounces == DIRECT else (bounced_of(path),)
     with ExitStack() as stack:

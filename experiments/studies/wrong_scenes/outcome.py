@@ -94,7 +94,7 @@ class Outcome:
 
     @property
     def patch_z(self) -> Array:
-        """(R C 3,) how far the patches are from the truth's, as they stand, in standard errors."""
+        """(R C 3,) how far the unshifted patches are from the truth's, in standard errors."""
         off = self.images[SCENES.index("calibrated")] - self.light * self.truth
         return np.asarray(off / self.image_errors).ravel()
 
@@ -107,7 +107,7 @@ class Outcome:
 
     @cached_property
     def psnr(self) -> dict[str, float]:
-        """Of each picture as it stands, in dB."""
+        """Of each picture, unshifted, in dB."""
         return {n: ps.psnr(f, self.truth) for n, f in zip(SCENES, self.images, strict=True)}
 
     @cached_property

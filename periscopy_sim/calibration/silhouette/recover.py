@@ -105,7 +105,7 @@ def recover_silhouette(
     ------
     SceneError
         If the shape is no occluder, its rectangle is not between monitor and wall or casts no
-        shadow into view, the cells are more than the photograph can tell, or the scene without the
+        shadow into view, the cells are more than the photograph resolves, or the scene without the
         shape has no closed form (`analytic_transport`).
     PhotographError
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many

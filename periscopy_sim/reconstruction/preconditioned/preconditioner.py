@@ -118,7 +118,7 @@ def form_preconditioner(
     ------
     ValueError
         If the shapes do not fit, entries are not finite, or A with range(B) projected out has not
-        full column rank: some patch cannot be told apart from the others or from background.
+        full column rank: some patch looks like the others or like background.
     """
     transport: Array = np.asarray(A, np.float64)
     if A.ndim != 2 or A.shape[0] < A.shape[1]:

@@ -180,7 +180,7 @@ def patch_uv(
 def _photograph_size(
     scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
 ) -> tuple[int, int]:
-    """Return (rows, columns) as asked, or else of the film; refuse too many, or too few."""
+    """Return (rows, columns) as asked, or else of the film; reject too many, or too few."""
     columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
     rows, columns = asked or (rows, columns)
     if not 1 <= rows * columns <= MOST_PIXELS:

@@ -148,7 +148,7 @@ def _copies() -> TemporaryDirectory[str]:
 
 
 def _announced(content: bytes, kind: str) -> int | None:
-    """Return how many faces a file announces, if its format does; refuse one that is cut short."""
+    """Return how many faces a file announces, if its format does; reject one that is cut short."""
     if kind == "glb" and int.from_bytes(content[8:12], "little") != len(content):
         raise ValueError("is cut short, or no GLB file")
     if kind != "stl":
@@ -162,7 +162,7 @@ def _announced(content: bytes, kind: str) -> int | None:
 
 
 def _check_lines(content: bytes) -> None:
-    """Refuse what Mitsuba skips of an OBJ file, and polygons that no fan of triangles fills."""
+    """Reject what Mitsuba skips of an OBJ file, and polygons that no fan of triangles fills."""
     lines = [line.split() for line in re.sub(rb"#.*", b"", content).splitlines() if line.strip()]
     if skipped := {line[0] for line in lines} - OBJ_LINES:
         raise ValueError(f"has lines of {min(skipped).decode(errors='replace')!r}")
@@ -198,7 +198,7 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:
-    with np.errstate(invalid="ignore"):  # `_check_arrays` refuses what is not finite
+    with np.errstate(invalid="ignore"):  # `_check_arrays` rejects what is not finite
         vertices = np.asarray(part.vertices, np.float64) @ to_scene[:3, :3].T + to_scene[:3, 3]
     faces = np.asarray(part.faces, np.int64)
     if np.linalg.det(to_scene[:3, :3]) < 0:  # mirrored: the outside stays outside
@@ -221,7 +221,7 @@ def _concatenated(parts: list[TriangleMesh]) -> TriangleMesh:
 
 
 def _check_arrays(mesh: TriangleMesh) -> None:
-    """Refuse a mesh without faces, with faces of no vertex, or with numbers that are not finite."""
+    """Reject a mesh without faces, with faces of no vertex, or with numbers that are not finite."""
     count, uv = len(mesh.vertices), mesh.texture_coordinates
     if not len(mesh.faces):
         raise ValueError("has no faces")

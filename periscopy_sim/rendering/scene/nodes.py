@@ -210,7 +210,7 @@ class SceneNodes:
                 built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
             refused = one_line(error)
-        # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
+        # What was built of a rejected scene must go at once: Dr.Jit would trace an emitter that
         # outlives its shape at the next virtual call, and crash.
         del state
         if refused:

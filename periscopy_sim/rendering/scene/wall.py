@@ -105,7 +105,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
 
 
 def _check_reflection(colors: list[Array], aside: Array, where: str, material: str) -> None:
-    """Refuse a wall without reflection, or whose colour changes with direction or place."""
+    """Reject a wall without reflection, or whose colour changes with direction or place."""
     facing, color, *tilted = colors
     if not (np.isfinite(facing + color).all() and facing.any()):
         raise SceneError(
