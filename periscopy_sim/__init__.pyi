@@ -3,11 +3,7 @@
 from .adapters.linear_operator import transport_operator
 from .adapters.torch_transport import TorchTransport
 from .analytic.area_transport import analytic_transport
-from .analytic.point_light import (
-    paper_grid,
-    point_light_backgrounds,
-    point_light_response,
-)
+from .analytic.point_light import paper_grid, point_light_backgrounds, point_light_response
 from .calibration.calibrate import calibrate
 from .calibration.moving_scene import uncertain_transport
 from .calibration.result import Calibration

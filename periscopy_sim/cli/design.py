@@ -33,8 +33,7 @@ def design(
     session: Annotated[Session, {"hidden": "15x18"}],
     light: Annotated[Light, {"model": Model.analytic}],
     vary: Annotated[
-        str,
-        option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05."),
+        str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
     ],
     out: options.ResumedFolder,
     grid: Annotated[

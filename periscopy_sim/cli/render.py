@@ -35,8 +35,7 @@ def photograph(
         option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
     ] = None,
     sbr: Annotated[
-        float | None,
-        option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT),
+        float | None, option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT)
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
@@ -69,8 +68,7 @@ def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
     names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME", help="Scene files or shipped conditions."),
+        list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
     ] = None,
     target: Annotated[
         float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)

@@ -91,10 +91,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
 
 
 def draw_silhouette(
-    path: Path,
-    photograph: Array,
-    solution: "Silhouette",
-    metadata: Mapping[str, str] | None = None,
+    path: Path, photograph: Array, solution: "Silhouette", metadata: Mapping[str, str] | None = None
 ) -> None:
     """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
 

@@ -221,9 +221,7 @@ def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
 
 
 def checked_mask(
-    mask: Mask,
-    transport_shape: tuple[int, ...],
-    photograph_shape: tuple[int, int] | None = None,
+    mask: Mask, transport_shape: tuple[int, ...], photograph_shape: tuple[int, int] | None = None
 ) -> Mask:
     """Return a copy of a mask, (rows, columns) or (M,), that fits A, (M, N), and leaves enough.
 

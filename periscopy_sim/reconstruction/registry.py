@@ -170,11 +170,7 @@ _ENTRIES = (
         options=(_tv_weight(0.02, "in ‖A⊥‖_F / σ, above 0", "regularization", 1e-9), _RANK),
         certainty="standard errors",
         uncertain=True,
-        video=VideoEntry(
-            "noise_aware.video:NoiseAwareVideo",
-            ("l1", "none"),
-            (_l1_weight(0.8),),
-        ),
+        video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
     ),
     MethodEntry(
         "preconditioned",

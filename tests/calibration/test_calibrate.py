@@ -195,11 +195,7 @@ CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 
 @pytest.mark.parametrize(
     ("old", "new", "name"),
-    [
-        ("</scene>", BALL, "ball"),
-        (WALL, CURVED, "wall"),
-        (WHITE_PAINT, CHECKERS, "wall"),
-    ],
+    [("</scene>", BALL, "ball"), (WALL, CURVED, "wall"), (WHITE_PAINT, CHECKERS, "wall")],
 )
 @pytest.mark.usefixtures("jit", "quick")
 def test_shapes_without_a_closed_form_are_named(

@@ -8,11 +8,7 @@ from xml.dom import minidom
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.calibrated_scene import (
-    with_defaults,
-    write_copy,
-    write_document,
-)
+from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy, write_document
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario

@@ -11,10 +11,7 @@ import pytest
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import UncertainParameters, ruled_values, start_values
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.scene_covariance import (
-    SceneCovariance,
-    scene_covariance,
-)
+from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import CALIBRATED
@@ -86,10 +83,7 @@ def test_values_that_are_set_otherwise_are_named(tmp_path: Path) -> None:
 
 def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
     held = UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005]))
-    parameters = [
-        Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1),
-        Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1),
-    ]
+    parameters = [Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1), Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1)]
     nothing = np.zeros(0)
     found = Calibration(
         parameters=tuple(parameters),

@@ -223,9 +223,7 @@ def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
 RANDOM = np.random.default_rng(0)
 DERIVATIVES = RANDOM.standard_normal((2, 8, 5))
 TRANSPORT = UncertainTransport(
-    ("x", "turn"),
-    RANDOM.standard_normal((2, 3)),
-    lambda image: DERIVATIVES @ image.reshape(-1, 3),
+    ("x", "turn"), RANDOM.standard_normal((2, 3)), lambda image: DERIVATIVES @ image.reshape(-1, 3)
 )
 MASK = np.array([[True, False, True, True], [False, True, True, True]])
 

@@ -21,12 +21,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import fitted
-from periscopy_sim.calibration.problem import (
-    COARSE_HATS,
-    LARGEST,
-    MOST_PATCHES,
-    Averaged,
-)
+from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES, Averaged
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette

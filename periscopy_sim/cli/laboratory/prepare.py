@@ -56,8 +56,7 @@ def prepare(
         Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
     ] = None,
     mask: Annotated[
-        Path | None,
-        option("FILE", "Picture of the photograph's or film's size, black off wall."),
+        Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
     ] = None,
     bin_by: Annotated[
         int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", min=1)

@@ -217,9 +217,7 @@ class Differencing(StillMethod[np.float64]):
         self.stop = stop
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._differenced = partial(
-            neighbour_differences,
-            photograph_shape=photograph_shape,
-            mask=mask,
+            neighbour_differences, photograph_shape=photograph_shape, mask=mask
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what
         # they leave.

@@ -53,12 +53,7 @@ class Learned(NoiseAware):
     """
 
     def __init__(
-        self,
-        A: Image,
-        B: Image | None = None,
-        *,
-        weights: str | Path = NETWORK,
-        **settings: Any,
+        self, A: Image, B: Image | None = None, *, weights: str | Path = NETWORK, **settings: Any
     ) -> None:
         file = SHIPPED if weights == NETWORK else Path(weights)
         read = read_weights(file)

@@ -3,11 +3,7 @@ import pytest
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.scene import (
-    cell_mesh,
-    with_mesh,
-    write_masked_scene,
-)
+from periscopy_sim.calibration.silhouette.scene import cell_mesh, with_mesh, write_masked_scene
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario

@@ -67,10 +67,7 @@ def results(**errors):
     dims = ("algorithm", "background", "sbr", "seed")
     methods = [names.get(name, name) for name in errors]
     return xr.Dataset(
-        {
-            "mean_squared_error": (dims, error),
-            "psnr_registered": (dims, -10 * np.log10(error / 2)),
-        },
+        {"mean_squared_error": (dims, error), "psnr_registered": (dims, -10 * np.log10(error / 2))},
         {"algorithm": methods, "background": LIGHTS, "sbr": SBRS, "seed": [0]},
     )
 

@@ -161,10 +161,7 @@ def test_strata_beat_independent_samples(room):
     assert spread[1] < spread[0] / 12
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}],
-)
+@pytest.mark.parametrize("wrong", [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}])
 def test_impossible_arguments_are_refused(room, wrong):
     with pytest.raises(ValueError):
         render_transport(room.load(), **wrong)
