@@ -11,7 +11,8 @@ from .calibration.silhouette.recover import recover_silhouette
 from .calibration.silhouette.result import Silhouette
 from .dataset.configuration import load_configuration
 from .dataset.make import make_dataset
-from .dataset.reading import TorchDataset, open_dataset
+from .dataset.reading import open_dataset
+from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method

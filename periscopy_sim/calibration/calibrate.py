@@ -195,15 +195,16 @@ class _Path:
         self._progress(min(0.99, looks / self._expected))
 
     def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
-        """Return the points by level."""
+        """Return the points by level, with how many rows and columns of it have a pixel."""
         return tuple(
             Visited(
-                _lattice_shape(level.scene.pixels),
+                (int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())),
                 level.scene.scenario.hidden_shape,
                 np.array([point for point, _ in points]).reshape(-1, self._count),
                 np.array([evidence for _, evidence in points]),
             )
             for level, points in zip(levels, self._points, strict=True)
+            for pixels in (level.scene.pixels,)
         )
 
 
@@ -213,11 +214,6 @@ def _colour_matrix(look: Look) -> Array:
     assert isinstance(known, SmoothExplanation)
     M = known.coefficients.T
     return np.asarray(M / M.sum(axis=1).mean())
-
-
-def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return how many rows and columns have a pixel."""
-    return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
 
 def _picture(level: ResolutionLevel, values: Image) -> Array:

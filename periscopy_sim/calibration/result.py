@@ -49,11 +49,6 @@ class Parameter:
         """Whether the photograph determines the parameter better than the ruler does."""
         return self.trusted and self.standard_error**2 < LEARNED * self.ruler_error**2
 
-    @property
-    def ruler_errors_off(self) -> float:
-        """How many standard deviations of the ruler the value ended above its start."""
-        return (self.value - self.start) / self.ruler_error
-
 
 @dataclass(frozen=True, eq=False)
 class Visited:

@@ -16,7 +16,7 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.formats.rasters import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -54,7 +54,10 @@ def photograph(
         session.check_shadows()
         shown = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient)
-        y = session.synthetic_photograph(shown, samples)
+        with fixable("photograph"), progress("path tracing the photograph") as report:
+            y = ps.render_photograph(
+                session.scenario, shown, samples=samples, seed=session.seed, progress=report
+            )
         with fixable("photograph"):
             if background is not None and sbr is not None:
                 y = ps.composite(y, background, sbr)

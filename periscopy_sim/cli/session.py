@@ -17,7 +17,7 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
-from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
+from periscopy_sim.numerics import memory
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -53,13 +53,14 @@ def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
     """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
     pixels, patches = scenario.transport_shape
-    fitted = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry
-    needed = transport_memory(pixels, patches, fitted if method else 4)  # bytes of an entry
-    if not has_memory(needed):
+    bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
+    # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
+    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, memory.available_memory()
+    if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{(available_memory() or 0) / 1e9:.1f} GB; average pixels (prepare --bin) or choose "
-            "fewer patches (--hidden)"
+            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
+            "(--hidden)"
         )
 
 
@@ -141,13 +142,6 @@ class Session(options.OptionGroup):
                 f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
             )
             return light.photograph
-
-    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> "Array":
-        """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""
-        with fixable("photograph"), progress("path tracing the photograph") as report:
-            return ps.render_photograph(
-                self.scenario, image, samples=samples, seed=self.seed, progress=report
-            )
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""

@@ -79,11 +79,12 @@ def sweep(
     light.check_methods(*names)
     scenario, seed = session.scenario, session.seed
     shown = session.hidden_image(truth or hidden_image or "")
-    used, off = session.companions(mask, monitor_off)
     signal = None
-    if photograph is not None:
-        wall = session.without_defects(session.photograph(photograph, used), str(photograph))
-        signal, used = wall.values, wall.mask
+    if photograph is None:
+        used, off = session.companions(mask, monitor_off)
+    else:
+        wall = session.wall(photograph, mask, monitor_off)
+        signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
     ambience = {
         name: session.photograph(path, used).values if path else None
         for name, path in lights.items()

@@ -74,7 +74,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
     for label, colour, determined in kinds:
         kept = [k for k in rows if parameters[k].determined == determined]
         ax.errorbar(
-            [parameters[k].ruler_errors_off for k in kept],
+            [(p.value - p.start) / p.ruler_error for p in (parameters[k] for k in kept)],
             kept,
             xerr=[parameters[k].standard_error / errors[k] for k in kept],
             fmt="o",

@@ -11,7 +11,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
-from periscopy_sim.storage.formats.rasters import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import staged_file

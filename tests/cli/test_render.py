@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 

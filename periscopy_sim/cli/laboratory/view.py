@@ -21,7 +21,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:

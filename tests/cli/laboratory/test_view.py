@@ -15,7 +15,7 @@ from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from periscopy_sim.errors import OutputError, PhotographError
-from periscopy_sim.storage.formats.rasters import decode_exr, read_exr, write_exr
+from periscopy_sim.storage.formats.exr import decode_exr, read_exr, write_exr
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image, write_png
 from periscopy_sim.storage.sequences import open_frames
