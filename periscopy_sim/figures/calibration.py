@@ -61,15 +61,8 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
     path = (calibration.path[-1].values - starts) / errors
     ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
     ax.axvline(0, color="black", linewidth=0.8)
-    ax.plot(
-        path.ravel(),
-        np.tile(rows, len(path)),
-        ".",
-        color=OKABE_ITO[0],
-        ms=3,
-        zorder=3,
-        label="search",
-    )
+    search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}
+    ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
     kinds = ("by the photograph", OKABE_ITO[1], True), ("by the ruler", "0.55", False)
     for label, colour, determined in kinds:
         kept = [k for k in rows if parameters[k].determined == determined]

@@ -34,7 +34,6 @@ from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.pictures import area_average
 
 FEW = 8
@@ -108,8 +107,7 @@ def recover_silhouette(
     """
     from threadpoolctl import threadpool_limits
 
-    given = {name: str(value) for name, value in (parameters or {}).items()}
-    first = load_scenario(find_scene(scene), hidden, given)
+    first = load_scenario(scene, hidden, parameters)
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
