@@ -1,4 +1,4 @@
-"""The meshes, images and textures under ``scenes`` are what their scripts and README say."""
+"""Shipped files have names that are resolved, and are what their scripts and README say."""
 
 import importlib.util
 from pathlib import Path

@@ -83,7 +83,7 @@ def _motion(
     p: Array, vertices: Array, moved_p: Array, moved_vertices: Array, between: Indices
 ) -> Array:
     """Return derivatives, (P, n, 4), of the border's ends, as p and the vertices there move."""
-    found = np.empty((len(moved_p), len(between), 4))
+    changes = np.empty((len(moved_p), len(between), 4))
     for e in range(len(between)):
         for end in range(2):
             vertex = vertices[between[e, end]]
@@ -93,12 +93,12 @@ def _motion(
                 moved = moved_vertices[q, between[e, end]]
                 longer = (p[2] * moved[2] - moved_p[q, 2] * vertex[2]) / (above * above)
                 for axis in range(2):
-                    found[q, e, 2 * end + axis] = (
+                    changes[q, e, 2 * end + axis] = (
                         moved_p[q, axis]
                         + longer * (vertex[axis] - p[axis])
                         + stretch * (moved[axis] - moved_p[q, axis])
                     )
-    return found
+    return changes
 
 
 @compiled

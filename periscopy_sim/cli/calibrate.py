@@ -213,7 +213,7 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
         files, doing = inputs.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
-        made = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
+        made = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(made, solution.doubts) or made
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         inputs.write(json, silhouette_record(solution))

@@ -1,6 +1,5 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
-from periscopy_sim.cli.output import as_json, fixable, progress, say
+from periscopy_sim.cli.output import fixable, progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -120,6 +119,6 @@ def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
             "samples": light.samples,
             **session.provenance,
         }
-        write(A, json.loads(as_json(record)))
+        write(A, record)
     beside = record_of(out), *(file for file in (bounced_of(out),) if file.is_file())
     say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}")

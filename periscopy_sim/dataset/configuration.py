@@ -87,8 +87,8 @@ class Conditions(Mixture):
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths of the conditions that are not shipped."""
         beside = [(folder / name).resolve() for name in self.names]
-        found = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
-        return self.model_copy(update={"names": tuple(found)})
+        names = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
+        return self.model_copy(update={"names": tuple(names)})
 
     def identity(self) -> dict[str, Any]:
         """Return names and digests of the conditions."""
@@ -207,11 +207,11 @@ class Configuration(Strict):
 
     def located(self) -> "Configuration":
         """Return the configuration with absolute paths; an error names one that does not exist."""
-        found = {
+        lists = {
             name: tuple(source.located(self.folder) for source in sources)
             for name, sources in self.sources.items()
         }
-        return self.model_copy(update=found)
+        return self.model_copy(update=lists)
 
     def identity(self) -> dict[str, Any]:
         """Return all entries that a sample depends on, of JSON's types, without paths."""

@@ -56,8 +56,8 @@ class TorchDataset:
             np.ones_like(splits, bool) if split is None else splits == split
         )
         if not len(self.samples):
-            found = ", ".join(sorted({*splits.tolist()}))
-            raise DatasetError(f"{path}: has no samples of split '{split}'; it has {found}")
+            known = ", ".join(sorted({*splits.tolist()}))
+            raise DatasetError(f"{path}: has no samples of split '{split}'; it has {known}")
         self.path, self.variables, self.transform = Path(path), variables, transform
         self._opened: tuple[int, Any] | None = None
 

@@ -1,4 +1,4 @@
-"""The map of the residual of a photograph."""
+"""Panels side by side, maps with their bars, and the map of a photograph's residual."""
 
 import numpy as np
 import pytest

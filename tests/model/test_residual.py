@@ -1,4 +1,4 @@
-"""What scene and image leave of a photograph, and what it says of the scene."""
+"""The residual of a photograph, its share in percent, and what it says of the scene."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Masks in every format, and what is no mask."""
+"""Photographs and masks in every format, and what is neither."""
 
 import struct
 import subprocess

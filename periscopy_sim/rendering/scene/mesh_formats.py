@@ -78,8 +78,8 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     parts = _parts(content, kind)
     # Geometry of a GLB file that trimesh skips or takes for another.
     end = 20 + int.from_bytes(content[12:16], "little")
-    if kind == "glb" and (found := UNREAD.search(content, 20, end)):
-        what = found[0].decode().replace('"', "")
+    if kind == "glb" and (feature := UNREAD.search(content, 20, end)):
+        what = feature[0].decode().replace('"', "")
         raise ValueError(f"has what is not supported ({what})")
     mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:

@@ -66,8 +66,8 @@ def check_monitor(monitor: Any, path: Path) -> None:
 
     def area_at(uv: Any) -> tuple[Any]:
         si = surface_at(monitor, uv)
-        found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
-        return (dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
+        is_here = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
+        return (dr.select(is_here, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
 
     if monitor.class_name() == "Rectangle":  # always right
         return

@@ -153,12 +153,12 @@ def surface_at(shape: Any, uv: Any) -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    found = shape.eval_parameterization(uv, +mi.RayFlags.All)
+    surface = shape.eval_parameterization(uv, +mi.RayFlags.All)
     if not shape.is_mesh():
-        return found
+        return surface
     beside = uv * (1 - 2e-5) + mi.Point2f(0.7e-5, 1.3e-5)
-    missed = ~found.is_valid() if is_vectorized() else not found.is_valid()
-    return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), found)
+    missed = ~surface.is_valid() if is_vectorized() else not surface.is_valid()
+    return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), surface)
 
 
 def _columns(value: Any, count: int) -> Array:

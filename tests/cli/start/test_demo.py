@@ -1,4 +1,4 @@
-"""The tutorial's files in a folder of the user's."""
+"""The demo, and the tutorial's files in a folder of the user's."""
 
 import json
 import shlex

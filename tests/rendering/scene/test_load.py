@@ -1,4 +1,4 @@
-"""Results do not depend on the frame in which a user describes a scene, nor on its unit."""
+"""Scenes as arrays, shipped ones too, whatever frame and unit a user describes them in."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Meshes that Mitsuba does not read, written here by hand, byte by byte."""
+"""Meshes that Mitsuba does not read, written by hand; meshes without area or volume."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""What the camera sees of the wall's paint: its albedo and gain of each channel."""
+"""The wall that the camera sees: its points, its paint, and relief that changes nothing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is written is read again: the same values, of every shape."""
+"""EXR files of every kind; what any format writes is read again, the same values."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
