@@ -1,7 +1,5 @@
 """Find the parameters of a scene that explain photographs best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A scene file with other defaults: all else stays, comments too."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

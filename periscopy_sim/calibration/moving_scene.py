@@ -1,7 +1,5 @@
 """A scene whose parameters move: its A by areas, A's derivatives, and what errors do to light."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

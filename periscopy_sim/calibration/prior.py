@@ -1,7 +1,5 @@
 """What is known of a scene's parameters before the photograph: measured values and their errors."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 

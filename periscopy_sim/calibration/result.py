@@ -1,7 +1,5 @@
 """The result of a calibration, and how far to trust it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The wall as the camera sees it, path traced."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

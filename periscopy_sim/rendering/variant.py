@@ -4,8 +4,6 @@ This is the only module that calls `mi.set_variant`, and the only one that choos
 scalar variant scenes load, which is all that closed forms need; rays need another.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import site

@@ -1,7 +1,5 @@
 """Calibration as it is called: what it finds, what it leaves as it was, and what it rejects."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Copies of scene files at other values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.dom import minidom
 

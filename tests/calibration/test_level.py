@@ -1,7 +1,5 @@
 """The objective of photographs, and its derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

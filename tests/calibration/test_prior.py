@@ -1,7 +1,5 @@
 """What a scene declares of its parameters and their errors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The covariance that a calibrated scene carries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

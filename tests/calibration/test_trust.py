@@ -1,7 +1,5 @@
 """When a calibration is doubted."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

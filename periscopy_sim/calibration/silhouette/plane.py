@@ -1,7 +1,5 @@
 """The rectangle in which an unknown flat occluder lies, and the cells that it is cut into."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

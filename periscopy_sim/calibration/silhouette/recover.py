@@ -7,8 +7,6 @@ other, as far as the image's border is dark; and they may change places, each tu
 circle, if the image has one colour and is as bright as dark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The silhouette of an occluder nobody measured, and how far it is to be believed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

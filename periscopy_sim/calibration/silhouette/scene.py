@@ -1,7 +1,5 @@
 """A scene file with the mesh of a silhouette in the place of a shape."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from xml.dom import minidom

@@ -5,8 +5,6 @@ range(B). The unrolled network then uses the same evidence, and knows what hidde
 The network reads the photograph's coefficients, no pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A Mitsuba scene as a Scenario, or what it lacks for that."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ short, vertices that are not finite, indices of no vertex, polygons with a notch
 fill, and what trimesh skips of GLB.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import logging

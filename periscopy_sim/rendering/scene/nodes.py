@@ -5,8 +5,6 @@ Mitsuba parses the file; the files that its plugins read are found and checked h
 so that they work for every shape, sensor and emitter plugin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
