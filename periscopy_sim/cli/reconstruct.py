@@ -1,7 +1,6 @@
 """`periscopy reconstruct`: from a photograph to the hidden image."""
 
-from __future__ import annotations
-
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.panels import draw_residual
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 OPTIONAL = (
@@ -22,11 +22,7 @@ OPTIONAL = (
 """Files that depend on the method and the options."""
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from periscopy_sim.numerics import Image
     from periscopy_sim.reconstruction.method import Report
-    from periscopy_sim.scenario import Array
 
 
 def reconstruct(
@@ -135,7 +131,7 @@ def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.Uncert
 
 
 def write_report(
-    folder: Path, report: Report, image: Image, photograph: Array, text: dict[str, str]
+    folder: Path, report: "Report", image: Image, photograph: Array, text: dict[str, str]
 ) -> None:
     """Write the image, (R, C, 3), and what the method reports beside it."""
     np.save(folder / "reconstruction.npy", image.astype(np.float32))

@@ -17,7 +17,7 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
-from periscopy_sim.numerics import memory
+from periscopy_sim.numerics import Array, memory
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -28,7 +28,6 @@ from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
-    from periscopy_sim.scenario import Array
 
 
 def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
@@ -129,7 +128,7 @@ class Session(options.OptionGroup):
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> "Array":
+    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
 
         The relative error of a pixel that is path traced is the target.
@@ -152,7 +151,7 @@ class Session(options.OptionGroup):
 
     def companions(
         self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> "tuple[Mask | None, dict[str, Array]]":
+    ) -> tuple[Mask | None, dict[str, Array]]:
         """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
         used = None
         if mask is not None:

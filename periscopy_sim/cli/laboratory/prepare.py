@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from math import gcd
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -18,16 +18,13 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
-from periscopy_sim.photographs.develop import average, develop
+from periscopy_sim.photographs.develop import SensorImage, average, develop
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
-
-if TYPE_CHECKING:
-    from periscopy_sim.photographs.develop import SensorImage
 
 Files = list[Path] | None
 
@@ -104,10 +101,10 @@ def prepare(
 
 def _developed(
     photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> "SensorImage":
+) -> SensorImage:
     """Read the photographs into one picture of linear light."""
 
-    def pictures(paths: Sequence[Path]) -> "Iterator[SensorImage]":
+    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
@@ -122,7 +119,7 @@ def _developed(
 
 
 def _film(
-    light: "SensorImage",
+    light: SensorImage,
     scenario: ps.Scenario,
     side: int,
     marks: ps.WallPoints | ps.WallTags | None,
