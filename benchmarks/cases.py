@@ -22,7 +22,6 @@ import periscopy_sim as ps
 from benchmarks.suites import Suite, crop, geometry
 from experiments.paper.moving_scene import clip
 from experiments.setting import kept, package_sha256
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.outputs.provenance import scene_sha256
@@ -108,7 +107,7 @@ def ambient_light(place: str, scenario: Scenario, rendered: Path) -> Array:
     """Return the wall under a shipped place's light, (rows, columns, 3); the camera never moves."""
     scene = f"ambient/{place}"
     depends = {
-        "scene_sha256": scene_sha256(read_document(ps.find_scene(scene))),
+        "scene_sha256": scene_sha256(ps.find_scene(scene)),
         "wall_sha256": hashlib.sha256(np.round(scenario.wall_points, 9).tobytes()).hexdigest(),
         "package_sha256": package_sha256(),
     }

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 
@@ -64,7 +63,7 @@ class Suite:
     seed
         Of geometries, crops and noise.
     geometries
-        How many. Each is drawn by the seed: none is an unchanged shipped scene.
+        How many. Each is drawn by the seed: none is a shipped scene as it stands.
     hidden
         (rows, columns) of the hidden image.
     images
@@ -203,7 +202,7 @@ def _definition(suite: Suite) -> dict[str, Any]:
     return {
         **asdict(suite),
         "drawn": drawn,
-        "scenes": {name: scene_sha256(read_document(find_scene(name))) for name in scenes},
+        "scenes": {name: scene_sha256(find_scene(name)) for name in scenes},
         "pictures": {name: _picture_sha256(suite, name) for name in suite.images},
     }
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.scenario import Scenario
@@ -229,8 +228,8 @@ class Setting(Chair):
         """
         file = self.rendered / f"{name}.exr"
         record = {
-            "scene_sha256": scene_sha256(read_document(ps.find_scene(scene))),
-            "chair_sha256": scene_sha256(read_document(ps.find_scene("chair"))),
+            "scene_sha256": scene_sha256(ps.find_scene(scene)),
+            "chair_sha256": scene_sha256(ps.find_scene("chair")),
             "package_sha256": package_sha256(),
             "seed": str(self.seed),
         }

@@ -102,7 +102,9 @@ def reconstruct(
         say(messages.comparison(compared))
 
 
-def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.UncertainTransport | None:
+def _uncertain_transport(
+    session: Session, named: dict[str, float]
+) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, those a calibration left, or the declared ones.
 
     Warn where that calibration does not hold.

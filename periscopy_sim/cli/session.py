@@ -204,7 +204,7 @@ class Session(options.OptionGroup):
         light: Light,
         matrix: Path | None,
         wall: ps.Photograph,
-        uncertain: ps.UncertainTransport | None = None,
+        uncertain: "ps.UncertainTransport | None" = None,
         colour_matrix: ps.ColourMatrix | None = None,
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""

@@ -9,7 +9,6 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
@@ -39,8 +38,7 @@ class SceneSource(Source):
         """Return the source with the absolute path of its scene and the digest of its files."""
         beside = folder / self.scene
         path = (beside if beside.is_file() else find_scene(self.scene)).resolve()
-        version = scene_sha256(read_document(path))
-        return self.model_copy(update={"scene": str(path), "version": version})
+        return self.model_copy(update={"scene": str(path), "version": scene_sha256(path)})
 
     def identity(self) -> dict[str, Any]:
         """Return the name of the scene."""
@@ -92,7 +90,7 @@ class Conditions(Mixture):
 
     def identity(self) -> dict[str, Any]:
         """Return names and digests of the conditions."""
-        digests = [scene_sha256(read_document(find_condition(name))) for name in self.names]
+        digests = [scene_sha256(find_condition(name)) for name in self.names]
         return {"names": [Path(name).stem for name in self.names], "sha256": digests}
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -57,7 +56,7 @@ def ambient_photographs(
         del made[of_this_run]
     for name, path in paths.items():
         file = folder / f"{name}.exr"
-        digest = scene_sha256(read_document(path))
+        digest = scene_sha256(path)
         settings = as_text({**made, "ambient": name, "ambient_sha256": digest})
         if not file.is_file():
             with staged_file(file) as staged, progress(f"ambient light: {name}") as report:

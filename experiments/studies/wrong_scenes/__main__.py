@@ -37,7 +37,6 @@ from experiments.studies.wrong_scenes.outcome import SCENES, Outcome, Trial
 from experiments.studies.wrong_scenes.report import numbers_of, write_report
 from experiments.studies.wrong_scenes.subjects import Photographed
 from periscopy_sim.cli.output import progress
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
 
@@ -131,7 +130,7 @@ def identity(photographed: Photographed) -> str:
     digest = hashlib.sha256(package_sha256().encode())
     for module in (subjects, outcome):
         digest.update(Path(str(module.__file__)).read_bytes())
-    digest.update(scene_sha256(read_document(subject.scene)).encode())
+    digest.update(scene_sha256(subject.scene).encode())
     digest.update(repr((subject.parameters, subject.hidden)).encode())
     digest.update(photographed.sha256.encode())
     return digest.hexdigest()

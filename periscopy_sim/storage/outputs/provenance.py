@@ -5,7 +5,9 @@ import platform
 import shlex
 from collections.abc import Mapping, Sequence
 from importlib import metadata
+from pathlib import Path
 
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import SceneDocument
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
@@ -37,13 +39,14 @@ def as_text(record: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in record.items() if value is not None}
 
 
-def scene_sha256(scene: SceneDocument) -> str:
+def scene_sha256(scene: Path | SceneDocument) -> str:
     """Return the digest of a scene file and of every file that it names, in the text's order.
 
     The scene's own folder does not matter.
     """
     digest = hashlib.sha256()
-    for path in scene.files:
+    document = read_document(scene) if isinstance(scene, Path) else scene
+    for path in document.files:
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()
