@@ -13,6 +13,7 @@ from benchmarks.cases import RENDERED
 from benchmarks.freezing import check_frozen, freeze
 from benchmarks.suites import SUITES
 from experiments.page import one_line_errors
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 app = typer.Typer(add_completion=False, help="The benchmark of periscopy_sim.")
@@ -64,7 +65,7 @@ def _record(methods: str, suites: str) -> dict[str, str]:
         *(["--suites", suites] if suites else []),
     ]
     command = ["python", "-m", "benchmarks", "run", *asked]
-    made = provenance(ps.find_scene("chair"), ps.use_variant(), None, command)
+    made = provenance(read_document(ps.find_scene("chair")), ps.use_variant(), None, command)
     return as_text({**made, "processors": os.cpu_count()})
 
 

@@ -24,6 +24,7 @@ import periscopy_sim as ps
 from experiments.drawing import styled
 from experiments.report import Section, read_section, write_page, write_section
 from experiments.setting import Setting
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -259,5 +260,6 @@ def _digest(setting: Inputs) -> str:
 
 def _record(page: Page, setting: Inputs) -> dict[str, str]:
     command = ["python", "-m", page.package, *sys.argv[1:]]
-    made = provenance(ps.find_scene("chair"), ps.use_variant(), setting.seed, command)
+    chair = read_document(ps.find_scene("chair"))
+    made = provenance(chair, ps.use_variant(), setting.seed, command)
     return as_text({**made, "processors": os.cpu_count()})

@@ -22,7 +22,7 @@ from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.formats.rasters import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
 

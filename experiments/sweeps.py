@@ -76,7 +76,7 @@ def of_method(results: xr.Dataset, method: str) -> xr.Dataset:
 
 
 def errors_of(results: xr.Dataset, method: str, *, registered: bool = False) -> Array:
-    """Return a method's mean squared errors, as they stand or after the best shift.
+    """Return a method's mean squared errors, unshifted or after the best shift.
 
     Returns
     -------

@@ -3,19 +3,16 @@
 from .adapters.linear_operator import transport_operator
 from .adapters.torch_transport import TorchTransport
 from .analytic.area_transport import analytic_transport
-from .analytic.point_light import (
-    paper_grid,
-    point_light_backgrounds,
-    point_light_response,
-)
+from .analytic.point_light import paper_grid, point_light_backgrounds, point_light_response
 from .calibration.calibrate import calibrate
+from .calibration.moving_scene import uncertain_transport
 from .calibration.result import Calibration
 from .calibration.silhouette.recover import recover_silhouette
 from .calibration.silhouette.result import Silhouette
-from .calibration.uncertain_scene import uncertain_transport
 from .dataset.configuration import load_configuration
 from .dataset.make import make_dataset
-from .dataset.reading import TorchDataset, open_dataset
+from .dataset.reading import open_dataset
+from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
 from .evaluation.methods import find_method
@@ -31,7 +28,7 @@ from .figures.display import save_png, show, to_srgb
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .model.colour_matrix import ColourMatrix
-from .model.uncertain_transport import UncertainTransport
+from .model.uncertainty import UncertainTransport
 from .photograph import Photograph
 from .photographs.defects import defective_pixels
 from .photographs.develop import develop

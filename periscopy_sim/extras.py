@@ -29,7 +29,7 @@ def missing(module: str) -> str:
 
 
 def require_all(modules: Iterable[str] = SWEEP) -> None:
-    """Refuse to start work that would end for want of a module, without importing any.
+    """Reject work that would end for want of a module, without importing any.
 
     Raises
     ------

@@ -2,13 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array, Image
 
 
 def composite(signal: Image, background: Image, sbr: float) -> Array:

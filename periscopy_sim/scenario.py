@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.errors import SceneError, did_you_mean
+
 Array = NDArray[np.float64]
+
+RULER_ERROR = "_error"
+"""Ends the name of a ``<default>`` that says how well the one before that ending is known."""
+
+CALIBRATED = "calibrated_covariance"
+"""Names the ``<default>`` in which a calibration says how well it knows the parameters."""
 
 POINT = 1e-6
 """Side of a pixel that counts as a point, in metres."""
@@ -55,6 +63,43 @@ class Occluder:
     bounds: Array | None = None
 
 
+@dataclass(frozen=True)
+class SceneDocument:
+    """What a scene file and those that it includes declare, and the values given instead.
+
+    `defaults` maps the name of each ``<default>`` to its value, the first of that name, whatever
+    was `given`. `files` are the scene and every file that exists and belongs to it, each once, in
+    the order of the text.
+    """
+
+    path: Path
+    given: Mapping[str, str] = field(default_factory=dict)
+    defaults: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
+    folders: tuple[Path, ...] = ()  # where the files of plugins are searched, in this order
+    missing: tuple[str, ...] = ()  # names of includes, spectra and folders that are nowhere
+    units: Mapping[str, str] = field(default_factory=dict)
+    """m or degrees, of the ``<default>``s that move or turn something"""
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values in force: those given, else the defaults."""
+        return {**self.defaults, **self.given}
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """The ``<default>``s that are standard errors, each with the one that it is of."""
+        ends = {name: name.removesuffix(RULER_ERROR) for name in self.defaults}
+        return {name: of for name, of in ends.items() if of != name and of in self.defaults}
+
+    def undeclared(self, name: str) -> SceneError:
+        """Return the error of a parameter that is not declared, with what may be meant."""
+        known = {each: text for each, text in self.defaults.items() if each != CALIBRATED}
+        listed = ", ".join(f"{each} (default {text})" for each, text in known.items())
+        meant = did_you_mean(name, known) or f"it declares {listed or 'none'}"
+        return SceneError(f"scene '{self.path}' declares no parameter '{name}'; {meant}")
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """One camera, one relay wall, one hidden monitor and what stands between them.
@@ -64,10 +109,8 @@ class Scenario:
 
     Attributes
     ----------
-    path
-        The Mitsuba scene file.
-    parameters
-        Values given for the file's ``<default>``s.
+    document
+        The Mitsuba scene file: its place, what it declares, and values given for that.
     photograph_shape
         (rows, columns) of the photograph.
     hidden_shape
@@ -101,8 +144,7 @@ class Scenario:
         Loads the scene file at other values; see `at`.
     """
 
-    path: Path
-    parameters: Mapping[str, str]
+    document: SceneDocument = field(repr=False)
     photograph_shape: tuple[int, int]
     hidden_shape: tuple[int, int]
     wall_points: Array = field(repr=False)
@@ -146,6 +188,16 @@ class Scenario:
             f"Scenario('{self.path}', {R}x{C} patches, {rows}x{columns} pixels, "
             f"{len(self.occluders)} occluders{given})"
         )
+
+    @property
+    def path(self) -> Path:
+        """The Mitsuba scene file."""
+        return self.document.path
+
+    @property
+    def parameters(self) -> Mapping[str, str]:
+        """Values given for the file's ``<default>``s."""
+        return self.document.given
 
     @property
     def transport_shape(self) -> tuple[int, int]:

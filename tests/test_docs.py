@@ -99,7 +99,7 @@ def run_page(page, folder, monkeypatch):
 
 @pytest.mark.thorough
 def test_readme_runs(tmp_path, monkeypatch):
-    """As it stands, but with fewer paths traced; `test_page_runs` traces them all."""
+    """Unchanged, but with fewer paths traced; `test_page_runs` traces them all."""
     use_variant()
     if not is_vectorized():
         pytest.skip("path tracing takes too long without LLVM or CUDA")

@@ -11,13 +11,16 @@ def test_message_is_one_line_that_can_be_printed_whatever_it_quotes(held):
     assert line.startswith("y.npz: holds 'a") and line.endswith("b'; rename it")
 
 
-def test_white_space_becomes_a_space_and_what_cannot_be_printed_is_spelled_out():
-    assert str(PeriscopyError("no\n  such\tthing")) == "no such thing"
-    assert str(PeriscopyError("a\x1b[2Jb\0")) == "a\\x1b[2Jb\\x00"
-
-
-def test_plain_message_stands_as_it_is():
-    assert str(PeriscopyError("größe 2 × 3: λ")) == "größe 2 × 3: λ"
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ("no\n  such\tthing", "no such thing"),
+        ("a\x1b[2Jb\0", "a\\x1b[2Jb\\x00"),
+        ("größe 2 × 3: λ", "größe 2 × 3: λ"),
+    ],
+)
+def test_white_space_becomes_a_space_and_what_cannot_be_printed_is_spelled_out(message, line):
+    assert str(PeriscopyError(message)) == line
 
 
 def test_long_message_keeps_its_start_and_its_end():

@@ -25,8 +25,7 @@ def photograph(transport):
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [ps.NoiseAware, ps.Periscope, ps.TruncatedSVD, ps.IterativePeriscope, ps.Differencing],
+    "kind", [ps.NoiseAware, ps.Periscope, ps.TruncatedSVD, ps.IterativePeriscope, ps.Differencing]
 )
 def test_methods_and_solutions_are_told_briefly(transport, photograph, kind):
     method = kind(transport, **SHAPES)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.scenario import EmissionProfile, Scenario, rises, wall_frame
+from periscopy_sim.scenario import EmissionProfile, Scenario, SceneDocument, rises, wall_frame
 
 
 def hemisphere(count, seed=0):
@@ -19,8 +19,7 @@ def hemisphere(count, seed=0):
 def make_scenario(rows=2, columns=3, **changes):
     patches = rows * columns
     values = {
-        "path": Path("room.xml"),
-        "parameters": {},
+        "document": SceneDocument(Path("room.xml")),
         "photograph_shape": (4, 5),
         "hidden_shape": (rows, columns),
         "wall_points": np.zeros((20, 3)),

@@ -143,7 +143,7 @@ def _rezipped(content: bytes, damage: Callable[[bytes], bytes]) -> bytes:
 
 
 def _rechunked(content: bytes, damage: Callable[[bytes], bytes], rng: Random) -> bytes:
-    """Damage a chunk of a PNG file: as it stands, or within its compression."""
+    """Damage a chunk of a PNG file: its bytes, or what they compress."""
     chunks, position = [], len(_PNG)
     while position + 12 <= len(content):
         (size,) = struct.unpack_from(">I", content, position)

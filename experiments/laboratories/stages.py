@@ -44,7 +44,7 @@ BEST_SHIFT = f"the best shift of at most {REACH:.0f} patches"
 MOST_LOST, LEAST_WON = 4.0, -0.3
 """dB that are asked of calibration: on the true scene's picture, and on the ruler's."""
 
-KINDS = {"psnr": "as it stands", "registered": f"after {BEST_SHIFT}"}
+KINDS = {"psnr": "unshifted", "registered": f"after {BEST_SHIFT}"}
 """Of PSNR, and what each is."""
 
 STAGES = (TRUE, TRUE_OFF, AS_IT_COMES, PREPARED, BACKGROUND, CALIBRATED)
@@ -87,7 +87,7 @@ class Stage:
     folder
         Of the reconstruction.
     psnr, registered
-        dB, as it stands and after the best shift of at most `REACH` patches.
+        dB, unshifted and after the best shift of at most `REACH` patches.
     unexplained
         Part of the photograph.
     failure
@@ -311,7 +311,7 @@ def _stages_table(laboratory: Laboratory, ways: Sequence[Way]) -> Table:
         return f"{stage.psnr:.1f} ({stage.registered:.1f}), {100 * stage.unexplained:.2f} %"
 
     return Table(
-        f"Gain-matched PSNR in dB as it stands (after {BEST_SHIFT}), and what stays unexplained; "
+        f"Gain-matched PSNR in dB, unshifted (after {BEST_SHIFT}), and what stays unexplained; "
         f"paint uneven by {100 * laboratory.unevenness['']:.1f} %, SBR {laboratory.sbr:g}",
         ["ruler", *STAGES],
         [[str(way.ruler), *map(cell, way.stages)] for way in ways],

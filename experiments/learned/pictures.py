@@ -20,7 +20,7 @@ import typer
 from numpy.typing import NDArray
 
 from experiments.learned.resuming import digest_of, hold_settings
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
 

@@ -7,12 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.storage.outputs.staging import (
-    check_settings,
-    read_settings,
-    refuse_results,
-    write_settings,
-)
+from periscopy_sim.storage.outputs.resume import resumed_folder
 
 
 def hold_settings(out: Path, results: str, what: str, settings: Mapping[str, Any]) -> None:
@@ -20,13 +15,8 @@ def hold_settings(out: Path, results: str, what: str, settings: Mapping[str, Any
 
     An OutputError says that the folder holds results of other or of unknown settings.
     """
-    held = read_settings(out)
-    if held is None:
-        refuse_results(out, [results])
-        out.mkdir(parents=True, exist_ok=True)
-        write_settings(out, settings)
-    else:
-        check_settings(held, settings, str(out), what)
+    with resumed_folder(out, settings, what, [results]):
+        pass
 
 
 def digest_of(files: list[Path]) -> str:

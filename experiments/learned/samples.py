@@ -86,11 +86,11 @@ def ruler_values(
     true: dict[str, float], factor: float, rng: np.random.Generator
 ) -> dict[str, float]:
     """Return a chair scene's numbers as a ruler gives them, off by `factor` declared errors."""
-    path = ps.find_scene("chair")
-    values = {name: float(value) for name, value in read_document(path).defaults.items()} | true
+    document = read_document(ps.find_scene("chair"))
+    values = {name: float(value) for name, value in document.defaults.items()} | true
     return true | {
         name: values[name] + factor * error * float(np.clip(rng.standard_normal(), -2, 2))
-        for name, error in sorted(declared_errors(path, {}).items())
+        for name, error in sorted(declared_errors(document).items())
     }
 
 

@@ -105,8 +105,7 @@ def _table(trials: Mapping[str, Trial], truth: Array) -> Table:
         return [f"{ps.mean_squared_error(image, truth):.4f}", f"{best.psnr:.1f}"]
 
     return Table(
-        "Mean squared error as it stands, and PSNR in dB after the best shift of at most 2 "
-        "patches.",
+        "Mean squared error, unshifted, and PSNR in dB after the best shift of at most 2 patches.",
         ("background", "proposed: MSE", "shifted: dB", "truncated SVD: MSE", "shifted: dB"),
         [
             (name.replace("_", " "), *cells(trial.proposed), *cells(trial.truncated))

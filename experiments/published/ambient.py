@@ -267,7 +267,7 @@ def _image_table(folder: str, levels: Sequence[Level]) -> Table:
         return psnrs(level.images[method], level.truth)
 
     return Table(
-        f"{folder}: PSNR in dB, gain-matched as it stands and after the best shift of at most 2 "
+        f"{folder}: PSNR in dB, gain-matched, unshifted and after the best shift of at most 2 "
         "patches.",
         ("capture", "SBR", *LINES),
         [

@@ -132,7 +132,7 @@ def _table(folder: str, stills: Sequence[Still]) -> Table:
 
     return Table(
         f"{folder}: unexplained by scene and noise-aware image, % of the photograph's root mean "
-        "square; PSNR in dB, gain-matched as it stands and after the best shift of at most 2 "
+        "square; PSNR in dB, gain-matched, unshifted and after the best shift of at most 2 "
         "patches.",
         ("capture", "exposure", "unexplained", *methods),
         [
@@ -148,13 +148,13 @@ def _table(folder: str, stills: Sequence[Still]) -> Table:
 
 
 def psnrs(image: Array, truth: Array) -> str:
-    """Return a PSNR as it stands and after the best shift, in dB, as text."""
+    """Return a PSNR unshifted and after the best shift, in dB, as text."""
     return f"{ps.psnr(image, truth):.1f} / {ps.registered(image, truth).psnr:.1f}"
 
 
 _CAPTION = (
     "photographs (white: the 99.5th percentile), what the monitor showed, and the images, "
-    "gain-matched, with their PSNR as they stand and after the best shift."
+    "gain-matched, with their PSNR unshifted and after the best shift."
 )
 
 

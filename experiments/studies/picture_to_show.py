@@ -54,10 +54,9 @@ class Laboratory:
 
     def __init__(self, name: str) -> None:
         self.scenario = ps.load_scenario(name, HIDDEN)
-        path, given = self.scenario.path, self.scenario.parameters
-        errors = free_parameters(path, None, given)
+        errors = free_parameters(self.scenario.document)
         self.names, self.errors = tuple(errors), np.array(list(errors.values()))
-        self.centers = start_values(path, self.names, given)
+        self.centers = start_values(self.scenario.document, self.names)
         self.A = pixel_transport(self.scenario).astype(np.float64)
         mushroom = ps.read_hidden_image(ps.find_image("mushroom"), HIDDEN)
         self.ambient = 2 * float(np.mean(self.A @ mushroom.reshape(-1, 3)))

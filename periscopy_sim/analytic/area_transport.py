@@ -14,23 +14,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.closed_form import (
-    FLATNESS,
-    emission_and_reflectance,
-    monitor_axes,
-    refusal,
-    wall_plane,
-)
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Array, EmissionProfile, Scenario, WallFrame, wall_frame
 
 RELIEF = 1e-4
 """Of the field of view's width: how far the wall may stand out of its plane anywhere."""
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
+
+FLATNESS = 1e-6
+"""Deviation, relative to its extent, up to which a surface counts as planar."""
 
 
 def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
@@ -127,9 +123,9 @@ def area_derivatives(
     scenario, finer
         As there.
     sides
-        For each of P parameters the scene on either side, and how far these are apart. Only where
-        things stand there is taken, not what is seen: so far that single precision tells it, and no
-        farther than it goes in proportion.
+        For each of P parameters the scene on either side, and how far these are apart. Only the
+        places of things there count, not what is seen: far enough for single precision, and so
+        near that places change in proportion.
     A
         What `area_transport` computes of the scenario, if that is known.
 
@@ -259,3 +255,63 @@ def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
     rows, columns = (size // finer for size in scenario.photograph_shape)
     laid = values.reshape(rows, finer, columns, finer, 3).transpose(0, 2, 1, 3, 4)
     return np.ascontiguousarray(laid.reshape(rows * columns, finer**2, 3))
+
+
+def emission_and_reflectance(scenario: Scenario) -> tuple[EmissionProfile, float]:
+    """Return the monitor's profile and the wall's albedo, or raise a `ClosedFormError`."""
+    if scenario.wall_reflectance is None:
+        raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
+    if scenario.emission is None:
+        raise refusal(
+            scenario, "monitor", "has no closed angular profile; give it an area or lcd emitter"
+        )
+    return scenario.emission, float(scenario.wall_reflectance.mean())
+
+
+def wall_plane(scenario: Scenario) -> WallFrame:
+    """Return the frame of a wall that is one plane; else raise a SceneError."""
+    points, normals = scenario.wall_points, scenario.wall_normals
+    wall = wall_frame(points, normals, scenario.photograph_shape)
+    deviation = np.abs((points - wall.center) @ wall.normal).max()
+    if deviation > tolerance(points) or np.abs(normals - wall.normal).max() > FLATNESS:
+        raise refusal(
+            scenario,
+            "wall",
+            f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it",
+        )
+    return wall
+
+
+def monitor_axes(scenario: Scenario) -> Array:
+    """Return unit across, up and normal, (3, 3), which all patches share, or raise a SceneError."""
+    centers, normals = scenario.patch_centers, scenario.patch_normals
+    across, up, normal = scenario.patch_across, scenario.patch_up, normals[0]
+    row, column = np.divmod(np.arange(len(centers)), scenario.hidden_shape[1])
+    grid = centers[0] + column[:, None] * across[0] - row[:, None] * up[0]
+    deviations = (centers - grid, across - across[0], up - up[0], across @ normal, up @ normal)
+    deviation = max(np.abs(metres).max() for metres in deviations)
+    corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
+    if deviation > tolerance(corners) or np.abs(normals - normal).max() > FLATNESS:
+        raise refusal(
+            scenario,
+            "monitor",
+            f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m); use a "
+            "rectangle",
+        )
+    axes: Array = np.stack([across[0], up[0], normal])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return axes
+
+
+def tolerance(points: Array) -> float:
+    """Return the metres that points of one plane may lie off it: `FLATNESS`, and rounding."""
+    extent = np.linalg.norm(np.ptp(points, axis=0))
+    return float(FLATNESS * extent + np.finfo(np.float32).eps * np.abs(points).max())
+
+
+def refusal(scenario: Scenario, shape: str, reason: str) -> ClosedFormError:
+    """Return the error that says why a shape has no closed form."""
+    return ClosedFormError(
+        f"scene '{scenario.path}': for the analytic model, shape '{shape}' {reason}; the rendered "
+        "model (render_transport) treats it as it is"
+    )

@@ -4,7 +4,7 @@ The light that a shadow takes away changes where its border moves, by what shine
 what shines within (Reynolds' transport theorem). The first is an integral along the shadow's
 outline, of all parameters at once; the second, smooth, is a difference with the border as it is.
 Derivatives good to a percent would not do: of what each of a dozen parameters does a hundredth may
-be all by which they are told apart.
+be all by which they differ.
 """
 
 import numpy as np
@@ -84,7 +84,7 @@ def _motion(
     p: Array, vertices: Array, moved_p: Array, moved_vertices: Array, between: Indices
 ) -> Array:
     """Return derivatives, (n, 4, P), of the border's ends, as p and the vertices there move."""
-    found = np.empty((len(between), 4, len(moved_p)))
+    changes = np.empty((len(between), 4, len(moved_p)))
     for e in range(len(between)):
         for end in range(2):
             vertex = vertices[between[e, end]]
@@ -94,12 +94,12 @@ def _motion(
                 moved = moved_vertices[q, between[e, end]]
                 longer = (p[2] * moved[2] - moved_p[q, 2] * vertex[2]) / (above * above)
                 for axis in range(2):
-                    found[e, 2 * end + axis, q] = (
+                    changes[e, 2 * end + axis, q] = (
                         moved_p[q, axis]
                         + longer * (vertex[axis] - p[axis])
                         + stretch * (moved[axis] - moved_p[q, axis])
                     )
-    return found
+    return changes
 
 
 @compiled

@@ -1,32 +1,32 @@
 """Find the parameters of a scene that explain photographs best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
-from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
+from periscopy_sim.calibration.prior import (
+    Free,
+    free_parameters,
+    ruled_values,
+    uncertain_parameters,
+)
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.observation import Backgrounds, named
+from periscopy_sim.numerics import Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
-from periscopy_sim.shipped import find_scene
 
-Image = NDArray[np.floating[Any]]
 Report = Callable[[float], None]
 
 FINE_LOOK = 8
@@ -107,14 +107,12 @@ def calibrate(
             f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
             "each"
         )
-    path = find_scene(scene)
-    defaults = {name: str(value) for name, value in (parameters or {}).items()}
-    errors = free_parameters(path, free, defaults, uncertain or {})
+    scenario = load_scenario(scene, hidden, parameters)
+    errors = free_parameters(scenario.document, free, uncertain or {})
     names = tuple(errors)
-    centers = ruled_values(path, names, defaults)
-    defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
-    held = uncertain_parameters(path, names, defaults, uncertain or {})
-    scenario = load_scenario(path, hidden, defaults)
+    centers = ruled_values(scenario.document, names)
+    held = uncertain_parameters(scenario.document, names, uncertain or {})
+    scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
@@ -192,15 +190,16 @@ class _Path:
         self._progress(min(0.99, looks / self._expected))
 
     def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
-        """Return the points by level."""
+        """Return the points by level, with how many rows and columns of it have a pixel."""
         return tuple(
             Visited(
-                _lattice_shape(level.scene.pixels),
+                (int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())),
                 level.scene.scenario.hidden_shape,
                 np.array([point for point, _ in points]).reshape(-1, self._count),
                 np.array([evidence for _, evidence in points]),
             )
             for level, points in zip(levels, self._points, strict=True)
+            for pixels in (level.scene.pixels,)
         )
 
 
@@ -210,11 +209,6 @@ def _colour_matrix(look: Look) -> Array:
     assert isinstance(known, SmoothExplanation)
     M = known.coefficients.T
     return np.asarray(M / M.sum(axis=1).mean())
-
-
-def _lattice_shape(pixels: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return how many rows and columns have a pixel."""
-    return int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())
 
 
 def _picture(level: ResolutionLevel, values: Image) -> Array:

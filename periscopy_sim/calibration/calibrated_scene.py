@@ -1,7 +1,5 @@
 """A scene file with other defaults: all else stays, comments too."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,9 +8,12 @@ from xml.parsers.expat import ExpatError
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import SceneDocument
 
 
-def write_copy(path: Path, values: Mapping[str, str], copy: Path, remark: str = "") -> None:
+def write_copy(
+    scene: SceneDocument, values: Mapping[str, str], copy: Path, remark: str = ""
+) -> None:
     """Write a scene with other defaults, see `with_defaults`, to where it names the same files.
 
     Raises
@@ -20,18 +21,18 @@ def write_copy(path: Path, values: Mapping[str, str], copy: Path, remark: str = 
     SceneError
         As `with_defaults`, or if a file beside the copy would be taken for one of the scene's.
     """
-    write_document(with_defaults(path, values, copy.parent, remark), copy)
+    write_document(with_defaults(scene, values, copy.parent, remark), copy)
     ours = [file.resolve() for file in read_document(copy).files[1:]]
-    theirs = [file.resolve() for file in read_document(path, values).files[1:]]
+    theirs = [file.resolve() for file in scene.files[1:]]
     if ours != theirs:
         other = next((file for file in ours if file not in theirs), None)
-        raise SceneError(f"scene '{copy}' would take '{other}' for a file of '{path}'")
+        raise SceneError(f"scene '{copy}' would take '{other}' for a file of '{scene.path}'")
 
 
 def with_defaults(
-    path: Path, values: Mapping[str, str], folder: Path, remark: str = ""
+    scene: SceneDocument, values: Mapping[str, str], folder: Path, remark: str = ""
 ) -> minidom.Document:
-    """Return a scene file's document with other values of its ``<default>``s, by name.
+    """Return a scene file's XML with those given, or other values, of its ``<default>``s, by name.
 
     One that only an included file declares is declared before it. `folder` is where the document
     will lie: if the scene names files and lies elsewhere, a ``<path>`` to its folder is added,
@@ -42,6 +43,7 @@ def with_defaults(
     SceneError
         If the file is not XML.
     """
+    path, values = scene.path, {**scene.given, **values}
     try:
         document = minidom.parse(str(path))
     except ExpatError as error:
@@ -56,7 +58,7 @@ def with_defaults(
         element(document, "default", name=name, value=value) for name, value in missing.items()
     ]
     home, folder = path.parent.resolve(), folder.resolve()
-    if home != folder and len(read_document(path, values).files) > 1:
+    if home != folder and len(scene.files) > 1:
         # Forward slashes, which all systems take: a scene may travel.
         place = (home.relative_to(folder) if home.is_relative_to(folder) else home).as_posix()
         added.insert(0, element(document, "path", value=place.replace("$", "\\$")))

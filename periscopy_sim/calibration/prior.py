@@ -1,18 +1,13 @@
 """What is known of a scene's parameters before the photograph: measured values and their errors."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import RULER_ERROR, read_document, undeclared
-
-Array = NDArray[np.float64]
+from periscopy_sim.scenario import RULER_ERROR, Array, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of free parameters, or names with the errors of their measured values."""
@@ -28,9 +23,9 @@ class UncertainParameters:
 
 
 def uncertain_parameters(
-    path: Path, free: Sequence[str], given: Mapping[str, str], errors: Mapping[str, float]
+    document: SceneDocument, free: Sequence[str], errors: Mapping[str, float]
 ) -> UncertainParameters:
-    """Return uncertain parameters by their standard errors; the others are `free` or `given`.
+    """Return uncertain parameters of a scene by their standard errors; `free` are others.
 
     A SceneError says that one is not declared, no finite number, free, or its error not positive.
     """
@@ -39,16 +34,16 @@ def uncertain_parameters(
         if name in free:
             raise SceneError(f"'{name}' is both free and uncertain: free it or hold it")
         check_error(name, errors[name])
-    values = start_values(path, names, given) if names else np.empty(0)
+    values = start_values(document, names) if names else np.empty(0)
     return UncertainParameters(names, values, np.array(list(errors.values()), np.float64))
 
 
-def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> Array:
-    """Return where parameters of a scene file start, (P,): as given, or at their defaults.
+def start_values(document: SceneDocument, free: Sequence[str]) -> Array:
+    """Return where parameters of a scene start, (P,): as given, or at their defaults.
 
-    A SceneError says that none is free, one is not declared, named twice, or no finite number.
+    A SceneError says that none is free, one is not declared, or no finite number.
     """
-    document = read_document(path)
+    path, given = document.path, document.given
     declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
     numbers = {name: text for name, text in declared.items() if _number(text) is not None}
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
@@ -65,26 +60,43 @@ def start_values(path: Path, free: Sequence[str], given: Mapping[str, str]) -> A
                 "one"
             )
         if name not in declared:
-            raise undeclared(path, name, declared)
+            raise document.undeclared(name)
         if name not in numbers:
             raise SceneError(
                 f"parameter '{name}' is no number in scene '{path}'; it declares {known}"
             )
-        if free.count(name) > 1:
-            raise SceneError(f"parameter '{name}' is free twice")
         if _number(given.get(name, "0")) is None:
             raise SceneError(f"{name}={given[name]}: give a finite number to start from")
     return np.array([float(given.get(name, numbers[name])) for name in free])
 
 
-def declared_errors(path: Path, given: Mapping[str, str]) -> dict[str, float]:
-    """Return the ruler's errors that a scene file declares, or that are given instead, by name.
+def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
+    """Return the measured values of a scene's parameters, (P,), checked as by `start_values`.
+
+    They are the given ones, else those from which the calibration that wrote the scene began,
+    unless the scene has other values by now, else the scene's.
+    """
+    values = start_values(document, names)
+    known = scene_covariance(document)
+    if known is None:
+        return values
+    ruled = dict(zip(known.names, known.ruled, strict=True))
+    changed = {*document.given, *known.changed(document)}
+    return np.array(
+        [
+            value if name in changed else ruled.get(name, value)
+            for name, value in zip(names, values, strict=True)
+        ]
+    )
+
+
+def declared_errors(document: SceneDocument) -> dict[str, float]:
+    """Return the ruler's errors that a scene declares, or that are given instead, by name.
 
     A SceneError says that one is no number from 0 on, or of nothing that the scene declares.
     """
-    document = read_document(path)
-    errors = {}
-    for name, text in document.defaults.items():
+    path, errors = document.path, {}
+    for name, text in document.values.items():
         if not name.endswith(RULER_ERROR):
             continue
         if name not in document.errors:
@@ -92,10 +104,10 @@ def declared_errors(path: Path, given: Mapping[str, str]) -> dict[str, float]:
                 f"scene '{path}' declares '{name}', but no '{name.removesuffix(RULER_ERROR)}' that "
                 "it were the error of; correct its name"
             )
-        error = _number(given.get(name, text))
+        error = _number(text)
         if error is None or error < 0:
             raise SceneError(
-                f"scene '{path}': '{name}' is {given.get(name, text)}; give a standard deviation "
+                f"scene '{path}': '{name}' is {text}; give a standard deviation "
                 f"in the unit of '{document.errors[name]}', or 0 where it stays"
             )
         errors[document.errors[name]] = error
@@ -103,7 +115,7 @@ def declared_errors(path: Path, given: Mapping[str, str]) -> dict[str, float]:
 
 
 def free_parameters(
-    path: Path, free: Free | None, given: Mapping[str, str], held: Collection[str] = ()
+    document: SceneDocument, free: Free | None = None, held: Collection[str] = ()
 ) -> dict[str, float]:
     """Return the names of the free parameters, each with the error of its measured value.
 
@@ -115,7 +127,7 @@ def free_parameters(
     SceneError
         If an error is neither named nor declared, or not positive and finite.
     """
-    declared = declared_errors(path, given)
+    declared = declared_errors(document)
     if free is None:
         return {name: e for name, e in declared.items() if e > 0 and name not in held}
     if isinstance(free, str):
@@ -126,10 +138,11 @@ def free_parameters(
             raise SceneError(f"parameter '{name}' is free twice")
         error = free[name] if isinstance(free, Mapping) else None
         if error is None and name not in declared:
-            start_values(path, [name], given)
+            start_values(document, [name])
             raise SceneError(
-                f"scene '{path}' declares no error of '{name}'; give the standard deviation of its "
-                f'measured value, such as <default name="{name}{RULER_ERROR}" value="0.005"/>'
+                f"scene '{document.path}' declares no error of '{name}'; give the standard "
+                "deviation of its measured value, such as "
+                f'<default name="{name}{RULER_ERROR}" value="0.005"/>'
             )
         errors[name] = declared[name] if error is None else float(error)
         check_error(name, errors[name])

@@ -1,18 +1,17 @@
-"""What a calibration found, and how far to believe it."""
-
-from __future__ import annotations
+"""The result of a calibration, and how far to trust it."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.model.residual import percentages
 from periscopy_sim.scenario import Array
 
 LEARNED = 0.5
-"""Fraction of a prior's variance: where more is left, the ruler rather than the photograph
-determines a parameter, and photographs that take less from all of them together tell nothing."""
+"""Fraction of a prior's variance: where more remains, the ruler rather than the photograph
+determines a parameter; photographs that reduce all of them by less determine nothing."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,6 @@ class Parameter:
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
         return self.trusted and self.standard_error**2 < LEARNED * self.ruler_error**2
-
-    @property
-    def ruler_errors_off(self) -> float:
-        """How many standard deviations of the ruler the value ended above its start."""
-        return (self.value - self.start) / self.ruler_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +137,22 @@ class Calibration:
     def values(self) -> dict[str, float]:
         """The calibrated values, by name."""
         return {parameter.name: parameter.value for parameter in self.parameters}
+
+    @property
+    def scene_covariance(self) -> SceneCovariance:
+        """The covariance that the calibrated scene carries."""
+        held = self.uncertain
+        errors = np.array([parameter.standard_error for parameter in self.parameters])
+        shared = self.moves * held.standard_errors
+        return SceneCovariance(
+            (*self.values, *held.names),
+            np.array([*self.values.values(), *held.values]),
+            np.block(
+                [
+                    [self.correlation * np.outer(errors, errors), shared],
+                    [shared.T, np.diag(held.standard_errors**2)],
+                ]
+            ),
+            self.trusted,
+            np.array([*(parameter.start for parameter in self.parameters), *held.values]),
+        )

@@ -15,22 +15,12 @@ photograph has contributed already.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
-
-if TYPE_CHECKING:
-    from periscopy_sim.calibration.result import Calibration
-
-Array = NDArray[np.float64]
+from periscopy_sim.scenario import CALIBRATED, Array, SceneDocument
 
 SAME = 1e-6
 """Fraction of a parameter's standard error, or of its size, within which a value is as written."""
@@ -50,25 +40,6 @@ class SceneCovariance:
     covariance: Array
     trusted: bool
     ruled: Array
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> SceneCovariance:
-        """Return that of a calibration."""
-        parameters, held = calibration.parameters, calibration.uncertain
-        errors = np.array([parameter.standard_error for parameter in parameters])
-        shared = calibration.moves * held.standard_errors
-        return cls(
-            (*calibration.values, *held.names),
-            np.array([*calibration.values.values(), *held.values]),
-            np.block(
-                [
-                    [calibration.correlation * np.outer(errors, errors), shared],
-                    [shared.T, np.diag(held.standard_errors**2)],
-                ]
-            ),
-            calibration.trusted,
-            np.array([*(parameter.start for parameter in parameters), *held.values]),
-        )
 
     @property
     def errors(self) -> Array:
@@ -90,9 +61,9 @@ class SceneCovariance:
         kept = variances > SAME
         return np.asarray(self.errors[:, None] * axes[:, kept] * np.sqrt(variances[kept]))
 
-    def changed(self, path: Path, given: Mapping[str, str]) -> list[str]:
-        """Return the parameters of a scene file, or given ones, that are not as calibrated."""
-        texts = {**read_document(path).defaults, **given}
+    def changed(self, document: SceneDocument) -> list[str]:
+        """Return the parameters of a scene that are not as calibrated."""
+        texts = document.values
         tolerances = SAME * (np.abs(self.values) + self.errors)
         return [
             name
@@ -135,41 +106,21 @@ class SceneCovariance:
         return cls(names, values, covariance, mark.strip() == "trusted", ruled)
 
 
-def scene_covariance(path: Path) -> SceneCovariance | None:
-    """Return the covariance that a scene file carries; None if it carries none.
+def scene_covariance(document: SceneDocument) -> SceneCovariance | None:
+    """Return the covariance that a scene carries; None if it carries none.
 
     A SceneError says that it is damaged.
     """
-    text = read_document(path).defaults.get(CALIBRATED)
+    text = document.defaults.get(CALIBRATED)
     if text is None:
         return None
     try:
         return SceneCovariance.parse(text)
     except ValueError:
         raise SceneError(
-            f"scene '{path}': its <default> '{CALIBRATED}' is damaged; delete that line, or "
-            "calibrate again"
+            f"scene '{document.path}': its <default> '{CALIBRATED}' is damaged; delete that line, "
+            "or calibrate again"
         ) from None
-
-
-def ruled_values(path: Path, names: Sequence[str], given: Mapping[str, str]) -> Array:
-    """Return the measured values of a scene's parameters, (P,), checked as by `start_values`.
-
-    They are the given ones, else those from which the calibration that wrote the scene began,
-    unless the scene has other values by now, else the scene's.
-    """
-    values = start_values(path, names, given)
-    known = scene_covariance(path)
-    if known is None:
-        return values
-    ruled = dict(zip(known.names, known.ruled, strict=True))
-    changed = {*given, *known.changed(path, {})}
-    return np.array(
-        [
-            value if name in changed else ruled.get(name, value)
-            for name, value in zip(names, values, strict=True)
-        ]
-    )
 
 
 def _number(text: str) -> float:

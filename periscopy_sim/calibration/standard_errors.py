@@ -1,7 +1,5 @@
 """How well photographs determine a scene's parameters, others of which are uncertain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

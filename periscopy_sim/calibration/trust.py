@@ -1,7 +1,5 @@
 """When not to believe a calibration, however small its errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

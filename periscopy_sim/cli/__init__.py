@@ -3,8 +3,6 @@
 Exit codes: 0; 2 with one line for an error that a user can fix; 130 after Ctrl-C.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import signal

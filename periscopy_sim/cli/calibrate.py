@@ -14,6 +14,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
+from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def calibrate(
 ) -> None:
     """Find the parameters of a scene that explain photographs best.
 
-    The search starts from the scene's values, or those of -D, and their errors. A JSON file tells
+    The search starts from the scene's values, or those of -D, and their errors. A JSON file lists
     values, standard errors and the path of the search. A result that is not to be trusted is
     written, too, and says so.
     """
@@ -145,28 +146,26 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     from periscopy_sim.figures.calibration import draw_calibration
 
     session, outputs = inputs.session, (out, out.with_suffix(".json"), out.with_suffix(".png"))
-    path, given = session.path, session.definitions
     inputs.spare(*outputs)
+    document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    errors = arguments.known_errors(",".join(uncertain), path, given)
-    start_values(path, list(free_parameters(path, freed, given, errors)), given)
+    errors = arguments.known_errors(",".join(uncertain), document)
+    start_values(document, list(free_parameters(document, freed, errors)))
     with ExitStack() as stack:
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
-            from periscopy_sim.calibration.scene_covariance import SceneCovariance
-            from periscopy_sim.rendering.scene.document import CALIBRATED
 
         files = inputs.read()
-        _write_copy(session, scene, given, out)  # proves now that it can be written
+        _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
-        values = given | {name: f"{value:.9g}" for name, value in result.values.items()}
-        values[CALIBRATED] = SceneCovariance.of(result).text()
+        values = {name: f"{value:.9g}" for name, value in result.values.items()}
+        values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
         draw_calibration(png, files["photograph"][0], result, session.metadata)
-    say_calibration(result, session.units)
+    say_calibration(result, document.units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
@@ -185,7 +184,7 @@ def _write_copy(
     from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
-        write_copy(session.path, values, staged, remark)
+        write_copy(session.scenario.document, values, staged, remark)
         load_scenario(staged, session.size)
     except SceneError as error:
         why = str(error).replace(str(staged), str(out))
@@ -203,7 +202,6 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
     from periscopy_sim.figures.calibration import draw_silhouette
 
     session = inputs.session
-    path, given = session.path, session.definitions
     size = None if cells is None else arguments.parse_size(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
@@ -215,9 +213,9 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
         files, doing = inputs.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
-        made = f"'{shape}' is a silhouette, found by periscopy calibrate --silhouette"
+        made = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(made, solution.doubts) or made
-        write_masked_scene(path, solution, given, scene, ply, mesh.name, remark)
+        write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         inputs.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     say_silhouette(solution)
@@ -279,7 +277,7 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.model.residual import percentages
 
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
@@ -316,7 +314,7 @@ def _rounded(value: float, error: float) -> str:
 
 def say_silhouette(solution: "Silhouette") -> None:
     """Print what the mask looks like and how far it is to be believed."""
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.model.residual import percentages
 
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))

@@ -17,7 +17,7 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file
 
 METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware method"}

@@ -13,9 +13,10 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import Model, option
-from periscopy_sim.cli.output import progress, resumed_folder, say, say_written, warn, write_json
+from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
@@ -32,8 +33,7 @@ def design(
     session: Annotated[Session, {"hidden": "15x18"}],
     light: Annotated[Light, {"model": Model.analytic}],
     vary: Annotated[
-        str,
-        option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05."),
+        str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
     ],
     out: options.ResumedFolder,
     grid: Annotated[
@@ -65,7 +65,7 @@ def design(
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
-    start = start_values(path, list(ranges), given)
+    start = start_values(session.scenario.document, list(ranges))
     points = [
         dict(zip(ranges, map(designs.as_text, start), strict=True)),
         *designs.grid_of(ranges, grid),
@@ -111,7 +111,7 @@ def design(
         if best is not None:
             remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
             with staged_file(out / BEST) as file:
-                write_copy(path, {**given, **designs.values_of(best)}, file, remark)
+                write_copy(session.scenario.document, designs.values_of(best), file, remark)
                 ps.load_scenario(file, session.size)
         record = {
             **settings,

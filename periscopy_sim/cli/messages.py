@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
-    from periscopy_sim.reconstruction.report import Note, Report
+    from periscopy_sim.reconstruction.method import Note, Report
 
 SENTENCES = {
     "no_hidden_image": (
@@ -74,7 +74,7 @@ def report_sentences(report: "Report") -> list[str]:
 
 def residual_summary(residual: "Residual") -> str:
     """Return how much of a photograph is unexplained, and how much noise alone would leave."""
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.model.residual import percentages
 
     unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
     summary = f"unexplained: {unexplained} % of the photograph"

@@ -13,6 +13,7 @@ import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
+from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -268,7 +269,7 @@ def parse_errors(text: str, flag: str) -> dict[str, float | None]:
         raise PeriscopyError(f"{flag} {text}: write NAME or NAME=ERROR, by comma") from None
 
 
-def known_errors(text: str, path: Path, given: Mapping[str, str]) -> dict[str, float]:
+def known_errors(text: str, document: SceneDocument) -> dict[str, float]:
     """Read the errors of ``--uncertain``: those given, else those that the scene declares.
 
     A PeriscopyError names a parameter whose error is unknown or not positive.
@@ -277,8 +278,8 @@ def known_errors(text: str, path: Path, given: Mapping[str, str]) -> dict[str, f
         return {}
     from periscopy_sim.calibration.prior import declared_errors, start_values
 
-    named, declared = parse_errors(text, "--uncertain"), declared_errors(path, given)
-    start_values(path, list(named), given)
+    named, declared = parse_errors(text, "--uncertain"), declared_errors(document)
+    start_values(document, list(named))
     errors = {name: error or declared.get(name, 0.0) for name, error in named.items()}
     for name, error in errors.items():
         if not 0 < error < math.inf:

@@ -9,14 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.outputs.staging import (
-    alone_in,
-    check_settings,
-    read_settings,
-    refuse_results,
-    staged_folder,
-    write_settings,
-)
+from periscopy_sim.storage.outputs.staging import staged_folder
 
 
 @contextmanager
@@ -79,36 +72,6 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
         if file.relative_to(out) not in written:
             file.unlink()
     say_written(*(out / path for path in sorted(written) if len(path.parts) == 1))
-
-
-@contextmanager
-def resumed_folder(
-    out: Path,
-    settings: Mapping[str, Any],
-    what: str,
-    files: Sequence[str],
-    varied: Iterable[str] | None = None,
-) -> Iterator[None]:
-    """Fill a folder over many runs of the same settings, alone in it.
-
-    A folder of other settings, or with `files` of unknown settings, is an OutputError. Until the
-    first of its files exists, the `varied` settings may differ; all of them by default.
-    """
-
-    def check() -> None:
-        if (held := read_settings(out)) is None:
-            refuse_results(out, files)
-            return
-        if not (out / files[0]).exists():
-            held |= {name: settings[name] for name in varied or settings}
-        check_settings(held, settings, str(out), what)
-
-    check()  # before the folder is made
-    with alone_in(out):
-        check()
-        if not (out / files[0]).exists():
-            write_settings(out, settings)
-        yield
 
 
 _AT_WORK: list[str] = []

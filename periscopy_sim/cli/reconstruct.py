@@ -1,7 +1,6 @@
 """`periscopy reconstruct`: from a photograph to the hidden image."""
 
-from __future__ import annotations
-
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.panels import draw_residual
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 OPTIONAL = (
@@ -22,11 +22,7 @@ OPTIONAL = (
 """Files that depend on the method and the options."""
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from periscopy_sim.reconstruction.method import Image
-    from periscopy_sim.reconstruction.report import Report
-    from periscopy_sim.scenario import Array
+    from periscopy_sim.reconstruction.method import Report
 
 
 def reconstruct(
@@ -52,12 +48,12 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
-    named = options.known_errors(text, session.path, session.definitions)
+    named = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if named and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
@@ -106,7 +102,9 @@ def reconstruct(
         say(messages.comparison(compared))
 
 
-def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.UncertainTransport | None:
+def _uncertain_transport(
+    session: Session, named: dict[str, float]
+) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, those a calibration left, or the declared ones.
 
     Warn where that calibration does not hold.
@@ -117,15 +115,15 @@ def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.Uncert
 
     scenario, scene = session.scenario, session.scene
     errors: dict[str, float] | SceneCovariance = named
-    if not named and (known := scene_covariance(scenario.path)) is not None:
+    if not named and (known := scene_covariance(scenario.document)) is not None:
         if not known.trusted:
             session.warn(messages.sentence("untrusted", scene=scene))
-        if changed := ", ".join(known.changed(scenario.path, scenario.parameters)):
+        if changed := ", ".join(known.changed(scenario.document)):
             session.warn(messages.sentence("uncounted", scene=scene, names=changed))
             return None
         errors = known
     elif not named:
-        errors = free_parameters(scenario.path, None, scenario.parameters)
+        errors = free_parameters(scenario.document)
     count = len(errors.names if isinstance(errors, SceneCovariance) else errors)
     if count and not named and not has_areas(scenario):
         say(messages.sentence("no_derivatives", scene=scene))
@@ -135,7 +133,7 @@ def _uncertain_transport(session: Session, named: dict[str, float]) -> ps.Uncert
 
 
 def write_report(
-    folder: Path, report: Report, image: Image, photograph: Array, text: dict[str, str]
+    folder: Path, report: "Report", image: Image, photograph: Array, text: dict[str, str]
 ) -> None:
     """Write the image, (R, C, 3), and what the method reports beside it."""
     np.save(folder / "reconstruction.npy", image.astype(np.float32))

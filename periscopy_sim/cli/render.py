@@ -1,6 +1,5 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,12 +10,12 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
-from periscopy_sim.cli.output import as_json, fixable, progress, say
+from periscopy_sim.cli.output import fixable, progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.formats.rasters import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -35,8 +34,7 @@ def photograph(
         option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
     ] = None,
     sbr: Annotated[
-        float | None,
-        option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT),
+        float | None, option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT)
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
@@ -55,7 +53,10 @@ def photograph(
         session.check_shadows()
         shown = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient)
-        y = session.synthetic_photograph(shown, samples)
+        with fixable("photograph"), progress("path tracing the photograph") as report:
+            y = ps.render_photograph(
+                session.scenario, shown, samples=samples, seed=session.seed, progress=report
+            )
         with fixable("photograph"):
             if background is not None and sbr is not None:
                 y = ps.composite(y, background, sbr)
@@ -69,8 +70,7 @@ def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
     names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME", help="Scene files or shipped conditions."),
+        list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
     ] = None,
     target: Annotated[
         float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
@@ -119,6 +119,6 @@ def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
             "samples": light.samples,
             **session.provenance,
         }
-        write(A, json.loads(as_json(record)))
+        write(A, record)
     beside = record_of(out), *(file for file in (bounced_of(out),) if file.is_file())
     say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}")

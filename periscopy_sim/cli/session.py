@@ -17,11 +17,10 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
-from periscopy_sim.numerics.memory import available_memory, has_memory, transport_memory
+from periscopy_sim.numerics import Array, memory
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -29,7 +28,6 @@ from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
-    from periscopy_sim.scenario import Array
 
 
 def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
@@ -37,7 +35,7 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     import mitsuba as mi
 
     command = ["periscopy", *sys.argv[1:]]
-    record = provenance(scenario.path, mi.variant(), seed, command, scenario.parameters)
+    record = provenance(scenario.document, mi.variant(), seed, command)
     return {**record, "parameters": dict(scenario.parameters)}
 
 
@@ -54,13 +52,14 @@ def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
     """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
     pixels, patches = scenario.transport_shape
-    fitted = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry
-    needed = transport_memory(pixels, patches, fitted if method else 4)  # bytes of an entry
-    if not has_memory(needed):
+    bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
+    # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
+    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, memory.available_memory()
+    if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{(available_memory() or 0) / 1e9:.1f} GB; average pixels (prepare --bin) or choose "
-            "fewer patches (--hidden)"
+            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
+            "(--hidden)"
         )
 
 
@@ -94,11 +93,6 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             return ps.load_scenario(self.path, self.size, self.definitions)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """The units of the scene's ``<default>``s that have one."""
-        return read_document(self.path).units
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
@@ -134,7 +128,7 @@ class Session(options.OptionGroup):
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> "Array":
+    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
 
         The relative error of a pixel that is path traced is the target.
@@ -148,13 +142,6 @@ class Session(options.OptionGroup):
             )
             return light.photograph
 
-    def synthetic_photograph(self, image: NDArray[np.float64], samples: int) -> "Array":
-        """Path trace a photograph, (rows, columns, 3), of an image, (R, C, 3), on the monitor."""
-        with fixable("photograph"), progress("path tracing the photograph") as report:
-            return ps.render_photograph(
-                self.scenario, image, samples=samples, seed=self.seed, progress=report
-            )
-
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
         photograph = read_photograph(path, self.scenario.photograph_shape, mask)
@@ -164,7 +151,7 @@ class Session(options.OptionGroup):
 
     def companions(
         self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> "tuple[Mask | None, dict[str, Array]]":
+    ) -> tuple[Mask | None, dict[str, Array]]:
         """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
         used = None
         if mask is not None:
@@ -217,7 +204,7 @@ class Session(options.OptionGroup):
         light: Light,
         matrix: Path | None,
         wall: ps.Photograph,
-        uncertain: ps.UncertainTransport | None = None,
+        uncertain: "ps.UncertainTransport | None" = None,
         colour_matrix: ps.ColourMatrix | None = None,
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""

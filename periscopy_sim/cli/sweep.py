@@ -8,7 +8,7 @@ import typer
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, Model, option
-from periscopy_sim.cli.output import fixable, progress, resumed_folder, say, say_written
+from periscopy_sim.cli.output import fixable, progress, say, say_written
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import Session
@@ -16,6 +16,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -78,11 +79,12 @@ def sweep(
     light.check_methods(*names)
     scenario, seed = session.scenario, session.seed
     shown = session.hidden_image(truth or hidden_image or "")
-    used, off = session.companions(mask, monitor_off)
     signal = None
-    if photograph is not None:
-        wall = session.without_defects(session.photograph(photograph, used), str(photograph))
-        signal, used = wall.values, wall.mask
+    if photograph is None:
+        used, off = session.companions(mask, monitor_off)
+    else:
+        wall = session.wall(photograph, mask, monitor_off)
+        signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
     ambience = {
         name: session.photograph(path, used).values if path else None
         for name, path in lights.items()

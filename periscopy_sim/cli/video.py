@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
@@ -17,17 +16,17 @@ from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import video as drawing
 from periscopy_sim.figures.animation import require_encoder
 from periscopy_sim.figures.panels import draw_residual
+from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.report import Report
+    from periscopy_sim.reconstruction.method import Report
 
 OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
 """Files that depend on the options and on the number of frames."""
 
-Image = NDArray[np.floating[Any]]
 _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack."
 
 

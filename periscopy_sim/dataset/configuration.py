@@ -85,8 +85,8 @@ class Conditions(Mixture):
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths of the conditions that are not shipped."""
         beside = [(folder / name).resolve() for name in self.names]
-        found = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
-        return self.model_copy(update={"names": tuple(found)})
+        names = [str(p) if p.is_file() else n for p, n in zip(beside, self.names, strict=True)]
+        return self.model_copy(update={"names": tuple(names)})
 
     def identity(self) -> dict[str, Any]:
         """Return names and digests of the conditions."""
@@ -177,7 +177,7 @@ class Configuration(Strict):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        self.colours  # noqa: B018  raises where the matrix does not tell colours apart
+        self.colours  # noqa: B018  raises where the matrix mixes colours up
         for whole, part in (
             ("samples_per_shard", "clip_length"),
             ("samples_per_geometry", "samples_per_shard"),
@@ -205,11 +205,11 @@ class Configuration(Strict):
 
     def located(self) -> "Configuration":
         """Return the configuration with absolute paths; an error names one that does not exist."""
-        found = {
+        lists = {
             name: tuple(source.located(self.folder) for source in sources)
             for name, sources in self.sources.items()
         }
-        return self.model_copy(update=found)
+        return self.model_copy(update=lists)
 
     def identity(self) -> dict[str, Any]:
         """Return all entries that a sample depends on, of JSON's types, without paths."""

@@ -146,7 +146,7 @@ class Folder(Source):
         return self.model_copy(update={"folder": place, "version": sha256_of(pictures_in(place))})
 
     def identity(self) -> dict[str, Any]:
-        """Return the name of the folder; `version` tells its pictures."""
+        """Return the name of the folder; `version` is the digest of its pictures."""
         return {"folder": Path(self.folder).name}
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
@@ -163,8 +163,8 @@ HiddenSource = Annotated[Shapes | Text | Gratings | Smooth | Folder, Field(discr
 def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: ARG001
     """Return the pictures of a folder, sorted; remembered for each version of it."""
     known = suffixes(raw=False)
-    found = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
-    files = tuple(sorted(file for file in found if not file.name.startswith(".")))
+    candidates = (file for file in Path(folder).rglob("*") if file.suffix.lower() in known)
+    files = tuple(sorted(file for file in candidates if not file.name.startswith(".")))
     if not files:
         raise ConfigurationError(f"folder '{folder}' holds no pictures ({', '.join(known)})")
     return files

@@ -83,11 +83,6 @@ def generator(configuration: Configuration, stream: int, number: int) -> np.rand
     return np.random.default_rng([configuration.seed, stream, number])
 
 
-def random_seed(configuration: Configuration, stream: int, number: int) -> int:
-    """Return a seed of 31 bits to one of the streams above and a number in it."""
-    return int(generator(configuration, stream, number).integers(2**31))
-
-
 def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     """Draw a scene, its parameters and its split.
 
@@ -198,7 +193,7 @@ def make_samples(
         if configuration.colours is not None:
             exposed = configuration.colours.mix(exposed)
         for k, picture in enumerate(exposed, first):
-            noise = random_seed(configuration, NOISE, start + k)
+            noise = int(generator(configuration, NOISE, start + k).integers(2**31))
             photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)
 
     in_parallel(expose, range(len(clips)))

@@ -15,19 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.measurement import noise_level
 from periscopy_sim.model.ambient import RANK_TOLERANCE, ROUNDING
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 NUMBERS = ("bound", "told_error", "error")
 """Errors of a scene, as `errors_of` returns them: standard deviations, white is 1."""
@@ -35,7 +32,7 @@ NUMBERS = ("bound", "told_error", "error")
 FIXED = ("point", *NUMBERS, "failure")
 
 Row = dict[str, Any]
-"""A point: its number ``point``, 0 of the scene as it stands; the parameters' values as text, by
+"""A point: its number ``point``, 0 of the given scene; the parameters' values as text, by
 their names; the `NUMBERS`, None where missing; ``failure``, why it is no scene."""
 
 
@@ -137,7 +134,7 @@ def run_design(
     table: Path,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> list[Row]:
-    """Assess points, the scene as it stands first; resume from the rows that a table holds.
+    """Assess points, the given scene first; resume from the rows that a table holds.
 
     `errors` returns the `NUMBERS` of a point's values; a ValueError of any but the first point is
     its failure. The table is a CSV file of a row for each point, renewed after each; `progress` is

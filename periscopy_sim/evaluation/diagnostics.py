@@ -9,13 +9,12 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.numerics import Array
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

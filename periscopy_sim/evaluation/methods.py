@@ -22,13 +22,13 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, observation_of
-from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import UncertainTransport
+from periscopy_sim.numerics import Mask
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 Factory = Callable[..., Method]
 """Fits a method to a scene, from the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
 gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photographs with the monitor
@@ -71,8 +71,7 @@ def find_method(name: str) -> Factory:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
-    found: Factory = factory  # type: ignore[assignment]
-    return found
+    return factory  # type: ignore[return-value]
 
 
 def check_able(name: str, hidden_shape: tuple[int, int]) -> None:

@@ -20,6 +20,7 @@ from periscopy_sim.evaluation.methods import MethodError, image_by, without_addr
 from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import used_pixels
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -145,10 +146,6 @@ def write_table(path: Path, results: "xr.Dataset") -> None:
     table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
     with staged_file(path) as staged:
         table.to_csv(staged, na_rep="nan", lineterminator="\n")
-
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.evaluation import metrics
+from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.video_method import FrameByFrame
 
-Image = NDArray[np.floating[Any]]
 Record = dict[str, Any]
 
 

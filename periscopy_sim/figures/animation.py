@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.extras import require
-from periscopy_sim.figures.panels import Image
 from periscopy_sim.figures.style import drawn
+from periscopy_sim.numerics import Image
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.pictures import area_average

@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
-from periscopy_sim.numerics.percentages import percentages
+from periscopy_sim.model.residual import percentages
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
@@ -61,20 +61,13 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
     path = (calibration.path[-1].values - starts) / errors
     ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
     ax.axvline(0, color="black", linewidth=0.8)
-    ax.plot(
-        path.ravel(),
-        np.tile(rows, len(path)),
-        ".",
-        color=OKABE_ITO[0],
-        ms=3,
-        zorder=3,
-        label="search",
-    )
+    search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}
+    ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
     kinds = ("by the photograph", OKABE_ITO[1], True), ("by the ruler", "0.55", False)
     for label, colour, determined in kinds:
         kept = [k for k in rows if parameters[k].determined == determined]
         ax.errorbar(
-            [parameters[k].ruler_errors_off for k in kept],
+            [(p.value - p.start) / p.ruler_error for p in (parameters[k] for k in kept)],
             kept,
             xerr=[parameters[k].standard_error / errors[k] for k in kept],
             fmt="o",
@@ -91,10 +84,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
 
 
 def draw_silhouette(
-    path: Path,
-    photograph: Array,
-    solution: "Silhouette",
-    metadata: Mapping[str, str] | None = None,
+    path: Path, photograph: Array, solution: "Silhouette", metadata: Mapping[str, str] | None = None
 ) -> None:
     """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
 

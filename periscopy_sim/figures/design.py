@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.evaluation.design import Row, values_of
 from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
+from periscopy_sim.numerics import Array
 
-Array = NDArray[np.float64]
 Marked = Sequence[tuple[Row, str]]
 
 DRAWN = {
@@ -21,7 +20,7 @@ DRAWN = {
 """Numbers of a row that are drawn, in percent of white, and their titles."""
 
 GREY = "0.85"
-MARKS = "circle: scene as it stands; star: best; grey: no scene, or undetermined patches"
+MARKS = "circle: given scene; star: best; grey: no scene, or undetermined patches"
 
 
 LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}

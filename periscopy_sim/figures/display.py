@@ -56,10 +56,7 @@ def save_png(
 
 
 def show(
-    *images: Any,
-    titles: Sequence[str] | None = None,
-    white: float | None = None,
-    **titled: Any,
+    *images: Any, titles: Sequence[str] | None = None, white: float | None = None, **titled: Any
 ) -> Any:
     """Show linear images side by side, by matplotlib, pixel by pixel.
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
+from periscopy_sim.numerics import Image
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from periscopy_sim.model.residual import Residual
-
-Image = NDArray[np.floating[Any]]
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:

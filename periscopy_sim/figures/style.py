@@ -11,31 +11,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Colours that the colour-blind tell apart, after Okabe and Ito, the darker first."""
+"""Colours that the colour-blind distinguish, after Okabe and Ito, the darker first."""
 
 STYLE: Any = {
-    "font.size": 8,
-    "figure.titlesize": 9,
-    "figure.labelsize": 8,
-    "axes.titlesize": 9,
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "image.interpolation": "nearest",
-    "pdf.fonttype": 42,
-    "savefig.dpi": 300,
-}
+    "font.size": 8, "figure.titlesize": 9, "figure.labelsize": 8,
+    "axes.titlesize": 9, "axes.labelsize": 8, "axes.linewidth": 0.6, "axes.axisbelow": True,
+    "axes.spines.top": False, "axes.spines.right": False,
+    "grid.color": "0.88", "grid.linewidth": 0.5, "lines.linewidth": 1.3,
+    "xtick.labelsize": 7, "ytick.labelsize": 7, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
+    "legend.fontsize": 7, "legend.frameon": False,
+    "image.interpolation": "nearest", "pdf.fonttype": 42, "savefig.dpi": 300,
+}  # fmt: skip
 """Matplotlib's settings, which it takes when a thing is drawn, not when it is saved."""
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from periscopy_sim.evaluation.metrics import gain_matched
 from periscopy_sim.figures import animation
 from periscopy_sim.figures.animation import draw_animation
-from periscopy_sim.figures.panels import Image, displayable, write_enlarged
+from periscopy_sim.figures.panels import displayable, write_enlarged
+from periscopy_sim.numerics import Image
 
 
 def white_of(frames: Image, most: int = 1000) -> float:

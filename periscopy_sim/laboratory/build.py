@@ -8,12 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.laboratory.document import (
-    LENGTHS,
-    MeshBody,
-    UprightCylinder,
-    load_laboratory,
-)
+from periscopy_sim.laboratory.document import LENGTHS, MeshBody, UprightCylinder, load_laboratory
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import REMEDY, TriangleMesh, read_mesh, write_ply

@@ -105,8 +105,7 @@ def _add_camera(scene: SceneText, camera: PerspectiveCamera) -> None:
     eye, point = "$camera_x, $camera_y, $camera_z", "$target_x, $wall_distance, $target_z"
     fov = scene.declare("field_of_view", camera.field_of_view, "angle", "camera.field_of_view")
     to_world = transform(
-        tag("rotate", z=1, angle=rolled),
-        tag("lookat", origin=eye, target=point, up="0, 0, 1"),
+        tag("rotate", z=1, angle=rolled), tag("lookat", origin=eye, target=point, up="0, 0, 1")
     )
     lens = tag("float", name="fov", value=fov), tag("string", name="fov_axis", value="x")
     scene.add_camera("perspective", camera.film, *lens, to_world)

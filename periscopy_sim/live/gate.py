@@ -80,13 +80,10 @@ class Gate:
         """Accept one of some names from a control; the control "handle" is all handles."""
         self._offered[control] = Literal[tuple(names)]
 
-    def offer_range(self, control: str, low: float, high: float) -> None:
-        """Accept numbers of a range from a control."""
-        self._offered[control] = Annotated[float, msgspec.Meta(ge=low, le=high)]
-
-    def offer_switch(self, control: str) -> None:
-        """Accept true and false from a control."""
-        self._offered[control] = bool
+    def offer_values(self, control: str, ends: tuple[float, float] | None = None) -> None:
+        """Accept numbers from one end to the other from a control, or true and false."""
+        within = ends and Annotated[float, msgspec.Meta(ge=ends[0], le=ends[1])]
+        self._offered[control] = within or bool
 
     @contextlib.contextmanager
     def guarding(self) -> Iterator[None]:

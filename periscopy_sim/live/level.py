@@ -16,8 +16,7 @@ from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.photograph import Photograph, blackened
-from periscopy_sim.reconstruction.method import StillMethod
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
 from periscopy_sim.scenario import Array, Scenario

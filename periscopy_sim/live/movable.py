@@ -5,14 +5,12 @@ No names say which parameter moves what: a small change of each shows it.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import CALIBRATED, read_document
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import CALIBRATED, Array, Scenario
 
 SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
@@ -64,7 +62,7 @@ class Handle:
 
 
 def find_movables(
-    path: Path, given: Mapping[str, str], load: Callable[[Mapping[str, str]], Scenario]
+    given: Mapping[str, str], load: Callable[[Mapping[str, str]], Scenario]
 ) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
     """Return the movable parameters of a scene, in the file's order, and its handles.
 
@@ -72,16 +70,16 @@ def find_movables(
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    document, errors = read_document(path), declared_errors(path, given)
     scenario = load(given)
+    document, errors = scenario.document, declared_errors(scenario.document)
     parts = _parts(scenario)
     movables: list[Movable] = []
     moves: Moves = {}
-    for name, text in document.defaults.items():
+    for name, text in document.values.items():
         if name in document.errors or name == CALIBRATED:
             continue
         try:
-            value = float(given.get(name, text))
+            value = float(text)
             nudge = 1e-3 * (abs(value) or 1.0)
             nudged = load({**given, name: f"{value + nudge:.17g}"})
         except (ValueError, SceneError):
@@ -102,8 +100,8 @@ def find_movables(
         movables.append(_movable(name, value, error, float(fastest), is_place=is_place))
     if not movables:
         raise SceneError(
-            f"scene '{path}' declares nothing that can be moved; declare a number, such as "
-            '<default name="occluder_dx" value="0"/>, and use it as $occluder_dx'
+            f"scene '{scenario.path}' declares nothing that can be moved; declare a number, such "
+            'as <default name="occluder_dx" value="0"/>, and use it as $occluder_dx'
         )
     values = {each.name: each.value for each in movables}
     return tuple(movables), tuple(_handles(values, moves, parts))

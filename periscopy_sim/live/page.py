@@ -17,7 +17,7 @@ from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.room import Room
 from periscopy_sim.live.sheet import draw_sheet
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 REST = {"slider": 0.3, "handle": 1.0}
@@ -144,13 +144,13 @@ class Page:
     def _slide(self, number: Movable, act: Callable[[float], None]) -> Any:
         ends = number.low, number.high
         slider = self.server.gui.add_slider(number.name, *ends, number.step, number.value)
-        self.gate.offer_range(slider._impl.uuid, *ends)
+        self.gate.offer_values(slider._impl.uuid, ends)
         slider.on_update(lambda event: act(float(event.target.value)))
         return slider
 
     def _press(self, label: str, act: Callable[[], None]) -> None:
         button = self.server.gui.add_button(label)
-        self.gate.offer_switch(button._impl.uuid)
+        self.gate.offer_values(button._impl.uuid)
         button.on_click(lambda _: act())
 
     def _add_handle(self, handle: Handle) -> Any:

@@ -12,7 +12,7 @@ from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Array, Scenario
 
 
@@ -46,7 +46,7 @@ class LiveSession:
             Level(path, given, each, light, photograph, is_coarse=each is not sizes)
             for each in (coarse_sizes(*sizes, used), sizes)
         )
-        movables, handles = find_movables(path, given, coarse.scenario)
+        movables, handles = find_movables(given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
             offered = replace(offered, images=())

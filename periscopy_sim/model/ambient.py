@@ -7,7 +7,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy import linalg
 
-Array = NDArray[np.float64]
+from periscopy_sim.numerics import Array
 
 RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept; see `background_basis`."""

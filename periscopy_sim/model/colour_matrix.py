@@ -1,13 +1,10 @@
 """The colours of a monitor, as the channels of a camera see them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array, Image
 
 LARGEST_CONDITION = 100.0
 """Condition number from which a matrix no longer separates two primaries: real cameras have 2 to

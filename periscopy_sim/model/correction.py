@@ -8,12 +8,8 @@ and acts where photographs with the monitor off are given.
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from periscopy_sim.model.fit import FittedPhotograph
-
-Array = NDArray[np.float64]
+from periscopy_sim.numerics import Array
 
 ERROR_RATE = 1e-3
 """Largest fraction of photographs of a right model in which a correction has an effect."""

@@ -8,20 +8,16 @@ Q is an orthonormal basis of all ambient light, so that least squares of y⊥ ar
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import ROUNDING, background_basis, joined_basis, wall_profiles
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 PRECISION = 1e-5
 """Relative precision of A by areas; A by rays has less."""

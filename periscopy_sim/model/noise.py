@@ -7,10 +7,9 @@ is too small.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from periscopy_sim.numerics import Array
 
 ROUNDING = 1e-7
 """Noise over a photograph's size that rounding in single precision makes."""

@@ -13,14 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
 names, or by number."""
@@ -224,9 +221,7 @@ def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
 
 
 def checked_mask(
-    mask: Mask,
-    transport_shape: tuple[int, ...],
-    photograph_shape: tuple[int, int] | None = None,
+    mask: Mask, transport_shape: tuple[int, ...], photograph_shape: tuple[int, int] | None = None
 ) -> Mask:
     """Return a copy of a mask, (rows, columns) or (M,), that fits A, (M, N), and leaves enough.
 

@@ -34,9 +34,7 @@ from scipy import special
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import Observation
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
+from periscopy_sim.numerics import Array
 
 DARK = 0.05
 """Fraction of the smooth light's mean below which a background photograph shows no paint."""
@@ -110,12 +108,12 @@ class Unevenness:
                 explained[kind] += energy / variance, rank
                 if kind == 0:
                     even[channel] -= shares @ self._fields
-        (found, terms_found), (by_chance, terms_by_chance) = explained[0], explained[1:].sum(axis=0)
-        if not (terms_found and terms_by_chance):
+        (energy, terms), (by_chance, terms_by_chance) = explained[0], explained[1:].sum(axis=0)
+        if not (terms and terms_by_chance):
             return np.ones(planes.shape)
-        ratio = (found / terms_found) / (by_chance / terms_by_chance + 1e-30)
-        is_paint = special.fdtrc(terms_found, terms_by_chance, ratio) < ERROR_RATE
-        matters = found > WORTH * rest.size
+        ratio = (energy / terms) / (by_chance / terms_by_chance + 1e-30)
+        is_paint = special.fdtrc(terms, terms_by_chance, ratio) < ERROR_RATE
+        matters = energy > WORTH * rest.size
         believed = np.abs(even - 1).max() < LARGEST
         return even if is_paint and matters and believed else np.ones(planes.shape)
 

@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.model.noise import ROUNDING, camera_noise, second_differences
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array
 
-Array = NDArray[np.float64]
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
 """Verdict on the scene; ``unknown`` if too few pixels have neighbours, or the image is no
 least-squares fit."""
@@ -146,3 +145,15 @@ def _shared(differences: Array) -> float:
         return 0.0
     is_grey = np.isclose(correlations.max(), 1)
     return 0.0 if is_grey else max(float(correlations.mean()), 0.0)
+
+
+def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
+    """Return two fractions in percent with two digits, or with as many as differ, at most `most`.
+
+    Equal values have two digits.
+    """
+    for digits in range(2, most + 1):
+        one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
+        if one != other:
+            return one, other
+    return f"{100 * first:.2f}", f"{100 * second:.2f}"

@@ -9,16 +9,12 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import filter_rows
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 class SpectralBasis:

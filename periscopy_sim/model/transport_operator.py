@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,8 @@ from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from periscopy_sim.model.ambient import ROUNDING
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.threads import in_parallel
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 PARTS = 16
 """Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""

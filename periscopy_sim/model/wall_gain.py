@@ -36,15 +36,12 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy import optimize, special
 
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 BOUNDS = 0.2, 5.0
 """Least and greatest gain that is accepted."""

@@ -9,7 +9,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(function: Function, **options: Any) -> Function:
-    """Compile a function as it stands; divisions by zero give infinity or NaN, as in NumPy."""
+    """Compile a function; divisions by zero give infinity or NaN, as in NumPy."""
     settings = {"nogil": True, "error_model": "numpy", **options}
     try:
         result: Function = numba.njit(cache=True, **settings)(function)

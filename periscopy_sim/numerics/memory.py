@@ -1,23 +1,6 @@
-"""How much memory a light transport matrix needs, and whether this machine has it."""
+"""How much memory can be had on this machine."""
 
 from pathlib import Path
-
-
-def transport_memory(
-    pixels: int, patches: int, bytes_per_entry: float = 25, fixed: float = 0.6e9
-) -> float:
-    """Return the bytes that A, (pixels, patches), and what is made of it need.
-
-    As measured: for each entry of A while the default method is fitted, A and B themselves and
-    copies; beside A the renderer and a block of rows.
-    """
-    return fixed + bytes_per_entry * pixels * patches
-
-
-def has_memory(size: float) -> bool:
-    """Return whether so many bytes can be had now; True where that is not known."""
-    available = available_memory()
-    return available is None or size <= available
 
 
 def available_memory() -> int | None:

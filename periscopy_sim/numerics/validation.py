@@ -57,7 +57,7 @@ def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDAr
 
 
 def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
-    """Refuse a relative tolerance outside (0, 1), and fewer iterations than one."""
+    """Reject a relative tolerance outside (0, 1), and fewer iterations than one."""
     if not 0 < tolerance < 1:
         raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:
@@ -78,6 +78,6 @@ def warn_unconverged(
 
 
 def check_weight(name: str, weight: float) -> None:
-    """Refuse a weight that is negative, infinite or NaN."""
+    """Reject a weight that is negative, infinite or NaN."""
     if not 0 <= weight < np.inf:
         raise ValueError(f"{name} is {weight}: give a finite number, not negative")

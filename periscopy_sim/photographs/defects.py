@@ -105,13 +105,13 @@ def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> Defe
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:
         raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
-    saturated, dead, hot = found = np.zeros((3, *values.shape[:2]), bool)
+    saturated, dead, hot = kinds = np.zeros((3, *values.shape[:2]), bool)
     for light in np.moveaxis(values, -1, 0):
         channel = np.asarray(light, np.float64)
         valid = np.isfinite(channel) & used
         if valid.any():
             saturated |= _saturated(channel, valid)
-            found[1:] |= _dead_and_hot(channel, valid)
+            kinds[1:] |= _dead_and_hot(channel, valid)
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 

@@ -33,15 +33,15 @@ def find_tags(
     white = float(np.percentile(grey, 99.5))
     lightness = np.sqrt(np.clip(grey / (white if white > 0 else 1), 0, 1))
     picture = np.rint(255 * lightness).astype(np.uint8)
-    found = {family: _detected(picture, family) for family in FAMILIES}
+    tags_of = {family: _detected(picture, family) for family in FAMILIES}
     wanted = {int(number) for number in ids}
-    family = max(FAMILIES, key=lambda name: len(wanted & set(found[name][0])))
-    numbers, corners, modules = found[family]
+    family = max(FAMILIES, key=lambda name: len(wanted & set(tags_of[name][0])))
+    numbers, corners, modules = tags_of[family]
     if twice := [number for number in sorted(wanted) if numbers.count(number) > 1]:
         raise PhotographError(f"the photograph shows tag {twice[0]} twice; cover all but one")
     places = [place for place, number in enumerate(ids) if int(number) in numbers]
     if not places:
-        shown = [f"{sorted(n)} ({name})" for name, (n, *_) in found.items() if n]
+        shown = [f"{sorted(n)} ({name})" for name, (n, *_) in tags_of.items() if n]
         raise PhotographError(
             f"the photograph shows none of the tags {sorted(wanted)}, but "
             f"{', '.join(shown) or 'none of any family'}: check their numbers, the light on them, "

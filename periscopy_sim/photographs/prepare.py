@@ -64,14 +64,14 @@ def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallT
         if isinstance(marks, WallPoints):
             names = marks.names or [f"point {k + 1}" for k in range(len(marks.pixels))]
             positions = _on_wall(marks.positions, plane, names)
-            found = Marks.of_points(marks.pixels, positions, names)
+            known = Marks.of_points(marks.pixels, positions, names)
         else:
             places, corners = find_tags(light.values, marks.ids)
             missing = tuple(sorted(set(marks.ids.tolist()) - set(marks.ids[places].tolist())))
             names = [f"tag {number}" for number in marks.ids[places]]
             positions = _on_wall(marks.centers[places], plane, names)
-            found = Marks.of_tags(light.cell * corners, positions, marks.sizes[places], names)
-        view = fit_view(found, (light.cell * light.size[0], light.cell * light.size[1]))
+            known = Marks.of_tags(light.cell * corners, positions, marks.sizes[places], names)
+        view = fit_view(known, (light.cell * light.size[0], light.cell * light.size[1]))
         if not view.view.shows(on_wall):
             raise PhotographError(
                 "the marks put part of the camera's field of view behind the photograph's camera, "
@@ -227,11 +227,11 @@ def prepare(
     if on_photograph is not None:
         flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
     corners = film.corners if film else block_corners(light.size, shape)
-    values, found = average_areas(light.values, flaws, corners)
-    found |= np.uint8(Flaw.MASKED) * ~on_film
+    values, kinds = average_areas(light.values, flaws, corners)
+    kinds |= np.uint8(Flaw.MASKED) * ~on_film
     if film:
-        found |= np.uint8(Flaw.TAG) * film.beneath_tags()
-    used = (found & ~np.uint8(Flaw.DEFECTIVE)) == 0
+        kinds |= np.uint8(Flaw.TAG) * film.beneath_tags()
+    used = (kinds & ~np.uint8(Flaw.DEFECTIVE)) == 0
     if not used.any():
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
@@ -245,7 +245,7 @@ def prepare(
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
-        flaws=found,
+        flaws=kinds,
         defects=int(np.count_nonzero(single)),
         coverage=film.coverage if film else float(np.prod(light.size) / np.prod(shape)),
         view=film.view if film else None,

@@ -58,14 +58,14 @@ def average_areas(
     image = np.ascontiguousarray(image, dtype=np.float32)
     corners = np.ascontiguousarray(corners, dtype=np.float64)
     values = np.zeros((rows, columns, image.shape[2]))
-    found, covered = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns, 2))
+    kinds, covered = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns, 2))
     in_parallel(
-        lambda part: _average_rows(image, flaws, corners, *part, values, found, covered),
+        lambda part: _average_rows(image, flaws, corners, *part, values, kinds, covered),
         ranges(rows),
     )
-    found |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
-    found |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
-    return values, found
+    kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
+    kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
+    return values, kinds
 
 
 @compiled
@@ -76,7 +76,7 @@ def _average_rows(
     start: int,
     stop: int,
     values: Array,
-    found: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
     covered: Array,
 ) -> None:
     """Average what the new pixels in rows from start to stop cover.
@@ -104,7 +104,7 @@ def _average_rows(
                     inside += area
                     if area <= SLIVER * whole:
                         continue
-                    found[i, j] |= flaws[row, column]
+                    kinds[i, j] |= flaws[row, column]
                     if flaws[row, column] == 0:
                         sound += area
                         for channel in range(channels):

@@ -148,16 +148,16 @@ def _least_squares(marks: Marks, size: tuple[int, int], order: int) -> FittedVie
         homography, angles = _start(marks)
         scaled = (picture @ homography @ np.linalg.inv(wall)).ravel()
         start = np.concatenate([scaled[:8] / scaled[8], np.zeros(order), angles])
-        found = least_squares(residuals, start, method="lm", xtol=1e-13, ftol=1e-13, gtol=1e-13)
+        fit = least_squares(residuals, start, method="lm", xtol=1e-13, ftol=1e-13, gtol=1e-13)
     except (ValueError, np.linalg.LinAlgError):  # a horizon through the marks, or no homography
         raise PhotographError(
             "no view of a plane wall shows the marks like this; look at their order, and at each "
             "number"
         ) from None
     return FittedView(
-        marks, view_of(found.x), places_of(found.x), found.fun.reshape(-1, 2),
-        found.fun.size - found.x.size,
-        lambda points: _derivative(lambda solution: pixels_of(solution, points), found.x),
+        marks, view_of(fit.x), places_of(fit.x), fit.fun.reshape(-1, 2),
+        fit.fun.size - fit.x.size,
+        lambda points: _derivative(lambda solution: pixels_of(solution, points), fit.x),
     )  # fmt: skip
 
 

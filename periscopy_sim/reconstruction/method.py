@@ -1,21 +1,54 @@
 """The base of all methods for single photographs."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, Mask, observation_of
+from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.report import Note, Report
+from periscopy_sim.numerics import Array, Image, Mask
 
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 Precision = TypeVar("Precision", bound=np.floating[Any])
+
+
+@dataclass(frozen=True)
+class Note:
+    """A note for the user: a code, whose sentence `cli.messages` holds, and its values."""
+
+    code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A solution's numbers, pictures, notes and warnings.
+
+    Attributes
+    ----------
+    numbers
+        Numbers that a summary records, by name.
+    notes, warnings
+        Facts that a user may want to know, and reasons why the image may be wrong.
+    stages
+        Titles and images, (R, C, 3), that led to the solution.
+    standard_errors
+        (R, C, 3) of each patch; None where the method knows none.
+    residual
+        None where the method does not know A, or the photograph's rows and columns.
+    """
+
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[Note] = ()
+    warnings: Sequence[Note] = ()
+    stages: Sequence[tuple[str, Image]] = ()
+    standard_errors: Array | None = None
+    residual: Residual | None = None
 
 
 class Method(Protocol):
@@ -141,7 +174,7 @@ class StillMethod(ABC, Generic[Precision]):
     """Whether the method's model has the colour matrix; the others unmix the photograph."""
 
     judges_scene = True
-    """Whether the image is a least-squares fit, whose residual tells if the scene fits."""
+    """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
 
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
         """Reject a scene in the place of A, by a TypeError that names `for_scene`."""

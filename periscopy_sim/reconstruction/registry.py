@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from periscopy_sim.model.colour_matrix import ColourMatrix
-    from periscopy_sim.model.observation import Backgrounds, Mask
-    from periscopy_sim.model.uncertain_transport import UncertainTransport
+    from periscopy_sim.model.observation import Backgrounds
+    from periscopy_sim.model.uncertainty import UncertainTransport
+    from periscopy_sim.numerics import Mask
     from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
     from periscopy_sim.reconstruction.video_method import FrameByFrame
 
@@ -169,11 +170,7 @@ _ENTRIES = (
         options=(_tv_weight(0.02, "in ‖A⊥‖_F / σ, above 0", "regularization", 1e-9), _RANK),
         certainty="standard errors",
         uncertain=True,
-        video=VideoEntry(
-            "noise_aware.video:NoiseAwareVideo",
-            ("l1", "none"),
-            (_l1_weight(0.8),),
-        ),
+        video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
     ),
     MethodEntry(
         "preconditioned",

@@ -7,8 +7,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight, plain_array
-from periscopy_sim.reconstruction.method import Image, Precision, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod
 
 FrameSolution = TypeVar("FrameSolution", bound=Solution[Any])
 

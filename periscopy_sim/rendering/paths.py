@@ -135,8 +135,8 @@ def trace_paths(
 
     All are Dr.Jit arrays. Emission that the rays themselves meet is left out. Paths draw `numbers`
     of the dimensions from `first_number` on, and meet at most so many surfaces that reflect or emit
-    light. What the rays meet is told by positions, normals towards the rays' origins, whether there
-    is a surface at all, and whether it scatters alike in all directions.
+    light. Of what the rays meet, the arrays hold positions, normals towards the rays' origins,
+    whether there is a surface at all, and whether it scatters alike in all directions.
     """
     import drjit as dr
     import mitsuba as mi

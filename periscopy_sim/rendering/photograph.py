@@ -1,7 +1,5 @@
 """The wall as the camera sees it, path traced."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -97,13 +95,13 @@ class Monitor:
         self._parameters = mi.traverse(self.scene)
         emitter = shape_of(self.scene, "monitor").emitter()
         names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]
-        found = [name for name in names if name in self._parameters]
-        if not found:
+        radiances = [name for name in names if name in self._parameters]
+        if not radiances:
             raise SceneError(
                 f"scene '{scenario.path}': the monitor's radiance cannot be changed; "
                 "give it an emitter of type area or lcd"
             )
-        self._texture = found[0]
+        self._texture = radiances[0]
 
     def photograph(
         self,

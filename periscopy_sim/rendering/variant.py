@@ -4,8 +4,6 @@ This is the only module that calls `mi.set_variant`, and the only one that choos
 scalar variant scenes load, which is all that closed forms need; rays need another.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import site
@@ -168,3 +166,10 @@ def without_warnings() -> Iterator[None]:
             level = _QUIET.pop()
             if not _QUIET:
                 mi.set_log_level(level)
+
+
+def one_line(error: BaseException) -> str:
+    """Return Mitsuba's reason without the source file that complains."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = " ".join(lines)
+    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
-from periscopy_sim.storage.formats.rasters import read_exr, write_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
-from periscopy_sim.storage.outputs.staging import check_settings, staged_file
+from periscopy_sim.storage.outputs.resume import check_settings
+from periscopy_sim.storage.outputs.staging import staged_file
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Receives the name of a rendering, and gives the function that reports its fraction done."""
@@ -49,13 +50,14 @@ def ambient_photographs(
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
-    made = provenance(scenario.path, mi.variant(), seed, [], scenario.parameters)
+    made = provenance(scenario.document, mi.variant(), seed, [])
     made |= {"parameters": dict(scenario.parameters), "target": f"{target:g}"}
     for of_this_run in ("command", "python", "numpy", "scipy"):
         del made[of_this_run]
     for name, path in paths.items():
         file = folder / f"{name}.exr"
-        settings = as_text({**made, "ambient": name, "ambient_sha256": scene_sha256(path)})
+        digest = scene_sha256(path)
+        settings = as_text({**made, "ambient": name, "ambient_sha256": digest})
         if not file.is_file():
             with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
                 rendered = render_background(

@@ -1,7 +1,5 @@
 """Hidden images in, and pictures to look at out."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from pathlib import Path

@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Photograph, blackened, check_real, check_size
+from periscopy_sim.photograph import Array, Photograph, blackened, check_real, check_size
 from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
 from periscopy_sim.storage.formats.decoding import decoding, listed
 from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     """Yield the function that writes a matrix of some bounces; its files appear once all are whole.
 
     The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
-    the digests of the other files, which tell files of two matrices apart.
+    the digests of the other files, by which files of two matrices differ.
     """
     bounced = () if bounces == DIRECT else (bounced_of(path),)
     with ExitStack() as stack:
@@ -108,7 +108,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     with decoding(file, "JSON", AGAIN):
         record = {"bounces": "direct", **json.loads(file.read_text("utf-8"))}
     made = {
-        "scene_sha256": scene_sha256(scenario.path, scenario.parameters),
+        "scene_sha256": scene_sha256(scenario.document),
         "parameters": dict(scenario.parameters),
         "hidden_shape": list(scenario.hidden_shape),
         "bounces": bounces_in_words(bounces),

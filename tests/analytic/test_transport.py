@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from periscopy_sim.analytic.area_transport import analytic_transport
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import EmissionProfile, Occluder, Scenario
+from periscopy_sim.scenario import EmissionProfile, Occluder, Scenario, SceneDocument
 
 ROOT = Path(__file__).parents[2]
 D = 1.03
@@ -34,8 +34,7 @@ def make_scenario(occluders=(), *, film=(9, 11), hidden=(2, 3), emission=LCD, si
     monitor = np.array([[-0.4, 0, 0], [0, 0, 0.3]])
     patches = np.prod(hidden)
     return Scenario(
-        path=Path("room.xml"),
-        parameters={},
+        document=SceneDocument(Path("room.xml")),
         photograph_shape=film,
         hidden_shape=hidden,
         wall_points=wall,

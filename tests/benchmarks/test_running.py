@@ -1,4 +1,4 @@
-"""benchopt runs the folder as it stands; it renders for a minute."""
+"""benchopt runs the unchanged folder; it renders for a minute."""
 
 import numpy as np
 import pytest

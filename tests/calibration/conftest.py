@@ -1,7 +1,5 @@
 """A small chair whose numbers are wrong, and levels of its photographs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

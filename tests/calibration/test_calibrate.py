@@ -1,7 +1,5 @@
 """Calibration as it is called: what it finds, what it leaves as it was, and what it rejects."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,8 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.errors import PhotographError, SceneError
-from periscopy_sim.rendering.scene.document import CALIBRATED
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import ERRORS, HIDDEN, SIDE, SIZE, TRUTH, Array, Small
 
@@ -42,7 +41,7 @@ def path_traced(folder: Path, picture: Array) -> Array:
     ps.use_variant()
     image = folder / "image.exr"
     mi.Bitmap(np.flipud(picture).astype(np.float32).copy()).write(str(image))
-    text = with_defaults(find_scene("chair"), {}, folder).toxml()
+    text = with_defaults(read_document(find_scene("chair")), {}, folder).toxml()
     plain = '<rgb name="radiance" value="1"/>'
     assert plain in text
     (folder / "lit.xml").write_text(text.replace(plain, TEXTURE.format(image)))
@@ -127,7 +126,9 @@ def test_a_second_calibration_starts_from_the_measured_values(small: Small, tmp_
     y, shown = small.photograph(0), small.pictures[:1]
     text = "trusted; occluder_dx = 0.002 from 0.001 +- 0.0005: 1"
     scene = tmp_path / "found.xml"
-    write_copy(find_scene("chair"), {"occluder_dx": "0.002", CALIBRATED: text}, scene)
+    write_copy(
+        read_document(find_scene("chair")), {"occluder_dx": "0.002", CALIBRATED: text}, scene
+    )
     free = {"occluder_dx": 0.005}
     found = ps.calibrate(y, scene, HIDDEN, free, shown=shown, parameters=SIZE)
     assert [p.start for p in found.parameters] == [0.001]
@@ -192,17 +193,13 @@ CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 
 @pytest.mark.parametrize(
     ("old", "new", "name"),
-    [
-        ("</scene>", BALL, "ball"),
-        (WALL, CURVED, "wall"),
-        (WHITE_PAINT, CHECKERS, "wall"),
-    ],
+    [("</scene>", BALL, "ball"), (WALL, CURVED, "wall"), (WHITE_PAINT, CHECKERS, "wall")],
 )
 @pytest.mark.usefixtures("jit", "quick")
 def test_shapes_without_a_closed_form_are_named(
     tmp_path: Path, old: str, new: str, name: str
 ) -> None:
-    text = with_defaults(find_scene("chair"), {}, tmp_path).toxml()
+    text = with_defaults(read_document(find_scene("chair")), {}, tmp_path).toxml()
     assert old in text
     if new == CURVED:  # the rectangle's transformation is none of a sphere
         text = re.sub(rf"({WALL})\s*<transform.*?</transform>", r"\1", text, flags=re.DOTALL)

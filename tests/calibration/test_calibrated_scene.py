@@ -1,21 +1,16 @@
 """Copies of scene files at other values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.dom import minidom
 
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.calibrated_scene import (
-    with_defaults,
-    write_copy,
-    write_document,
-)
+from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy, write_document
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import find_scene
 
 SCENE = """<!-- <default name="dx" value="not this"/> -->
@@ -39,7 +34,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 def test_only_the_value_changes_beside_the_scene(scene: Path) -> None:
-    copied = with_defaults(scene, {"dx": "0.25"}, scene.parent)
+    copied = with_defaults(read_document(scene), {"dx": "0.25"}, scene.parent)
     expected = minidom.parseString(SCENE.replace("""value = "0\"""", """value = "0.25\""""))
     assert copied.toxml() == expected.toxml()
     copy = scene.with_name("copy.xml")
@@ -52,7 +47,7 @@ def test_a_default_of_an_included_file_is_declared_before_it(tmp_path: Path) -> 
     outer = tmp_path / "outer.xml"
     outer.write_text('<scene version="3.0.0">\n    <include filename="scene.xml"/>\n</scene>\n')
     copied = tmp_path / "copied.xml"
-    write_copy(outer, {"dx": r"7\g<9>"}, copied)
+    write_copy(read_document(outer), {"dx": r"7\g<9>"}, copied)
     assert copied.read_text().index('name="dx"') < copied.read_text().index("include")
     assert 'filename="scene.xml"' in copied.read_text()
     assert read_document(outer).defaults["dx"] == "0"
@@ -102,8 +97,9 @@ def test_a_copy_names_the_files_of_the_scene_wherever_it_lies(
     mesh = f"{tmp_path}/mesh.ply" if mesh == "/absolute" else mesh
     (tmp_path / "mesh.ply").touch()
     (tmp_path / "sofa.ply").touch()  # beside a copy that lies above
-    write_copy(house, {"mesh": mesh}, copy)
-    theirs = [file.resolve() for file in read_document(house, {"mesh": mesh}).files]
+    scene = read_document(house, {"mesh": mesh})
+    write_copy(scene, {}, copy)
+    theirs = [file.resolve() for file in scene.files]
     assert len(theirs) == 7
     assert [file.resolve() for file in read_document(copy).files[1:]] == theirs[1:]
 
@@ -112,20 +108,20 @@ def test_a_file_that_would_be_taken_for_the_scenes_is_refused(house: Path, tmp_p
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "room.xml").write_text(ROOM)
     with pytest.raises(SceneError, match=r"would take '.*/parts/room.xml' for a file of"):
-        write_copy(house, {}, tmp_path / "copied.xml")
+        write_copy(read_document(house), {}, tmp_path / "copied.xml")
 
 
 def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_bytes(b"<scene>\xff</scene>")
     with pytest.raises(SceneError, match="UTF-8"):
-        with_defaults(path, {}, tmp_path)
+        with_defaults(SceneDocument(path), {}, tmp_path)
 
 
 def test_the_copy_of_a_shipped_scene_is_the_scene_at_those_values(tmp_path: Path) -> None:
     values = {"occluder_dx": "0.0123", "monitor_dz": "-0.004", "resolution": "20"}
     copied = tmp_path / "calibrated.xml"
-    write_copy(find_scene("chair"), values, copied)
+    write_copy(read_document(find_scene("chair")), values, copied)
     ours, theirs = load_scenario(copied, (4, 5)), load_scenario("chair", (4, 5), values)
     assert ours.photograph_shape == (20, 20)
     np.testing.assert_array_equal(ours.patch_centers, theirs.patch_centers)

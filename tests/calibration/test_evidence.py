@@ -1,7 +1,5 @@
 """The evidence, its slope and its information against dense Gaussian densities."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The objective of photographs, and its derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -9,9 +7,8 @@ from scipy.stats import chi2
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.level import SPREAD
-from periscopy_sim.calibration.prior import UncertainParameters, free_parameters
+from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, ruled_values
 from periscopy_sim.calibration.problem import CalibrationProblem
-from periscopy_sim.calibration.scene_covariance import ruled_values
 from periscopy_sim.calibration.search import descend
 from periscopy_sim.photograph import Photograph
 from tests.calibration.conftest import ERRORS, TRUTH, Small
@@ -49,9 +46,9 @@ def test_the_last_level_has_no_slope_at_the_truth_but_by_noise(jit: None) -> Non
     """Its score has the χ² distribution; that of the likeliest image alone has not (p < 1e-4)."""
     hidden, size = (29, 36), {"resolution": "63"}
     scene = ps.load_scenario("plate", hidden, size)
-    errors = free_parameters(scene.path, None, {}, {})
+    errors = free_parameters(scene.document)
     names = tuple(errors)
-    centers = ruled_values(scene.path, names, {})
+    centers = ruled_values(scene.document, names)
     picture = ps.read_hidden_image(ps.find_image("still_life"), hidden)
     light = (pixel_transport(scene) @ picture.reshape(-1, 3)).reshape(63, 63, 3)
     y = ps.add_noise(ps.composite(light, np.ones_like(light), 0.5), 60, 1)

@@ -1,7 +1,5 @@
 """A scene's transport matrix in some pixels, and its derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a scene declares of its parameters and their errors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,8 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import find_scene
 
 CHAIR = find_scene("chair")
@@ -22,7 +22,9 @@ CHAIR = find_scene("chair")
 
 def test_parameters_start_at_their_defaults_or_as_given() -> None:
     free = ["occluder_dx", "vertical_exponent"]
-    np.testing.assert_array_equal(start_values(CHAIR, free, {"occluder_dx": "-0.05"}), [-0.05, 18])
+    np.testing.assert_array_equal(
+        start_values(read_document(CHAIR, {"occluder_dx": "-0.05"}), free), [-0.05, 18]
+    )
 
 
 @pytest.mark.parametrize(
@@ -30,7 +32,6 @@ def test_parameters_start_at_their_defaults_or_as_given() -> None:
     [
         ([], {}, "chair"),
         (["occluder_dx", "sofa_dx"], {}, "sofa_dx"),
-        (["occluder_dx", "occluder_dx"], {}, "occluder_dx"),
         (["occluder_dx"], {"occluder_dx": "left"}, "occluder_dx=left"),
         (["occluder_dx"], {"occluder_dx": "nan"}, "occluder_dx=nan"),
         (["occluder_dx_error"], {}, "occluder_dx_error"),
@@ -40,41 +41,46 @@ def test_parameters_that_cannot_be_free_are_rejected(
     free: list[str], given: dict[str, str], name: str
 ) -> None:
     with pytest.raises(SceneError, match=name):
-        start_values(CHAIR, free, given)
+        start_values(read_document(CHAIR, given), free)
 
 
 def test_a_text_is_no_parameter(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="mesh"):
-        start_values(scene(tmp_path, ("mesh", "chair.ply")), ["mesh"], {})
+        start_values(scene(tmp_path, ("mesh", "chair.ply")), ["mesh"])
 
 
 def test_uncertain_parameters_stay_at_their_defaults_or_as_given() -> None:
     errors = {"occluder_turn": 2.0, "occluder_stretch_x": 0.03}
-    held = uncertain_parameters(CHAIR, ("occluder_dx",), {"occluder_turn": "-1.5"}, errors)
+    held = uncertain_parameters(
+        read_document(CHAIR, {"occluder_turn": "-1.5"}), ("occluder_dx",), errors
+    )
     assert held.names == tuple(errors)
     np.testing.assert_array_equal(held.values, [-1.5, 1])
     np.testing.assert_array_equal(held.standard_errors, [2, 0.03])
 
 
-def scene(tmp_path: Path, *defaults: tuple[str, float | str]) -> Path:
+def scene(
+    tmp_path: Path, *defaults: tuple[str, float | str], given: dict[str, str] | None = None
+) -> SceneDocument:
     path = tmp_path / "scene.xml"
     tags = "".join(f'<default name="{name}" value="{value}"/>' for name, value in defaults)
     path.write_text(f'<scene version="3.0.0">{tags}</scene>')
-    return path
+    return read_document(path, given)
 
 
 def test_what_the_scene_declares_an_error_of_is_free(tmp_path: Path) -> None:
-    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
-    assert free_parameters(path, None, {}) == {"dx": 0.01}  # of an error of 0 it stays
-    assert free_parameters(path, None, {"dy_error": "0.5"}) == {"dx": 0.01, "dy": 0.5}
-    assert free_parameters(path, None, {"dx_error": "0"}) == {}
-    assert free_parameters(path, None, {}, held=["dx"]) == {}
+    defaults = ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2)
+    document = scene(tmp_path, *defaults)
+    assert free_parameters(document) == {"dx": 0.01}  # of an error of 0 it stays
+    assert free_parameters(document, held=["dx"]) == {}
+    given = scene(tmp_path, *defaults, given={"dx_error": "0", "dy_error": "0.5"})
+    assert free_parameters(given) == {"dy": 0.5}
 
 
 def test_named_parameters_have_their_error_or_the_scenes(tmp_path: Path) -> None:
-    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dz", 2))
-    assert free_parameters(path, ["dx"], {}) == {"dx": 0.01}
-    assert free_parameters(path, {"dz": 0.2, "dx": None}, {}) == {"dz": 0.2, "dx": 0.01}
+    document = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dz", 2))
+    assert free_parameters(document, ["dx"]) == {"dx": 0.01}
+    assert free_parameters(document, {"dz": 0.2, "dx": None}) == {"dz": 0.2, "dx": 0.01}
 
 
 @pytest.mark.parametrize(
@@ -92,9 +98,9 @@ def test_named_parameters_have_their_error_or_the_scenes(tmp_path: Path) -> None
 def test_errors_that_are_missing_or_not_positive_are_rejected(
     tmp_path: Path, free: Free, name: str
 ) -> None:
-    path = scene(tmp_path, ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2))
+    defaults = ("dx", 0), ("dx_error", 0.01), ("dy", 1), ("dy_error", 0), ("dz", 2)
     with pytest.raises(SceneError, match=name):
-        free_parameters(path, free, {})
+        free_parameters(scene(tmp_path, *defaults), free)
 
 
 @pytest.mark.parametrize(
@@ -110,13 +116,12 @@ def test_declared_errors_that_are_none_are_rejected(
     tmp_path: Path, defaults: tuple[tuple[str, float | str], ...], given: dict[str, str], name: str
 ) -> None:
     with pytest.raises(SceneError, match=name):
-        declared_errors(scene(tmp_path, *defaults), given)
+        declared_errors(scene(tmp_path, *defaults, given=given))
 
 
 @pytest.mark.parametrize("name", ["chair", "plate", "plant"])
 def test_shipped_scenes_tell_how_well_a_ruler_knows_them(name: str) -> None:
-    path = find_scene(name)
-    errors = declared_errors(path, {})
+    errors = declared_errors(read_document(find_scene(name)))
     kinds = {error.split("_")[0] for error in errors}
     assert {"occluder", "monitor", "camera"} <= kinds
     likely = {

@@ -1,7 +1,5 @@
 """The covariance that a calibrated scene carries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,17 +7,15 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.calibration.prior import UncertainParameters, start_values
+from periscopy_sim.calibration.prior import UncertainParameters, ruled_values, start_values
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.scene_covariance import (
-    SceneCovariance,
-    ruled_values,
-    scene_covariance,
-)
+from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import CALIBRATED
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
 
+CHAIR = read_document(find_scene("chair"))
 RNG = np.random.default_rng(0)
 ROOT = RNG.standard_normal((3, 3)) * np.array([1e-3, 2e-3, 0.7])[:, None]
 KNOWN = SceneCovariance(
@@ -33,7 +29,7 @@ KNOWN = SceneCovariance(
 
 def carrying(tmp_path: Path, text: str, **values: str) -> Path:
     scene = tmp_path / "scene.xml"
-    write_copy(find_scene("chair"), {CALIBRATED: text, **values}, scene)
+    write_copy(CHAIR, {CALIBRATED: text, **values}, scene)
     return scene
 
 
@@ -41,15 +37,15 @@ def carrying(tmp_path: Path, text: str, **values: str) -> Path:
 def test_a_scene_carries_what_was_written(tmp_path: Path, trusted: bool) -> None:
     scene = carrying(tmp_path, replace(KNOWN, trusted=trusted).text())
     again = tmp_path / "again.xml"
-    write_copy(scene, {"occluder_dy": "0.1"}, again)
+    write_copy(read_document(scene), {"occluder_dy": "0.1"}, again)
     for path in (scene, again):
-        found = scene_covariance(path)
+        found = scene_covariance(read_document(path))
         assert found is not None
         assert (found.names, found.trusted) == (KNOWN.names, trusted)
         np.testing.assert_allclose(found.values, KNOWN.values, rtol=1e-8)
         np.testing.assert_allclose(found.ruled, KNOWN.ruled, rtol=1e-8)
         np.testing.assert_allclose(found.covariance, KNOWN.covariance, rtol=1e-4)
-    assert scene_covariance(find_scene("chair")) is None
+    assert scene_covariance(CHAIR) is None
 
 
 def test_a_second_calibration_begins_where_the_ruler_has_the_numbers(tmp_path: Path) -> None:
@@ -57,11 +53,9 @@ def test_a_second_calibration_begins_where_the_ruler_has_the_numbers(tmp_path: P
     values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
     scene = carrying(tmp_path, KNOWN.text(), **{**values, "monitor_turn": "0.9"})
     names = ["occluder_dz", "monitor_turn", "occluder_dx", "occluder_dy"]
-    np.testing.assert_allclose(
-        ruled_values(scene, names, {"occluder_dx": "0.0012"}), [0.001, 0.9, 0.0012, 0]
-    )
-    chair = find_scene("chair")
-    np.testing.assert_array_equal(ruled_values(chair, names, {}), start_values(chair, names, {}))
+    given = read_document(scene, {"occluder_dx": "0.0012"})
+    np.testing.assert_allclose(ruled_values(given, names), [0.001, 0.9, 0.0012, 0])
+    np.testing.assert_array_equal(ruled_values(CHAIR, names), start_values(CHAIR, names))
 
 
 def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance() -> None:
@@ -74,23 +68,20 @@ def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance() 
 def test_values_that_are_set_otherwise_are_named(tmp_path: Path) -> None:
     values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
     scene = carrying(tmp_path, KNOWN.text(), **values)
-    known = scene_covariance(scene)
+    known = scene_covariance(read_document(scene))
     assert known is not None
-    assert known.changed(scene, {}) == []
-    assert known.changed(scene, {"occluder_dx": "1.2e-3", "resolution": "63"}) == []
-    assert known.changed(scene, {"occluder_dx": "0.001", "monitor_turn": "a"}) == [
-        "occluder_dx",
-        "monitor_turn",
-    ]
-    assert known.changed(carrying(tmp_path, KNOWN.text()), {}) == list(KNOWN.names)
+    for given, names in [
+        ({}, []),
+        ({"occluder_dx": "1.2e-3", "resolution": "63"}, []),
+        ({"occluder_dx": "0.001", "monitor_turn": "a"}, ["occluder_dx", "monitor_turn"]),
+    ]:
+        assert known.changed(read_document(scene, given)) == names
+    assert known.changed(read_document(carrying(tmp_path, KNOWN.text()))) == list(KNOWN.names)
 
 
 def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
     held = UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005]))
-    parameters = [
-        Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1),
-        Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1),
-    ]
+    parameters = [Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1), Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1)]
     nothing = np.zeros(0)
     found = Calibration(
         parameters=tuple(parameters),
@@ -104,7 +95,7 @@ def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
         residual=nothing,
         gain=nothing,
     )
-    known = SceneCovariance.of(found)
+    known = found.scene_covariance
     assert known.names == ("dx", "dz", "monitor_dx")
     expected = np.array([[25, 5, 20], [5, 4, 0], [20, 0, 25]]) * 1e-6
     np.testing.assert_allclose(known.covariance, expected)
@@ -128,4 +119,4 @@ def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
 )
 def test_what_is_damaged_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(SceneError, match=f"'{CALIBRATED}'"):
-        scene_covariance(carrying(tmp_path, text))
+        scene_covariance(read_document(carrying(tmp_path, text)))

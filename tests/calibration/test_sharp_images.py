@@ -1,7 +1,5 @@
 """Images of few edges: the derivatives of their evidence, units, and a black photograph."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """When a calibration is doubted."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,11 +27,7 @@ def test_what_nothing_speaks_against_is_not_doubted() -> None:
 
 @pytest.mark.parametrize(
     ("distances", "known", "misfit"),
-    [
-        ([18.0, 0.0], 1.0, 0.1),
-        ([0.0, 0.0], 0.9 * LEARNED, 0.1),
-        ([0.0, 0.0], 1.0, 1.1 * MISFIT),
-    ],
+    [([18.0, 0.0], 1.0, 0.1), ([0.0, 0.0], 0.9 * LEARNED, 0.1), ([0.0, 0.0], 1.0, 1.1 * MISFIT)],
 )
 def test_each_reason_is_a_doubt(distances: list[float], known: float, misfit: float) -> None:
     (doubt,) = doubts(NAMES, np.array(distances), known, np.array([misfit]))

@@ -1,7 +1,5 @@
 """Changes of A by errors of the chair's parameters, against A elsewhere; coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -10,7 +10,7 @@ import yaml
 from periscopy_sim.cli.options import parse_indices
 from periscopy_sim.dataset.configuration import EXAMPLE
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 

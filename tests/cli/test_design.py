@@ -69,7 +69,7 @@ def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
     def stops(*arguments, **more):
         nonlocal count
         count += 1
-        if count == 4:  # the first is the scene as it stands
+        if count == 4:  # the first is the given scene
             raise KeyboardInterrupt
         return errors_of(*arguments, **more)
 

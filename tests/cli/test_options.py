@@ -22,6 +22,7 @@ from periscopy_sim.cli.options import (
 )
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import METHODS, Option
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 
 
@@ -89,12 +90,12 @@ def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
 
 
 def test_errors_are_those_given_or_declared():
-    chair = find_scene("chair")
-    errors = known_errors("occluder_dx,occluder_dz=0.002", chair, {})
+    chair = read_document(find_scene("chair"))
+    errors = known_errors("occluder_dx,occluder_dz=0.002", chair)
     assert errors == {"occluder_dx": 0.005, "occluder_dz": 0.002}
     for wrong in ("occluder_dx=-1", "occluder_dx=nan", "resolution"):
         with pytest.raises(PeriscopyError, match=f"--uncertain {wrong.partition('=')[0]}"):
-            known_errors(wrong, chair, {})
+            known_errors(wrong, chair)
 
 
 # -- groups, options of methods -------------------------------------------------------------------

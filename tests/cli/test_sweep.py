@@ -12,7 +12,7 @@ import xarray as xr
 
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 

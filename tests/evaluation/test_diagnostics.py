@@ -2,11 +2,7 @@ import numpy as np
 import pytest
 
 from experiments.paper.numbers import rank_row
-from periscopy_sim.evaluation.diagnostics import (
-    condition_number,
-    diagnose,
-    residual_background,
-)
+from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 FILM = (12, 10)

@@ -1,4 +1,4 @@
-"""Each `python -m experiments...` that a file of the repository names can be typed as it stands."""
+"""Each `python -m experiments...` that a file of the repository names can be typed."""
 
 import importlib
 import re

@@ -1,7 +1,5 @@
 """The picture of a calibration: residuals in percent, and parameters over the ruler's errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

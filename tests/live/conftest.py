@@ -32,7 +32,7 @@ def level():
 def movables():
     path = find_scene("plate")
     small = Level(path, {}, (PHOTOGRAPH, HIDDEN), is_coarse=True)
-    return find_movables(path, {}, small.scenario)
+    return find_movables({}, small.scenario)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from periscopy_sim.shipped import find_scene
 
 def found_in(path, given=None):
     small = Level(path, {}, ((16, 16), (3, 4)), is_coarse=True)
-    return find_movables(path, given or {}, small.scenario)
+    return find_movables(given or {}, small.scenario)
 
 
 @pytest.fixture(scope="module")

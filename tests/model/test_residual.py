@@ -1,4 +1,4 @@
-"""What scene and image leave of a photograph, and what it says of the scene."""
+"""The residual of a photograph, its share in percent, and what it says of the scene."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from periscopy_sim.model.residual import residual_of
+from periscopy_sim.model.residual import percentages, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
@@ -211,3 +211,18 @@ def test_right_scenes_fit_whatever_the_noise():
     for seed in range(40):
         y = photograph(noise=5e-3, seed=seed)
         assert method.report(y, method.solve(y)).residual.diagnosis == "fits"
+
+
+@pytest.mark.parametrize(
+    ("parts", "most", "texts"),
+    [
+        ((0.01234, 0.01534), 4, ("1.23", "1.53")),
+        ((0.001634, 0.001618), 4, ("0.163", "0.162")),
+        ((0.001634, 0.001618), 2, ("0.16", "0.16")),
+        ((0.5, 0.5), 4, ("50.00", "50.00")),
+        ((0.00123412, 0.00123411), 4, ("0.12", "0.12")),
+        ((0.0, float("nan")), 4, ("0.00", "nan")),
+    ],
+)
+def test_percentages_have_as_many_digits_as_tell_them_apart(parts, most, texts):
+    assert percentages(*parts, most) == texts

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.spectral_basis import (
-    InverseLaplacian,
-    SpectralBasis,
-    laplacian,
-)
+from periscopy_sim.model.spectral_basis import InverseLaplacian, SpectralBasis, laplacian
 
 HIDDEN = (4, 5)
 RNG = np.random.default_rng(0)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.uncertain_transport import UncertainTransport
 from periscopy_sim.model.uncertainty import (
     ROUNDING,
+    UncertainTransport,
     contrast,
     curvature_of_total_variation,
 )
@@ -218,3 +218,19 @@ def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
         ratios.append([errors / m.standard_errors(solution)[TRUTH > 0] for m in methods])
     wide, narrow = np.sqrt(np.mean(np.square(ratios), axis=(0, 2)))
     assert 0.5 < wide < 1.2 and narrow > 2 * wide
+
+
+RANDOM = np.random.default_rng(0)
+DERIVATIVES = RANDOM.standard_normal((2, 8, 5))
+TRANSPORT = UncertainTransport(
+    ("x", "turn"), RANDOM.standard_normal((2, 3)), lambda image: DERIVATIVES @ image.reshape(-1, 3)
+)
+MASK = np.array([[True, False, True, True], [False, True, True, True]])
+
+
+@pytest.mark.parametrize("mask", [None, MASK, MASK.ravel()])
+def test_light_is_that_of_every_direction_in_the_pixels_used(mask):
+    image = RANDOM.random((1, 5, 3))
+    expected = np.einsum("pk,pmn,nc->kcm", TRANSPORT.directions, DERIVATIVES, image[0])
+    expected = expected if mask is None else expected[..., MASK.ravel()]
+    np.testing.assert_allclose(TRANSPORT.lights(image, mask), expected, atol=1e-12)

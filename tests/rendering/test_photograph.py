@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from tests.rendering.ambient.lamps import scene_of
 
 GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
 
@@ -25,9 +25,7 @@ def field_of_view(rows, columns):
 
 
 def trace(path, depth, samples):
-    nodes = SceneNodes(path, required={"wall": "Shape", "camera": "Sensor"})
-    nodes.average_pixels()
-    return path_trace(nodes.instantiate(), depth, samples=samples, seed=0)
+    return path_trace(scene_of(path), depth, samples=samples, seed=0)
 
 
 @pytest.mark.parametrize("light", [(0.1, -0.4, 1.2), (0.75, 0.0, 0.25), (-2.0, -4.0, 3.0)])

@@ -12,7 +12,7 @@ import zarr
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.sequences import open_frames, read_clip, read_hidden_frames
 
 SHAPE = (6, 5)

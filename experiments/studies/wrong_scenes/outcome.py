@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.wrong_scenes.subjects import Photographed
+from periscopy_sim.calibration.moving_scene import uncertain_transport
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.calibration.uncertain_scene import uncertain_transport
 from periscopy_sim.errors import SceneError
-from periscopy_sim.model.uncertain_transport import UncertainTransport
+from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ class Outcome:
 
     @property
     def patch_z(self) -> Array:
-        """(R C 3,) how far the patches are from the truth's, as they stand, in standard errors."""
+        """(R C 3,) how far the unshifted patches are from the truth's, in standard errors."""
         off = self.images[SCENES.index("calibrated")] - self.light * self.truth
         return np.asarray(off / self.image_errors).ravel()
 
@@ -107,7 +107,7 @@ class Outcome:
 
     @cached_property
     def psnr(self) -> dict[str, float]:
-        """Of each picture as it stands, in dB."""
+        """Of each picture, unshifted, in dB."""
         return {n: ps.psnr(f, self.truth) for n, f in zip(SCENES, self.images, strict=True)}
 
     @cached_property
@@ -146,7 +146,7 @@ class Trial:
         )
         calibrated = processor_seconds()
         image, errors, geometry = reconstructed(
-            subject.at(found.values), SceneCovariance.of(found), photograph
+            subject.at(found.values), found.scene_covariance, photograph
         )
         recovered = processor_seconds()
         others = [

@@ -45,7 +45,7 @@ def write_report(
             ),
             Picture(
                 draw_images(out, outcomes),
-                "Of each scene and SBR the draw of the median loss; PSNR as it stands / after the "
+                "Of each scene and SBR the draw of the median loss; PSNR unshifted / after the "
                 "shift that fits the truth best, as the pictures are drawn, each channel "
                 "multiplied by what fits best.",
             ),
@@ -179,7 +179,7 @@ def _parameters(outcome: Outcome) -> dict[str, Any]:
 def _claims(outcomes: Sequence[Outcome]) -> Iterator[Claim]:
     losses = np.array([loss(outcome) for outcome in outcomes])
     stands = np.array([o.psnr["true"] - o.psnr["calibrated"] for o in outcomes])
-    for what, lost in (("after registration", losses), ("as it stands", stands)):
+    for what, lost in (("after registration", losses), ("unshifted", stands)):
         low, high = np.percentile(lost, [10, 90])
         yield Claim(
             f"the calibrated scene's picture {what}, below the true scene's, median",
@@ -239,7 +239,7 @@ def _summary(outcomes: Sequence[Outcome]) -> Table:
             )
         )
     return Table(
-        "Medians over draws. PSNR, dB: as it stands / registered, which uses the truth. Shares "
+        "Medians over draws. PSNR, dB: unshifted / registered, which uses the truth. Shares "
         "within one standard error, ± standard error by how draws differ; of matched patches after "
         "one factor for each channel that fits the truth best.",
         (

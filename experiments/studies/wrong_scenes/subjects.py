@@ -26,6 +26,7 @@ from experiments.setting import SNR, kept
 from periscopy_sim.calibration.prior import free_parameters, start_values
 from periscopy_sim.errors import SceneError
 from periscopy_sim.evaluation.sweep import array_sha256
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
@@ -77,12 +78,12 @@ class Subject:
     @property
     def errors(self) -> dict[str, float]:
         """The ruler's errors, of all numbers that have one, by name."""
-        return free_parameters(self.scene, None, self.parameters)
+        return free_parameters(read_document(self.scene, self.parameters))
 
     @property
     def true_values(self) -> Array:
         """(P,) where things stand, in the order of `errors`."""
-        return start_values(self.scene, tuple(self.errors), self.parameters)
+        return start_values(read_document(self.scene, self.parameters), tuple(self.errors))
 
     def at(self, values: Mapping[str, float] | None = None) -> Scenario:
         """Return the scene with some numbers otherwise."""
@@ -160,7 +161,7 @@ def photographed(subject: Subject, folder: Path) -> Photographed:
     """Path trace a subject, all bounces, or read what a folder holds of it."""
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
-    made = as_text(provenance(scene.path, ps.use_variant(), SEED, [], scene.parameters))
+    made = as_text(provenance(scene.document, ps.use_variant(), SEED, []))
     depends = {
         "scene_sha256": made["scene_sha256"],
         "parameters": str(dict(subject.parameters)),

@@ -1,1 +1,1 @@
-"""An occluder nobody measured: the silhouette of a flat mask, found with the hidden image."""
+"""An occluder nobody measured: the silhouette of a flat mask, estimated with the hidden image."""

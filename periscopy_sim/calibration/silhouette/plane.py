@@ -1,7 +1,5 @@
 """The rectangle in which an unknown flat occluder lies, and the cells that it is cut into."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 
@@ -109,7 +107,7 @@ class MaskPlane:
         if across < 1:
             rows, columns = (max(1, int(side / pixel)) for side in self.sides)
             raise SceneError(
-                f"{cells[0]}x{cells[1]} cells are more than the photograph can tell, whose pixels "
+                f"{cells[0]}x{cells[1]} cells are more than the photograph resolves, whose pixels "
                 f"are {1e3 * pixel:.2g} mm wide at the mask; ask for {rows}x{columns} at most"
             )
         return across

@@ -7,8 +7,6 @@ other, as far as the image's border is dark; and they may change places, each tu
 circle, if the image has one colour and is as bright as dark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,12 +19,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import fitted
-from periscopy_sim.calibration.problem import (
-    COARSE_HATS,
-    LARGEST,
-    MOST_PATCHES,
-    Averaged,
-)
+from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES, Averaged
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
@@ -39,7 +32,6 @@ from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.pictures import area_average
 
 FEW = 8
@@ -105,7 +97,7 @@ def recover_silhouette(
     ------
     SceneError
         If the shape is no occluder, its rectangle is not between monitor and wall or casts no
-        shadow into view, the cells are more than the photograph can tell, or the scene without the
+        shadow into view, the cells are more than the photograph resolves, or the scene without the
         shape has no closed form (`analytic_transport`).
     PhotographError
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many
@@ -113,8 +105,7 @@ def recover_silhouette(
     """
     from threadpoolctl import threadpool_limits
 
-    given = {name: str(value) for name, value in (parameters or {}).items()}
-    first = load_scenario(find_scene(scene), hidden, given)
+    first = load_scenario(scene, hidden, parameters)
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)

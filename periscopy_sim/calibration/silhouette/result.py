@@ -1,7 +1,5 @@
 """The silhouette of an occluder nobody measured, and how far it is to be believed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +18,7 @@ UNEXPLAINED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """A flat mask that explains photographs, found with the hidden image or by known pictures.
+    """A flat mask that explains photographs, estimated with the hidden image or by known pictures.
 
     Beside an unknown image, both may be shifted against each other.
 
@@ -35,7 +33,7 @@ class Silhouette:
     seen
         (rows, columns) whether the photograph shows the cell's shadow; else its neighbours decide.
     image
-        (R, C, 3) the hidden image, linear: the one found with the mask, or the first one shown.
+        (R, C, 3) the hidden image, linear: the one estimated with the mask, or the first one shown.
     unexplained
         What mask and image leave unexplained of the photograph, over its root mean square.
     unexplained_open
@@ -84,9 +82,9 @@ class Silhouette:
             )
         if self.decided < DECIDED:
             doubts.append(
-                f"{100 * (1 - self.decided):.0f} % of the cells are neither opaque nor open: there "
-                "are more than the photographs tell, the occluder's outline lies between them, or "
-                "the scene is wrong elsewhere"
+                f"{100 * (1 - self.decided):.0f} % of the cells are neither opaque nor open: the "
+                "photographs resolve fewer, the occluder's outline lies between them, or the scene "
+                "is wrong elsewhere"
             )
         if self.starts and self.agreeing < 2:
             doubts.append(

@@ -1,7 +1,5 @@
 """A scene file with the mesh of a silhouette in the place of a shape."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from xml.dom import minidom
@@ -18,48 +16,47 @@ from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import CALIBRATED
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.scenario import CALIBRATED, SceneDocument
 
 _OWN = ("string", "float", "integer", "boolean", "point", "vector", "rgb", "spectrum")
 """Tags that are a shape's numbers; its place and its material are others."""
 
 
 def write_masked_scene(
-    path: Path,
+    scene: SceneDocument,
     solution: Silhouette,
-    values: Mapping[str, str],
     copy: Path,
     mesh: Path,
     mesh_name: str,
     remark: str = "",
 ) -> None:
-    """Write a scene with values of its defaults and a flat mesh in the place of a shape.
+    """Write a scene with the values given and a flat mesh in the place of a shape.
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
     move it. In the scene its file is called `mesh_name`, which it has once both are in their place.
     If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`. For the
     errors see `with_mesh`.
     """
-    _, to_world = SceneNodes(path, values).plugin_and_place(solution.name)
+    _, to_world = SceneNodes(scene.path, scene.given).plugin_and_place(solution.name)
     whole = cell_mesh(solution.plane, solution.opaque)
     vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
     write_ply(mesh, TriangleMesh(vertices, whole.faces))
     doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
-    defaults = {**values, **({CALIBRATED: doubted.text()} if solution.doubts else {})}
-    write_document(with_mesh(path, solution.name, mesh_name, defaults, copy.parent, remark), copy)
+    values = {CALIBRATED: doubted.text()} if solution.doubts else {}
+    write_document(with_mesh(scene, solution.name, mesh_name, values, copy.parent, remark), copy)
 
 
 def with_mesh(
-    path: Path,
+    scene: SceneDocument,
     name: str,
     mesh: str,
     values: Mapping[str, str],
     folder: Path,
     remark: str = "",
 ) -> minidom.Document:
-    """Return a scene file's document with a mesh in the place of the shape of a name.
+    """Return a scene file's XML with a mesh in the place of the shape of a name.
 
     The mesh, a file's name as seen from `folder`, stands in the shape's own coordinates: the
     shape's id, ``to_world`` and material are kept. For the rest see `with_defaults`.
@@ -69,13 +66,13 @@ def with_mesh(
     SceneError
         As `with_defaults`, or if the shape's tag is not in the file itself.
     """
-    document = with_defaults(path, values, folder, remark)
+    document = with_defaults(scene, values, folder, remark)
     shapes = document.getElementsByTagName("shape")
     shape = next((each for each in shapes if each.getAttribute("id") == name), None)
     if shape is None:
         raise SceneError(
-            f"scene '{path}': the shape '{name}' is not written in this file itself; copy it there "
-            "from the file that is included"
+            f"scene '{scene.path}': the shape '{name}' is not written in this file itself; copy it "
+            "there from the file that is included"
         )
     shape.setAttribute("type", "ply")
     for child in list(shape.childNodes):

@@ -6,8 +6,6 @@ w_ijk the fraction of the rays between pixel i and patch j that cross cell k, by
 the matrix without the mask. All cells together are as sparse as the shadow of each is small.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Self
 

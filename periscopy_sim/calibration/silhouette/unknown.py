@@ -117,11 +117,7 @@ def search(
 
 
 def _descend(
-    mask: Mask,
-    image: UnknownImage,
-    opacities: Array,
-    gain: Array,
-    allowances: Sequence[float],
+    mask: Mask, image: UnknownImage, opacities: Array, gain: Array, allowances: Sequence[float]
 ) -> MaskFit:
     for allowance in allowances:
         likelihood = image.at(mask.transport(opacities, gain), allowance)

@@ -53,11 +53,7 @@ PIXELS = (32, 32)
 """Pixels of the trial photograph."""
 
 
-def draw(
-    scene: options.SceneArgument,
-    out: options.OutFile,
-    define: options.Define = None,
-) -> None:
+def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Define = None) -> None:
     """Draw a scene to scale: plan, side view, shadows.
 
     Look at it to find wrong signs and units.

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from math import gcd
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -18,17 +18,13 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.display import save_png
 from periscopy_sim.figures.panels import enlarged
-from periscopy_sim.photographs.develop import average, develop
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.photographs.develop import SensorImage, average, develop
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
-
-if TYPE_CHECKING:
-    from periscopy_sim.photographs.develop import SensorImage
 
 Files = list[Path] | None
 
@@ -57,8 +53,7 @@ def prepare(
         Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
     ] = None,
     mask: Annotated[
-        Path | None,
-        option("FILE", "Picture of the photograph's or film's size, black off wall."),
+        Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
     ] = None,
     bin_by: Annotated[
         int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", min=1)
@@ -106,10 +101,10 @@ def prepare(
 
 def _developed(
     photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> "SensorImage":
+) -> SensorImage:
     """Read the photographs into one picture of linear light."""
 
-    def pictures(paths: Sequence[Path]) -> "Iterator[SensorImage]":
+    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
         for path in paths:
             exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
             for warning in warnings:
@@ -124,7 +119,7 @@ def _developed(
 
 
 def _film(
-    light: "SensorImage",
+    light: SensorImage,
     scenario: ps.Scenario,
     side: int,
     marks: ps.WallPoints | ps.WallTags | None,
@@ -143,7 +138,7 @@ def _film(
 
 def _definitions(session: Session, rows: int, columns: int) -> list[str]:
     """Return NAME=VALUE of the scene's <default>s that set its film's size."""
-    declared = read_document(session.path).defaults.keys() - session.definitions.keys()
+    declared = session.scenario.document.defaults.keys() - session.definitions.keys()
     if {"height", "width"} <= declared:
         return [f"height={rows}", f"width={columns}"]
     if "resolution" in declared and rows == columns:

@@ -1,7 +1,6 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
 import signal
-from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,7 +21,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ def view(
         )
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method), offered,
-            lambda pictures: write_view(out, pictures, session.definitions, photo),
+            lambda pictures: write_view(out, pictures, photo),
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
@@ -97,14 +96,12 @@ def view(
     say("closed")
 
 
-def write_view(
-    out: Path, pictures: "LivePictures", given: Mapping[str, str], photo: Path | None
-) -> str:
+def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
     photograph = pictures.photograph.values
     provenance = provenance_of(scenario)
-    values = dict(given) | {name: f"{value:.9g}" for name, value in choice.values.items()}
+    values = {name: f"{value:.9g}" for name, value in choice.values.items()}
     record: dict[str, Any] = {
         **asdict(choice),
         "photograph": None if photo is None else str(photo),
@@ -115,7 +112,7 @@ def write_view(
         "provenance": provenance,
     }
     with output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
-        write_copy(scenario.path, values, folder / "scene.xml")
+        write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
         write_report(folder, report, pictures.image, photograph, as_text(provenance))

@@ -1,7 +1,5 @@
 """The things that a drawing of a laboratory shows, their names and their measures."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable

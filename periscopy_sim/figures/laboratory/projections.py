@@ -44,11 +44,7 @@ class Labels:
         if (high > (left, bottom)).all() and (low < (right, top)).all():
             self._labels.append((text, points, colour))
             if not hollow:
-                self.avoid(points)
-
-    def avoid(self, points: Array) -> None:
-        """Keep labels off the box of points (n, 2)."""
-        self._avoided.append(points)
+                self._avoided.append(points)
 
     def avoid_line(self, points: Array) -> None:
         """Keep labels off the line through points (n, 2): a label that it strikes is illegible."""

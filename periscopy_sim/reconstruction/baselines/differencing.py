@@ -20,8 +20,9 @@ from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.method import Image, Observed, Precision, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Observed, Precision, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
@@ -72,9 +73,6 @@ def _both_used(mask: NDArray[np.bool_], wrap: bool) -> NDArray[np.bool_]:
     both = by_columns.flatten()
     both[:-1] &= both[1:]  # the last pixel stands alone
     return both
-
-
-Array = NDArray[np.float64]
 
 
 def descend_as_published(
@@ -219,9 +217,7 @@ class Differencing(StillMethod[np.float64]):
         self.stop = stop
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self._differenced = partial(
-            neighbour_differences,
-            photograph_shape=photograph_shape,
-            mask=mask,
+            neighbour_differences, photograph_shape=photograph_shape, mask=mask
         )
         # The pseudoinverse of D A, background photographs projected out: least squares, and what
         # they leave.

@@ -4,17 +4,14 @@ from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.method import Image, Observed, StillMethod
+from periscopy_sim.numerics import Array, Image
+from periscopy_sim.reconstruction.method import Observed, Report, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
-from periscopy_sim.reconstruction.report import Report
-
-Array = NDArray[np.float64]
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):

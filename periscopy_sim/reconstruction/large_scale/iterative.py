@@ -24,7 +24,6 @@ from functools import cached_property
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import ambient_basis
@@ -35,11 +34,10 @@ from periscopy_sim.model.transport_operator import (
     TransportOperator,
     used_rows,
 )
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
-from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
-
-Array = NDArray[np.float64]
+from periscopy_sim.reconstruction.method import Observed, Solution, StillMethod
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥, computed once for a scene; of few patches an eighth. See `matrix_free`."""

@@ -26,12 +26,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.transport_operator import Eigenvectors, TransportOperator
+from periscopy_sim.numerics import Array
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
-
-Array = NDArray[np.float64]
 
 LONGEST_STEP, STEP_SHRINKAGE = 1.3, 0.96
 """First step times L; factor on the step, down to 1/L, where the image changes by more than at

@@ -12,7 +12,6 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAwareReconstruction,
 )
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 LEAST_ERROR = 1e-4

@@ -5,8 +5,6 @@ range(B). The unrolled network then uses the same evidence, and knows what hidde
 The network reads the photograph's coefficients, no pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,16 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.spectral_basis import laplacian
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
-from periscopy_sim.reconstruction.method import Image
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
 )
-from periscopy_sim.reconstruction.report import Report
-
-Array = NDArray[np.float64]
 
 _THREADS = Lock()
 """Lock of PyTorch's number of threads, which the whole process shares."""
@@ -55,12 +51,7 @@ class Learned(NoiseAware):
     """
 
     def __init__(
-        self,
-        A: Image,
-        B: Image | None = None,
-        *,
-        weights: str | Path = NETWORK,
-        **settings: Any,
+        self, A: Image, B: Image | None = None, *, weights: str | Path = NETWORK, **settings: Any
     ) -> None:
         file = SHIPPED if weights == NETWORK else Path(weights)
         read = read_weights(file)

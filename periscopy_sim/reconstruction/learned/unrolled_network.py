@@ -83,10 +83,7 @@ def _convolutions(width: int) -> Any:
     channels = (10, width, width, width, 3)
     layers: list[nn.Module] = []
     for before, after, dilation in zip(channels[:-1], channels[1:], DILATIONS, strict=True):
-        layers += [
-            nn.Conv2d(before, after, 3, padding=dilation, dilation=dilation),
-            nn.ReLU(),
-        ]
+        layers += [nn.Conv2d(before, after, 3, padding=dilation, dilation=dilation), nn.ReLU()]
     layers.pop()  # the last layer's values may be negative
     last = layers[-1]
     assert isinstance(last, nn.Conv2d) and last.bias is not None

@@ -4,8 +4,6 @@ The file's metadata holds the network's name and settings, the hidden images' si
 these and the tensors, and the provenance of the training: data and their digest, seed, steps.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

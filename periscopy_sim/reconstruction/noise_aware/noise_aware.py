@@ -22,26 +22,22 @@ from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.correction import Correction
 from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.model.uncertain_transport import UncertainTransport
-from periscopy_sim.model.uncertainty import displacement, standard_errors
+from periscopy_sim.model.uncertainty import UncertainTransport, displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
-from periscopy_sim.reconstruction.method import Image, Observed, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Note, Observed, Report, Solution, StillMethod
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     Objective,
     Schedule,
     Splitting,
 )
-from periscopy_sim.reconstruction.report import Note, Report
-
-Array = NDArray[np.float64]
 
 FIRST = 20
 """Iterations for the image that corrections start from; more change nothing."""

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]
 
 RELAXATION = 1.8

@@ -7,7 +7,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from periscopy_sim.model.fit import Evidence
-from periscopy_sim.reconstruction.method import BATCH, Image
+from periscopy_sim.numerics import Image
+from periscopy_sim.reconstruction.method import BATCH
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,

@@ -19,10 +19,8 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
-
-Array = NDArray[np.float64]
-Image = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,7 @@ def form_preconditioner(
     ------
     ValueError
         If the shapes do not fit, entries are not finite, or A with range(B) projected out has not
-        full column rank: some patch cannot be told apart from the others or from background.
+        full column rank: some patch looks like the others or like background.
     """
     transport: Array = np.asarray(A, np.float64)
     if A.ndim != 2 or A.shape[0] < A.shape[1]:

@@ -11,14 +11,12 @@ from scipy import ndimage
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
-from periscopy_sim.reconstruction.method import BATCH, Image, Observed, Solution, StillMethod
+from periscopy_sim.reconstruction.method import BATCH, Observed, Report, Solution, StillMethod
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

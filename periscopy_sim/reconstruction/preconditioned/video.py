@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight
-from periscopy_sim.reconstruction.method import Image
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
     Periscope,

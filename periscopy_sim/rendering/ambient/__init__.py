@@ -1,1 +1,1 @@
-"""Ambient light on the wall, in independent replicas that tell its error."""
+"""Ambient light on the wall, in independent replicas that estimate its error."""

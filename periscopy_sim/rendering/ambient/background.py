@@ -101,7 +101,7 @@ def render_background(
     Raises
     ------
     SceneError
-        If the ambient scene lacks wall, camera or light or Mitsuba refuses it, its camera does not
+        If the ambient scene lacks wall, camera or light or Mitsuba rejects it, its camera does not
         see its wall, no light reaches that, or the scenario's wall is not diffuse.
     VariantError
         In scalar variants.

@@ -111,7 +111,7 @@ def register_lcd() -> None:
         def _surface(self, uv: Any, active: Any) -> Any:
             """Return the shape's surface at UV coordinates; of a mesh that has none, no surface.
 
-            Such a monitor is refused. But Dr.Jit traces every emitter that is still referenced, be
+            Such a monitor is rejected. But Dr.Jit traces every emitter that is still referenced, be
             it by the refusal's traceback, in renderings of other scenes too.
             """
             try:

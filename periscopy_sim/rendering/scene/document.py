@@ -9,50 +9,27 @@ scene's ``<path>`` folders, the latest first, then beside the scene.
 """
 
 import re
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from periscopy_sim.errors import SceneError, did_you_mean
+import numpy as np
 
-RULER_ERROR = "_error"
-"""Ends the name of a ``<default>`` that says how well the one before that ending is known."""
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
+from periscopy_sim.rendering.variant import one_line
+from periscopy_sim.scenario import SceneDocument
 
-CALIBRATED = "calibrated_covariance"
-"""Names the ``<default>`` in which a calibration says how well it knows the parameters."""
+MOST_TEXELS = 1 << 27
+"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
 
 TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat")
 """Tags that name files, or values for such names, or that give values a unit."""
 
 Tag = tuple[str, Mapping[str, str]]
-
-
-@dataclass(frozen=True)
-class SceneDocument:
-    """What a scene file and those that it includes say.
-
-    `defaults` maps the name of each ``<default>`` to its value, the first of that name, whatever
-    was given instead. `files` are the scene and every file that exists and belongs to it, each
-    once, in the order of the text.
-    """
-
-    defaults: dict[str, str]
-    files: tuple[Path, ...]
-    folders: tuple[Path, ...]  # where the files of plugins are searched, in this order
-    missing: tuple[str, ...]  # names of includes, spectra and folders that are nowhere
-    units: dict[str, str]  # m or degrees, of the ``<default>``s that move or turn something
-
-    @property
-    def errors(self) -> dict[str, str]:
-        """The ``<default>``s that tell a ruler's errors, each with the one that it is of."""
-        ends = {name: name.removesuffix(RULER_ERROR) for name in self.defaults}
-        return {name: of for name, of in ends.items() if of != name and of in self.defaults}
-
-    def find(self, name: str) -> Path | None:
-        """Return the file that a plugin's ``filename`` stands for, None if there is none."""
-        return _first(name, self.folders)
 
 
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
@@ -70,16 +47,59 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
         if file is not None:
             files.setdefault(file.resolve(), file)
     return SceneDocument(
-        reader.defaults, tuple(files.values()), tuple(folders), tuple(reader.missing), reader.units
+        path,
+        dict(parameters or {}),
+        reader.defaults,
+        tuple(files.values()),
+        tuple(folders),
+        tuple(reader.missing),
+        reader.units,
     )
 
 
-def undeclared(scene: Path, name: str, declared: Mapping[str, str]) -> SceneError:
-    """Return the error of a parameter that a scene does not declare, with what may be meant."""
-    known = {each: text for each, text in declared.items() if each != CALIBRATED}
-    listed = ", ".join(f"{each} (default {text})" for each, text in known.items())
-    meant = did_you_mean(name, known) or f"it declares {listed or 'none'}"
-    return SceneError(f"scene '{scene}' declares no parameter '{name}'; {meant}")
+def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
+    """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
+    name, plugin = props["filename"], props.plugin_name()
+    where = f"scene '{document.path}': {plugin} '{props.id()}'"
+    file = _first(name, document.folders)
+    if file is None:
+        raise SceneError(f"{where} names a missing file '{document.path.parent / name}'")
+    if file.stat().st_size == 0:
+        raise SceneError(f"{where} names an empty file '{file}'")
+    kind = file.suffix[1:].lower()
+    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
+        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
+    try:
+        if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
+            return "ply", as_ply(file, kind if kind in FORMATS else plugin)
+        check_mesh(file, plugin)
+    except ValueError as error:
+        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
+    except RuntimeError as error:
+        raise SceneError(
+            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
+        ) from None
+    return plugin, file
+
+
+def _texels(file: Path) -> float:
+    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
+    import OpenEXR
+    from PIL import Image
+
+    try:
+        if file.suffix.lower() == ".exr":
+            with OpenEXR.File(str(file), header_only=True) as head:
+                low, high = head.parts[0].header["dataWindow"]
+            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of large pictures
+            with Image.open(file) as picture:
+                return float(np.prod(picture.size))
+    except Image.DecompressionBombError:
+        return np.inf
+    except Exception:  # Mitsuba says what is wrong
+        return 0
 
 
 class _Reader:

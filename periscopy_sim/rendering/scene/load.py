@@ -1,7 +1,5 @@
 """A Mitsuba scene as a Scenario, or what it lacks for that."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Mapping
 from dataclasses import replace
@@ -94,8 +92,7 @@ def _load(
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
     bodies = {name: _occluder(shape) for name, shape in shapes.items()}
     scenario = Scenario(
-        path=path,
-        parameters=nodes.parameters,
+        document=nodes.document,
         photograph_shape=pixels,
         hidden_shape=hidden,
         wall_points=wall.points,
@@ -181,7 +178,7 @@ def patch_uv(
 def _photograph_size(
     scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
 ) -> tuple[int, int]:
-    """Return (rows, columns) as asked, or else of the film; refuse too many, or too few."""
+    """Return (rows, columns) as asked, or else of the film; reject too many, or too few."""
     columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
     rows, columns = asked or (rows, columns)
     if not 1 <= rows * columns <= MOST_PIXELS:

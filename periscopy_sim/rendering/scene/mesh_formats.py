@@ -5,8 +5,6 @@ short, vertices that are not finite, indices of no vertex, polygons with a notch
 fill, and what trimesh skips of GLB.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import logging
@@ -78,8 +76,8 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     parts = _parts(content, kind)
     # Geometry of a GLB file that trimesh skips or takes for another.
     end = 20 + int.from_bytes(content[12:16], "little")
-    if kind == "glb" and (found := UNREAD.search(content, 20, end)):
-        what = found[0].decode().replace('"', "")
+    if kind == "glb" and (feature := UNREAD.search(content, 20, end)):
+        what = feature[0].decode().replace('"', "")
         raise ValueError(f"has what is not supported ({what})")
     mesh = _concatenated(parts)
     if announced is not None and len(mesh.faces) < announced:
@@ -148,7 +146,7 @@ def _copies() -> TemporaryDirectory[str]:
 
 
 def _announced(content: bytes, kind: str) -> int | None:
-    """Return how many faces a file announces, if its format does; refuse one that is cut short."""
+    """Return how many faces a file announces, if its format does; reject one that is cut short."""
     if kind == "glb" and int.from_bytes(content[8:12], "little") != len(content):
         raise ValueError("is cut short, or no GLB file")
     if kind != "stl":
@@ -162,7 +160,7 @@ def _announced(content: bytes, kind: str) -> int | None:
 
 
 def _check_lines(content: bytes) -> None:
-    """Refuse what Mitsuba skips of an OBJ file, and polygons that no fan of triangles fills."""
+    """Reject what Mitsuba skips of an OBJ file, and polygons that no fan of triangles fills."""
     lines = [line.split() for line in re.sub(rb"#.*", b"", content).splitlines() if line.strip()]
     if skipped := {line[0] for line in lines} - OBJ_LINES:
         raise ValueError(f"has lines of {min(skipped).decode(errors='replace')!r}")
@@ -198,7 +196,7 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
 
 
 def _placed(part: Any, to_scene: NDArray[np.float64]) -> TriangleMesh:
-    with np.errstate(invalid="ignore"):  # `_check_arrays` refuses what is not finite
+    with np.errstate(invalid="ignore"):  # `_check_arrays` rejects what is not finite
         vertices = np.asarray(part.vertices, np.float64) @ to_scene[:3, :3].T + to_scene[:3, 3]
     faces = np.asarray(part.faces, np.int64)
     if np.linalg.det(to_scene[:3, :3]) < 0:  # mirrored: the outside stays outside
@@ -221,7 +219,7 @@ def _concatenated(parts: list[TriangleMesh]) -> TriangleMesh:
 
 
 def _check_arrays(mesh: TriangleMesh) -> None:
-    """Refuse a mesh without faces, with faces of no vertex, or with numbers that are not finite."""
+    """Reject a mesh without faces, with faces of no vertex, or with numbers that are not finite."""
     count, uv = len(mesh.vertices), mesh.texture_coordinates
     if not len(mesh.faces):
         raise ValueError("has no faces")

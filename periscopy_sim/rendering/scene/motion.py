@@ -42,7 +42,7 @@ class LoadedScene:
             return None
         moved = replace(
             self.scenario,
-            parameters=nodes.parameters,
+            document=nodes.document,
             emission=nodes.emission_profile(),
             occluders=tuple(
                 _moved_occluder(each, motions[each.name]) if each.name in motions else each

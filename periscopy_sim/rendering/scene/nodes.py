@@ -5,9 +5,6 @@ Mitsuba parses the file; the files that its plugins read are found and checked h
 so that they work for every shape, sensor and emitter plugin.
 """
 
-from __future__ import annotations
-
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,15 +17,12 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import SceneDocument, read_document, undeclared
-from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
-from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.rendering.scene.document import file_of, read_document
+from periscopy_sim.rendering.variant import one_line
+from periscopy_sim.scenario import EmissionProfile, SceneDocument
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
 """Parameters of the LCD's angular profile."""
-
-MOST_TEXELS = 1 << 27
-"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
 
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
@@ -61,8 +55,8 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.path, self.parameters = Path(path), parameters or {}
-        self._config, self._state = parse(self.path, self.parameters)
+        self.document = read_document(Path(path), parameters)
+        self._config, self._state = parse(self.document)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         for name, kind in required.items():
@@ -70,6 +64,11 @@ class SceneNodes:
         self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> Path:
+        """The scene file."""
+        return self.document.path
 
     def of_type(self, kind: str) -> Iterator[Any]:
         """Return the properties of all nodes of a kind, such as ``Shape``, in file order."""
@@ -209,7 +208,7 @@ class SceneNodes:
                 built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
             refused = one_line(error)
-        # What was built of a refused scene must go at once: Dr.Jit would trace an emitter that
+        # What was built of a rejected scene must go at once: Dr.Jit would trace an emitter that
         # outlives its shape at the next virtual call, and crash.
         del state
         if refused:
@@ -281,7 +280,7 @@ def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray
     return np.ascontiguousarray(texture)
 
 
-def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
+def parse(document: SceneDocument) -> tuple[Any, Any]:
     """Return Mitsuba's configuration and state of a scene file, with files by absolute names.
 
     `mitsuba.parser.instantiate` takes both. A file that is missing or malformed, or a parameter
@@ -289,11 +288,11 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
     """
     import mitsuba as mi
 
-    document = read_document(path, parameters)
+    path, parameters = document.path, document.given
     for name in parameters:
         if name not in document.defaults:
-            raise undeclared(path, name, document.defaults)
-    for name, text in {**document.defaults, **parameters}.items():
+            raise document.undeclared(name)
+    for name, text in document.values.items():
         if not all(map(_is_finite, str(text).replace(",", " ").split())):
             raise SceneError(f"scene '{path}': parameter '{name}' is '{text}'; give finite numbers")
     config = mi.parser.ParserConfig(mi.variant())
@@ -322,7 +321,7 @@ def parse(path: Path, parameters: Mapping[str, str]) -> tuple[Any, Any]:
             raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' is not finite")
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
-            plugin, file = _file_of(node.props, document, path)
+            plugin, file = file_of(node.props, document)
             node.props["filename"] = str(file.resolve())
             node.props.set_plugin_name(plugin)
     return config, state
@@ -334,51 +333,6 @@ def _is_finite(word: str) -> bool:
         return bool(np.isfinite(float(word)))
     except ValueError:
         return True
-
-
-def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path]:
-    """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
-    name, plugin = props["filename"], props.plugin_name()
-    where = f"scene '{path}': {plugin} '{props.id()}'"
-    file = document.find(name)
-    if file is None:
-        raise SceneError(f"{where} names a missing file '{path.parent / name}'")
-    if file.stat().st_size == 0:
-        raise SceneError(f"{where} names an empty file '{file}'")
-    kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
-        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
-    try:
-        if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
-            return "ply", as_ply(file, kind if kind in FORMATS else plugin)
-        check_mesh(file, plugin)
-    except ValueError as error:
-        raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
-    except RuntimeError as error:
-        raise SceneError(
-            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
-        ) from None
-    return plugin, file
-
-
-def _texels(file: Path) -> float:
-    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
-    import OpenEXR
-    from PIL import Image
-
-    try:
-        if file.suffix.lower() == ".exr":
-            with OpenEXR.File(str(file), header_only=True) as head:
-                low, high = head.parts[0].header["dataWindow"]
-            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of large pictures
-            with Image.open(file) as picture:
-                return float(np.prod(picture.size))
-    except Image.DecompressionBombError:
-        return np.inf
-    except Exception:  # Mitsuba says what is wrong
-        return 0
 
 
 @contextmanager
@@ -402,10 +356,3 @@ def searching(*folders: Path) -> Iterator[None]:
             yield
         finally:
             search(before)
-
-
-def one_line(error: BaseException) -> str:
-    """Return Mitsuba's reason without the source file that complains."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines)
-    return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -1,4 +1,4 @@
-"""Refuse what the light transport matrix would get wrong in silence.
+"""Reject what the light transport matrix would get wrong in silence.
 
 A holds the light that goes straight from the monitor to the wall and is then reflected to the
 camera, past shapes that let nothing through. So does `render_photograph` with a single bounce, and
@@ -20,7 +20,7 @@ OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",
     "measured", "measured_polarized", "twosided", "blendbsdf", "bumpmap", "normalmap",
 }  # fmt: skip
-"""BSDF plugins that let no light through unless they are told to; of a ``twosided`` one Mitsuba
+"""BSDF plugins that let no light through by default; of a ``twosided`` one Mitsuba
 makes sure."""
 
 GRID = 64
@@ -32,7 +32,7 @@ of the monitor's surface, which the grid resolves about as well."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Refuse what light passes, wherever it stands, or is changed by on its way."""
+    """Reject what light passes, wherever it stands, or is changed by on its way."""
     check_media(nodes)
     for props in nodes.of_type("Shape"):
         for name in _see_through(nodes, props):
@@ -45,7 +45,7 @@ def check_nodes(nodes: SceneNodes) -> None:
 
 
 def check_media(nodes: SceneNodes) -> None:
-    """Refuse participating media: no light is scattered or absorbed on its way."""
+    """Reject participating media: no light is scattered or absorbed on its way."""
     for kind in ("Shape", "Sensor"):
         for props in nodes.of_type(kind):
             for _, medium in nodes.children(props, "Medium"):
@@ -57,7 +57,7 @@ def check_media(nodes: SceneNodes) -> None:
 
 
 def check_monitor(monitor: Any, path: Path) -> None:
-    """Refuse a monitor whose surface is not that of its UV square, once.
+    """Reject a monitor whose surface is not that of its UV square, once.
 
     What lies outside of the square, or under the same coordinates as another part, would shine in
     the scene but not in A; Mitsuba's own textured emitters miss it as well.
@@ -66,8 +66,8 @@ def check_monitor(monitor: Any, path: Path) -> None:
 
     def area_at(uv: Any) -> tuple[Any]:
         si = surface_at(monitor, uv)
-        found = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
-        return (dr.select(found, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
+        is_here = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
+        return (dr.select(is_here, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
 
     if monitor.class_name() == "Rectangle":  # always right
         return

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.nodes import one_line
-from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.rendering.variant import is_vectorized, one_line
 from periscopy_sim.scenario import Array
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
@@ -106,7 +105,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
 
 
 def _check_reflection(colors: list[Array], aside: Array, where: str, material: str) -> None:
-    """Refuse a wall without reflection, or whose colour changes with direction or place."""
+    """Reject a wall without reflection, or whose colour changes with direction or place."""
     facing, color, *tilted = colors
     if not (np.isfinite(facing + color).all() and facing.any()):
         raise SceneError(
@@ -154,12 +153,12 @@ def surface_at(shape: Any, uv: Any) -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    found = shape.eval_parameterization(uv, +mi.RayFlags.All)
+    surface = shape.eval_parameterization(uv, +mi.RayFlags.All)
     if not shape.is_mesh():
-        return found
+        return surface
     beside = uv * (1 - 2e-5) + mi.Point2f(0.7e-5, 1.3e-5)
-    missed = ~found.is_valid() if is_vectorized() else not found.is_valid()
-    return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), found)
+    missed = ~surface.is_valid() if is_vectorized() else not surface.is_valid()
+    return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), surface)
 
 
 def _columns(value: Any, count: int) -> Array:

@@ -1,7 +1,5 @@
 """Arrays in NPY and NPZ files and in Zarr archives; pickles are never loaded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

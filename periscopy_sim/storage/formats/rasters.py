@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding, listed
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding
 
 _PROFILE = "a colour profile of deep integers"
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # of Pillow: grey, palettes, RGB
@@ -190,68 +189,3 @@ def _upright(image: NDArray[Any], flip: int) -> NDArray[Any]:
     """
     turned = image[:: -1 if flip & 2 else 1, :: -1 if flip & 1 else 1]
     return turned.swapaxes(0, 1) if flip & 4 else turned
-
-
-def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
-    """Write a float32 RGB image, (rows, columns, 3) linear light.
-
-    The same inputs give the same bytes. The metadata are text, and numbers at double precision,
-    under names that OpenEXR itself does not use. Another shape of the image is a ValueError.
-    """
-    import OpenEXR
-
-    pixels = np.asarray(image, dtype=np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise ValueError(f"image: expected shape (rows, columns, 3), got {pixels.shape}")
-    header = {
-        # In an array: a Python float would lose its double precision.
-        **{n: v if isinstance(v, str) else np.array([v], np.float64) for n, v in metadata.items()},
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-    }
-    # OpenEXR ignores strides: each channel must be contiguous.
-    channels = {c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate("RGB")}
-    with staged_file(path) as staged, OpenEXR.File(header, channels) as file:
-        file.write(str(staged))
-
-
-def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
-    """Read an image of `write_exr`, or the colour of any flat OpenEXR file, and the metadata.
-
-    The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated.
-    """
-    picture, metadata = _read(path)
-    shape = (*picture.values.shape[:2], 3)
-    return np.broadcast_to(picture.values, shape).astype(np.float32), metadata
-
-
-def decode_exr(path: Path, *_: object) -> Picture:
-    """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
-    return _read(path)[0]
-
-
-def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
-    """Return R, G and B, else the only channel, and the texts and numbers of the header."""
-    import OpenEXR
-
-    with decoding(path, "EXR"):
-        with OpenEXR.File(str(path), header_only=True) as file:
-            count = len(file.parts)
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
-            header, channels = file.parts[0].header, file.parts[0].channels
-            if count > 1 or header["type"].name not in ("scanlineimage", "tiledimage"):
-                raise PhotographError(f"{path}: has several parts or is deep; save one flat image")
-            if not np.array_equal(header["dataWindow"], header["displayWindow"]):
-                raise PhotographError(f"{path}: holds a crop of its picture; save all of it")
-            names = [name for name in channels if name != "A"]
-            colour = [*"RGB"] if {*"RGB"} <= {*names} else names
-            if colour != [*"RGB"] and len(colour) != 1:
-                raise PhotographError(f"{path}: has {listed(names)}; save R, G and B alone")
-            pixels = np.stack([channels[name].pixels for name in colour], axis=-1)
-            left_out = tuple(name for name in channels if name not in colour)
-            # Doubles come in arrays.
-            values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
-                      for n, v in header.items()}  # fmt: skip
-            metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
-            return Picture(pixels, left_out=left_out), metadata

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
 from periscopy_sim.storage.formats.decoding import Picture
+from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.rasters import (
     RAW_SIGNATURE,
     RAW_SUFFIXES,
-    decode_exr,
     read_8_bits,
     read_camera_raw,
     read_png,

@@ -8,30 +8,26 @@ from importlib import metadata
 from pathlib import Path
 
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import SceneDocument
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 
 
 def provenance(
-    scene: Path | None,
-    variant: str | None,
-    seed: int | None,
-    command: Sequence[str],
-    parameters: Mapping[str, str] | None = None,
+    scene: SceneDocument | None, variant: str | None, seed: int | None, command: Sequence[str]
 ) -> dict[str, object]:
     """Return what a result was made from, flat and ready for JSON.
 
-    The entries are versions by package, `scene`, `scene_sha256` (with values for the scene's
-    defaults), `variant`, `seed`, and `command` without ``--out``: results are the same wherever
-    they lie. What there is not is None.
+    The entries are versions by package, `scene`, `scene_sha256`, `variant`, `seed`, and `command`
+    without ``--out``: results are the same wherever they lie. What there is not is None.
     """
     pairs = zip(("", *command), command, strict=False)
     words = [w for before, w in pairs if "--out" not in (before, w) and not w.startswith("--out=")]
     return {
         **{package: metadata.version(package) for package in _PACKAGES},
         "python": platform.python_version(),
-        "scene": None if scene is None else str(scene),
-        "scene_sha256": None if scene is None else scene_sha256(scene, parameters),
+        "scene": None if scene is None else str(scene.path),
+        "scene_sha256": None if scene is None else scene_sha256(scene),
         "variant": variant,
         "seed": seed,
         "command": shlex.join(words),
@@ -43,13 +39,14 @@ def as_text(record: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in record.items() if value is not None}
 
 
-def scene_sha256(scene: Path, parameters: Mapping[str, str] | None = None) -> str:
+def scene_sha256(scene: Path | SceneDocument) -> str:
     """Return the digest of a scene file and of every file that it names, in the text's order.
 
     The scene's own folder does not matter.
     """
     digest = hashlib.sha256()
-    for path in read_document(scene, parameters).files:
+    document = read_document(scene) if isinstance(scene, Path) else scene
+    for path in document.files:
         with path.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "sha256").digest())
     return digest.hexdigest()

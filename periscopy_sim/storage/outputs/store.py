@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import (
     LOCK,
-    check_settings,
     out_of_space_reported,
     staged_file,
     staged_folder,
@@ -140,7 +140,7 @@ class BlockStore:
             for torn in path.rglob("*.partial*"):  # left by a process that was killed
                 if torn.is_file():
                     torn.unlink()
-            for number in self.records.numbers():  # before the head tells of more than there is
+            for number in self.records.numbers():  # before the head lists more than there is
                 if not (number in layout.blocks and self.records.has(number)):
                     self.records.file(number).unlink()
             with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names

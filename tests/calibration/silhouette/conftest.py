@@ -11,6 +11,7 @@ from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.calibration.silhouette.scene import write_masked_scene
 from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 
 SCENE = """<scene version="3.0.0">
@@ -107,7 +108,7 @@ def silhouette(plane, opaque):
 def flagged(scene, plane):
     """The scene in which the card is a flag."""
     path, mesh = scene.with_name("flagged.xml"), scene.with_name("flag.ply")
-    write_masked_scene(scene, silhouette(plane, FLAG), {}, path, mesh, mesh.name)
+    write_masked_scene(read_document(scene), silhouette(plane, FLAG), path, mesh, mesh.name)
     return path
 
 

@@ -3,18 +3,15 @@ import pytest
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.scene import (
-    cell_mesh,
-    with_mesh,
-    write_masked_scene,
-)
+from periscopy_sim.calibration.silhouette.scene import cell_mesh, with_mesh, write_masked_scene
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette
 
 
 def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):
-    text = with_mesh(scene, "card", "a & b.ply", {}, scene.parent).toxml()
+    text = with_mesh(read_document(scene), "card", "a & b.ply", {}, scene.parent).toxml()
     before, after = SCENE.split('<shape type="rectangle" id="card">')
     assert text.partition('<shape type="ply" id="card">')[0].endswith(before.partition(">")[2])
     assert text.endswith(after[after.index("</shape>") :].strip())
@@ -28,7 +25,7 @@ def test_a_shape_of_an_included_file_raises(tmp_path):
     path.write_text('<scene version="3.0.0"><include filename="inner.xml"/></scene>')
     (tmp_path / "inner.xml").write_text(SCENE)
     with pytest.raises(SceneError, match="'card'"):
-        with_mesh(path, "card", "mask.ply", {}, tmp_path)
+        with_mesh(read_document(path), "card", "mask.ply", {}, tmp_path)
 
 
 def corners_of(path, values):
@@ -46,9 +43,8 @@ def test_a_mask_of_a_moved_and_turned_shape_stands_where_its_plane_does(scene, t
     values = {"shift": "0.01", "turn": "20", "size": "0.05"}
     plane = MaskPlane.of(load_scenario(scene, HIDDEN, values), "card")
     path, mesh = tmp_path / "moved.xml", tmp_path / "moved.ply"
-    write_masked_scene(
-        scene, silhouette(plane, np.ones((1, 8), bool)), values, path, mesh, mesh.name
-    )
+    solution = silhouette(plane, np.ones((1, 8), bool))
+    write_masked_scene(read_document(scene, values), solution, path, mesh, mesh.name)
     ours = corners_of(path, {})  # the values are its defaults
     expected = plane.points(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
     np.testing.assert_allclose(ours, expected[np.lexsort(expected.round(6).T)], atol=1e-6)
@@ -59,8 +55,8 @@ def test_a_scene_carries_that_its_silhouette_is_not_to_be_trusted(scene, plane, 
     path, mesh = tmp_path / "masked.xml", tmp_path / "masked.ply"
     mask = np.where(np.arange(64).reshape(8, 8) % 2, opacity, 1.0)
     solution = silhouette(plane, mask)
-    write_masked_scene(scene, solution, {}, path, mesh, mesh.name)
-    known = scene_covariance(path)
+    write_masked_scene(read_document(scene), solution, path, mesh, mesh.name)
+    known = scene_covariance(read_document(path))
     assert (known is not None and not known.trusted) == bool(solution.doubts) == (opacity < 1)
 
 

@@ -9,6 +9,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.scene_covariance import scene_covariance
+from periscopy_sim.rendering.scene.document import read_document
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -60,9 +61,10 @@ def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     }
     for name in MOVED:
         assert float(defaults[name]) == pytest.approx(record["parameters"][name]["value"], rel=1e-8)
-    known = scene_covariance(tmp_path / "new/found.xml")
+    calibrated = read_document(tmp_path / "new/found.xml")
+    known = scene_covariance(calibrated)
     assert known.trusted and known.names == (*MOVED, "monitor_dx")
-    assert known.changed(tmp_path / "new/found.xml", {}) == []
+    assert known.changed(calibrated) == []
 
 
 def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path):

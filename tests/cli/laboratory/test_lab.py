@@ -1,5 +1,7 @@
 import pytest
+from PIL import Image
 
+from periscopy_sim.figures.laboratory import projections
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -28,3 +30,20 @@ def test_mistake_is_one_line_and_nothing_is_written(refused, tmp_path):
     (tmp_path / "mine.yaml").write_text(text.replace("distance: 1.05 m +- 0 mm", "distance: 1.05"))
     message = refused("lab", "mine.yaml", "--out", "lab.xml")
     assert message.startswith("mine.yaml: line ") and "wall.distance" in message
+
+
+@pytest.mark.usefixtures("drawings")
+def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, monkeypatch):
+    monkeypatch.setattr(projections, "GRID", 40)
+    out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
+    assert out == "wrote deep/lab.png\n"
+    with Image.open(tmp_path / "deep" / "lab.png") as picture:
+        assert picture.size[0] == 1600
+        assert picture.text["command"] == "periscopy draw plate -D occluder_dx=0.03"
+        assert "scene_sha256" in picture.text
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["lab.png"]
+
+
+def test_what_cannot_be_drawn_is_refused(refused):
+    assert "lab.jpg" in refused("draw", "plate", "--out", "lab.jpg")
+    assert "'height'" in refused("draw", "plate", "-D", "height=1", "--out", "lab.png")

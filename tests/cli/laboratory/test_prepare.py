@@ -3,7 +3,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.photographs import read_mask
 
 pytestmark = pytest.mark.usefixtures("jit")

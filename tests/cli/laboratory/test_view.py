@@ -12,10 +12,10 @@ import pytest
 
 from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.level import Choice, Level
-from periscopy_sim.reconstruction.report import Report
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.formats.rasters import read_exr
+from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
@@ -67,7 +67,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
         (Report(), ()),
     ):
         each = replace(pictures, report=report)
-        write_view(tmp_path / "view", each, {"resolution": "24"}, None)
+        write_view(tmp_path / "view", each, None)
         assert {file.name for file in (tmp_path / "view").iterdir()} == files | set(more)
     defaults = read_document(tmp_path / "view" / "scene.xml").defaults
     assert defaults["occluder_dx"] == "0.0123" and defaults["resolution"] == "24"
@@ -80,7 +80,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
 
 def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     taken = pictures_of(occluder_dx=0.01).photograph
-    write_view(tmp_path / "view", pictures_of(taken), {"resolution": "24"}, "wall.exr")
+    write_view(tmp_path / "view", pictures_of(taken), "wall.exr")
     assert (tmp_path / "view" / "residual.png").is_file()
     assert not (tmp_path / "view" / "photograph.exr").exists()
     record = json.loads((tmp_path / "view" / "view.json").read_text())

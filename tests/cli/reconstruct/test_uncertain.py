@@ -9,7 +9,8 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.rendering.scene.document import CALIBRATED
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -39,7 +40,7 @@ def photo(hidden, light, tmp_path):
 def calibrated(tmp_path):
     def write(known=KNOWN, **values):
         given = {"resolution": "24", "occluder_dx": "0.002", **values, CALIBRATED: known.text()}
-        write_copy(find_scene("chair"), given, tmp_path / "calibrated.xml")
+        write_copy(read_document(find_scene("chair")), given, tmp_path / "calibrated.xml")
         return ("--scene", "calibrated.xml", *SMALL)
 
     return write
@@ -71,7 +72,7 @@ def test_errors_of_parameters_widen_the_standard_errors_alone(run, photo):
 def test_declared_errors_count_by_default(run, photo):
     _, errors, summary = run(photo, *CHAIR)
     _, narrower, _ = run(photo, *CHAIR, "--uncertain", "occluder_dx")
-    declared = free_parameters(find_scene("chair"), None, {})
+    declared = free_parameters(read_document(find_scene("chair")))
     assert summary["standard_errors_count"] == list(declared)
     assert (errors >= narrower).all()
     assert max(summary["place_standard_error"]) > 0

@@ -1,4 +1,7 @@
+"""The demo, and the tutorial's files in a folder of the user's."""
+
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -34,3 +37,20 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     with Image.open(folder / "demo.png") as picture:
         picture.load()
         assert "periscopy demo" in picture.text["command"]
+
+
+@pytest.mark.parametrize("name", ["measurements.yaml", "truth/scene.xml"])
+def test_no_file_is_overwritten(name, refused, tmp_path):
+    file = tmp_path / "mine" / name
+    file.parent.mkdir(parents=True)
+    file.write_text("my own")
+    assert f"mine/{name}" in refused("tutorial", "--out", "mine")
+
+
+@pytest.mark.usefixtures("jit")
+def test_command_that_it_begins_with_makes_the_scene(succeeds, tmp_path):
+    (hint,) = succeeds("tutorial", "--out", "mine").splitlines()[1:]
+    name, *arguments = shlex.split(hint.removeprefix("begin with: "))
+    assert name == "periscopy"
+    succeeds(*arguments)
+    assert (tmp_path / "lab.xml").is_file()

@@ -7,11 +7,12 @@ import periscopy_sim as ps
 from experiments.learned.samples import as_displaced, ruler_values
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
+from periscopy_sim.rendering.scene.document import read_document
 
 
 def test_ruler_values_are_off_by_declared_errors_from_the_true_ones():
     true = {"occluder_dx": 0.04, "seat_width": 0.08}
-    errors = declared_errors(ps.find_scene("chair"), {})
+    errors = declared_errors(read_document(ps.find_scene("chair")))
     draws = [ruler_values(true, 0.5, np.random.default_rng(seed)) for seed in range(300)]
     assert all(draw.keys() == {*true, *errors} for draw in draws)
     for name, value in (("occluder_dx", 0.04), ("camera_dz", 0.0), ("seat_width", 0.08)):

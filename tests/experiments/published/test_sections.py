@@ -7,13 +7,7 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
-from experiments.published import (
-    ambient,
-    layout,
-    repeats,
-    single_pixels,
-    stills,
-)
+from experiments.published import ambient, layout, repeats, single_pixels, stills
 from experiments.published.__main__ import main
 from experiments.report import Verdict
 

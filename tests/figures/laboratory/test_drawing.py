@@ -8,12 +8,7 @@ from matplotlib.colors import to_rgba
 from scipy.interpolate import RegularGridInterpolator
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.figures.laboratory.geometry import (
-    NO_BREAK,
-    RoomPlan,
-    facts,
-    turn_and_tilt,
-)
+from periscopy_sim.figures.laboratory.geometry import NO_BREAK, RoomPlan, facts, turn_and_tilt
 from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
@@ -75,10 +70,7 @@ def test_lines_on_the_wall_lie_where_the_words_below_say(panels):
     assert "Dotted: where shadows begin" in LINES and "solid: where all of the monitor" in LINES
     ax = panels[TITLES[0]]
     share, (left, right, bottom, top) = ax.images[0].get_array(), ax.images[0].get_extent()
-    grid = (
-        np.linspace(bottom, top, share.shape[0]),
-        np.linspace(left, right, share.shape[1]),
-    )
+    grid = (np.linspace(bottom, top, share.shape[0]), np.linspace(left, right, share.shape[1]))
     drawn = {}
     for contour in ax.collections:
         points = np.concatenate([path.vertices for path in contour.get_paths()])

@@ -1,14 +1,18 @@
 """Scenes of whole laboratories: one comes of it, or one line says why none does."""
 
+import re
+
 import numpy as np
 import pytest
 
-from periscopy_sim.errors import SceneError
-from periscopy_sim.laboratory.document import EXAMPLE
+from periscopy_sim.errors import ConfigurationError, SceneError
+from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.scene_parts import corners_seen
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import find_scene
-from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders
+from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders, turned
 
 
 def test_example_builds_a_scene(built):
@@ -79,3 +83,111 @@ def test_laboratory_of_the_chair_experiment_has_its_transport(built):
     A, expected = (render_transport(scenario, samples=16) for scenario in (ours, theirs))
     assert np.linalg.norm(A - expected) < 2e-3 * np.linalg.norm(expected)
     assert np.mean(np.abs(A - expected) > 1e-4 * expected.max()) < 2e-3
+
+
+def test_every_number_is_a_default_with_its_error_beside_it(built, tmp_path):
+    built(WALL, CAMERA, MONITOR.replace("5 cm, 1 cm", "-5.1 cm +- 2 cm, 1 cm +- 0 mm"))
+    defaults = read_document(tmp_path / "lab.xml").defaults
+    assert defaults["wall_distance"] == "1.1" and defaults["wall_distance_error"] == "0.002"
+    assert defaults["monitor_x"] == "-0.051" and defaults["monitor_x_error"] == "0.02"
+    assert defaults["view_width"] == "0.48" and defaults["view_width_error"] == "0.005"
+    assert defaults["monitor_y"] == "0.01" and "monitor_y_error" not in defaults  # exact
+    assert defaults["monitor_turn"] == "0.0" and "monitor_turn_error" not in defaults  # not given
+    text = (tmp_path / "lab.xml").read_text()
+    names = re.findall(r'<default name="(\w+)"', text)
+    for name in names:
+        if not name.endswith("_error"):
+            assert f"${name}" in text, name
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_number_without_an_error_is_refused(built, tmp_path):
+    with pytest.raises(ConfigurationError, match=r"lab.yaml: camera.bottom_left.x, .*: no error"):
+        built(WALL.partition("\n")[2], CAMERA, MONITOR)
+    assert [path.name for path in tmp_path.iterdir()] == ["lab.yaml"]
+
+
+def test_names_that_would_be_one_are_refused(built):
+    box = "kind: box, position: [20 cm, 50 cm, 5 cm], width: 1 cm, depth: 1 cm, height: 1 cm"
+    text = f"occluders: [{{name: a, {box}}}, {{name: a_x, {box}}}]\n"
+    built(WALL, CAMERA, MONITOR, text)
+    rod = "kind: rod, start: [20 cm, 50 cm, 5 cm], end: [20 cm, 60 cm, 5 cm], diameter: 1 cm"
+    text = f"occluders: [{{name: a, {rod}}}, {{name: a_start, {box}}}]\n"
+    with pytest.raises(ConfigurationError, match="two numbers of the scene would be called"):
+        built(WALL, CAMERA, MONITOR, text)
+
+
+@pytest.mark.parametrize("tilt", [0, 10])
+@pytest.mark.parametrize("turn", [0, -20])
+@pytest.mark.parametrize(
+    ("place", "across", "up"),
+    [("center", 0, 0), ("top_left", 1, -1), ("bottom_left", 1, 1), ("top_right", -1, -1),
+     ("bottom_right", -1, 1)],
+)  # fmt: skip
+def test_monitor_stands_where_it_was_measured(built, place, across, up, turn, tilt):
+    """A viewer's right is towards -x; `across` and `up` lead from the place to the centre."""
+    monitor = f"""monitor: {{width: 40 cm, height: 30 cm, {place}: [5 cm, 1 cm, 31 cm],
+          turn: {turn} deg, tilt: {tilt} deg}}
+"""
+    scenario = built(WALL, CAMERA, monitor)
+    viewers_right = np.tile((np.arange(3) - 1) / 3 * 0.4, 2) + 0.2 * across
+    height = np.repeat([0.075, -0.075], 3) + 0.15 * up
+    flat = np.stack([-viewers_right, np.zeros(6), height], axis=1)
+    expected = turned(flat, tilt, turn) + np.array([0.05, 0.01, 0.31])
+    np.testing.assert_allclose(scenario.patch_centers, expected, atol=3e-6)
+    normal = turned([(0, 1, 0)], tilt, turn)[0]
+    np.testing.assert_allclose(scenario.patch_normals, np.tile(normal, (6, 1)), atol=3e-6)
+    np.testing.assert_allclose(
+        scenario.patch_across, np.tile(turned([(-0.4 / 3, 0, 0)], tilt, turn), (6, 1)), atol=3e-6
+    )
+    assert (normal[2] > 0) == (tilt > 0)  # tilted, it looks up
+
+
+def test_falloff_is_the_monitors(built):
+    plain, lcd = (built(WALL, CAMERA, MONITOR.replace("}", more)) for more in (
+        "}", ", falloff: {vertical: 17 +- 2, horizontal: 1.5}}"
+    ))  # fmt: skip
+    assert (plain.emission.vertical, plain.emission.horizontal) == (0, 0)
+    assert (lcd.emission.vertical, lcd.emission.horizontal) == (17, 1.5)
+
+
+def test_rectified_picture_shows_its_rectangle(built):
+    points = built(WALL, CAMERA, MONITOR).wall_points.reshape(12, 16, 3)
+    x = 0.30 + 0.48 * (np.arange(16) + 0.5) / 16
+    z = 0.12 + 0.30 * (11.5 - np.arange(12)) / 12
+    expected = np.stack(np.broadcast_arrays(x, 1.1, z[:, None]), axis=2)
+    np.testing.assert_allclose(points, expected, atol=3e-6)
+
+
+def test_perspective_picture_is_that_of_a_pinhole(built):
+    points = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).wall_points.reshape(
+        12, 16, 3
+    )
+    eye, target = np.array([1.2, 0.1, 0.4]), np.array([0.6, 1.1, 0.25])
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    rays = points - eye
+    seen = rays @ np.stack([right, np.cross(right, ahead), ahead], axis=1)
+    across = np.tan(np.radians(10)) * (2 * (np.arange(16) + 0.5) / 16 - 1)
+    up = np.tan(np.radians(10)) * 12 / 16 * (1 - 2 * (np.arange(12) + 0.5) / 12)
+    np.testing.assert_allclose(points[..., 1], 1.1, atol=3e-6)
+    np.testing.assert_allclose(seen[..., 0] / seen[..., 2], np.tile(across, (12, 1)), atol=3e-6)
+    np.testing.assert_allclose(seen[..., 1] / seen[..., 2], np.tile(up, (16, 1)).T, atol=3e-6)
+
+
+def test_corners_are_those_that_mitsuba_sees(built, tmp_path):
+    """The centres of a picture of 2 x 2 pixels are the corners of one half as wide."""
+    camera = PERSPECTIVE % "target: [60 cm, 25 cm], roll: 7 deg"
+    points = built(WALL, camera, MONITOR, hidden=(1, 1), photograph=(2, 2)).wall_points
+    half = np.degrees(2 * np.arctan(np.tan(np.radians(10)) / 2))
+    narrow = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
+    (tmp_path / "narrow.yaml").write_text(narrow)
+    expected = corners_seen(load_laboratory(tmp_path / "narrow.yaml").camera, 1.1)
+    np.testing.assert_allclose(points[[0, 1, 3, 2]][:, [0, 2]], expected, atol=3e-6)
+
+
+def test_camera_that_sees_beyond_the_wall_is_refused(built):
+    camera = PERSPECTIVE.replace("20 deg", "120 deg") % "target: [-9 m, 25 cm]"
+    with pytest.raises(ConfigurationError, match=r"lab.yaml: camera: .* beyond the wall's horizon"):
+        built(WALL, camera, MONITOR)

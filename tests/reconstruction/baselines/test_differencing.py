@@ -1,7 +1,13 @@
+"""Differencing against dense algebra; the steps of [15] against a second implementation."""
+
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.reconstruction.baselines.differencing import (
+    Differencing,
+    descend_as_published,
+    neighbour_differences,
+)
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
@@ -161,3 +167,147 @@ def test_patches_that_cannot_be_told_apart_are_refused():
     with pytest.raises(ValueError, match="fewer than 30 singular values"):
         TruncatedSVD(twins, hidden_shape=HIDDEN, fraction=1.0)
     TruncatedSVD(twins, hidden_shape=HIDDEN)
+
+
+SHAPES = [(3, 2), (2, 3), (4, 4), (5, 1), (1, 5)]
+
+
+def published_d(shape):
+    """D over a photograph vectorized by columns, and the order of the row-major pixels in it."""
+    order = [i * shape[1] + j for j in range(shape[1]) for i in range(shape[0])]
+    D = np.zeros((len(order), len(order)))
+    for k in range(len(order) - 1):
+        D[k, order[k]], D[k, order[k + 1]] = -1, 1
+    D[-1, order[-1]] = 1
+    return D
+
+
+def d_within_columns(shape):
+    rows = []
+    for j in range(shape[1]):
+        for i in range(shape[0] - 1):
+            row = np.zeros(shape)
+            row[i, j], row[i + 1, j] = -1, 1
+            rows.append(row.ravel())
+    return np.array(rows).reshape(-1, shape[0] * shape[1])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("wrap", "matrix"), [(True, published_d), (False, d_within_columns)])
+def test_differences_are_the_product_with_the_matrix_d(shape, wrap, matrix):
+    A = np.random.default_rng(0).normal(size=(shape[0] * shape[1], 4))
+    for values in (A, A[:, 0]):
+        before = values.copy()
+        differences = neighbour_differences(values, shape, wrap=wrap)
+        np.testing.assert_allclose(differences, matrix(shape) @ values, atol=1e-15)
+        np.testing.assert_array_equal(values, before)
+
+
+def test_matrix_that_does_not_fit_the_photograph_is_refused():
+    with pytest.raises(ValueError, match=r"3x4 pixels does not fit the 11 rows"):
+        neighbour_differences(np.zeros((11, 2)), (3, 4))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("wrap", "matrix"), [(True, published_d), (False, d_within_columns)])
+@pytest.mark.parametrize("seed", range(4))
+def test_difference_counts_only_if_both_pixels_are_used(shape, wrap, matrix, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(shape) < 0.7
+    before = mask.copy()
+    A = rng.normal(size=(mask.size, 4))
+    D = matrix(shape)
+    kept = ~(D != 0)[:, ~mask.ravel()].any(axis=1)
+    for values in (A, A[:, 0]):
+        for form in (mask, mask.ravel(), np.asfortranarray(mask)):
+            found = neighbour_differences(values[mask.ravel()], shape, wrap=wrap, mask=form)
+            np.testing.assert_allclose(found, D[kept] @ values, atol=1e-15)
+    np.testing.assert_array_equal(mask, before)
+
+
+SHAPE = (5, 6)
+PIXELS, PATCHES = 200, 30
+
+
+def ill_conditioned(condition):
+    """K with a wide spectrum, whose largest singular vector is nearly the uniform image."""
+    rng = np.random.default_rng(0)
+    U, V = (
+        np.linalg.qr(rng.normal(size=(PIXELS, PATCHES)))[0],
+        rng.normal(size=(PATCHES, PATCHES)) / 10,
+    )
+    V[:, 0] += 1
+    σ = np.geomspace(1, 1 / condition, PATCHES)
+    σ[0] = 3
+    return (U * σ) @ np.linalg.qr(V)[0].T
+
+
+def measured(K):
+    """A noisy measurement of a flat patch on a ground."""
+    f = np.full(SHAPE, 0.2)
+    f[1:4, 2:5] = 1.0
+    return K @ f.ravel() + 0.02 * np.random.default_rng(1).normal(size=PIXELS)
+
+
+def descended(K, b, weight, **settings):
+    start = np.linalg.lstsq(K, b)[0].reshape(SHAPE)
+    return descend_as_published(K.T @ K, K.T @ b, start, weight, **settings)
+
+
+def test_black_measurement_gives_a_black_image():
+    image, iterations = descended(ill_conditioned(300), np.zeros(PIXELS), 0.0, unit=1.0, white=0.0)
+    assert not image.any() and iterations == 11
+
+
+def published_solver(K, b, weight, white, most):
+    """[15] with the data term ½‖K f − b‖² itself; its K and its image, in [0, 1], scaled so."""
+    b = b / white
+
+    def excess(change):
+        """Return data(y + change) − data(y) − ∇data(y)·change.
+
+        The difference of the two data terms themselves is lost in rounding where a change is small.
+        """
+        return 0.5 * np.sum((K @ change) ** 2)
+
+    def norm(f):
+        return np.linalg.norm(f.reshape(SHAPE), 2)
+
+    def prox(f, λ):  # of λ‖f‖_TV beside ½‖f − g‖²
+        return prox_total_variation(f.reshape(SHAPE), 2 * λ, tolerance=1e-6).ravel()
+
+    λ = weight / 2 / white
+    x_old = y = np.linalg.lstsq(K, b)[0]
+    step, used, t = 1e-5, 1e-5, 1.0
+    for iteration in range(1, most + 1):
+        slope = K.T @ (K @ y - b)
+        x = prox(y - step * slope, λ * used)
+        while excess(x - y) > norm(x - y) ** 2 / (2 * step):
+            step *= 0.3
+            used = step
+            x = prox(y - step * slope, λ * used)
+        t_next = 0.5 * (1 + np.sqrt(1 + 4 * t**2))
+        y = x + (t - 1) / t_next * (x - x_old)
+        if iteration > 10 and norm(x - x_old) / x.size < 2.4e-6:
+            break
+        x_old, t, step = x, t_next, 5 * step
+    return white * x, iteration
+
+
+@pytest.mark.parametrize(("white", "scale"), [(1.0, 1.0), (1.0, 1e3), (40.0, 1e5)])
+@pytest.mark.parametrize(("weight", "most"), [(1e-5, 1100), (1e-4, 1100), (1e-2, 30), (0.3, 30)])
+def test_published_steps_are_those_of_a_second_implementation(white, scale, weight, most):
+    K = ill_conditioned(condition=5.0)
+    b, weight = white * measured(K), white * weight
+    expected, iterations = published_solver(scale * K, scale * b, scale**2 * weight, white, most)
+    found, own = descended(
+        K, b, weight, unit=scale, white=white, most=most
+    )  # later, rounding decides
+    assert own == iterations
+    assert (iterations < most) == (most == 1100)
+    assert np.linalg.norm(found.ravel() - expected) < 1e-5 * np.linalg.norm(expected)
+
+
+def test_published_steps_give_up_at_their_cap_where_the_problem_is_hard():
+    K = ill_conditioned(condition=3000.0)
+    assert descended(K, measured(K), 1e-3, unit=1e3, white=1.0)[1] == 1100

@@ -175,10 +175,7 @@ def test_unit_of_all_photographs_scales_the_frames_alone(still, scale):
     np.testing.assert_allclose(frames, scale * expected, rtol=1e-3, atol=1e-3 * scale)
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [(1, 1e-3), (1, 0.25), (1, 4), (1, 1e3)],
-)
+@pytest.mark.parametrize(("before", "after"), [(1, 1e-3), (1, 0.25), (1, 4), (1, 1e3)])
 def test_exposure_that_changes_costs_little(exact, before, after):
     video = NoiseAwareVideo(exact)
     video.frames(before * PHOTOGRAPHS[:2])

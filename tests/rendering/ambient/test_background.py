@@ -6,21 +6,10 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import relative_errors, render_background
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.shipped import find_scene
+from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 
 COARSE = {"target": 1.0}
-LIGHT = (
-    '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'
-    '<rgb name="intensity" value="1, 2, 3"/></emitter>'
-)
-
-
-def point_light(points):
-    """I cos θ / r² of `LIGHT` on a wall that faces -y."""
-    away = np.array([0.2, -0.5, 0.9]) - points
-    squared = np.sum(away**2, axis=-1)
-    return (-away[..., 1] / squared**1.5)[..., None] * [1, 2, 3]
 
 
 @pytest.fixture
@@ -55,12 +44,6 @@ def office(room, few_paths):  # noqa: ARG001
 def scenario(room):
     """The room, seen as in the office."""
     return room.load(camera=room.camera((12, 12)))
-
-
-def scene_of(path):
-    nodes = SceneNodes(path, required={"wall": "Shape", "camera": "Sensor"})
-    nodes.average_pixels()
-    return nodes.instantiate()
 
 
 def chair(folder, *, moved=""):

@@ -3,8 +3,8 @@ import pytest
 
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import pixel_edges
+from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
 TOWARD_ROOM = np.array([0.0, -1.0, 0.0])
@@ -19,12 +19,6 @@ def on_wall(side, spacing):
     points = np.array([0.7, 1 - 5e-5, 0.3]) + down * DOWN + across * ACROSS
     normals = np.broadcast_to(TOWARD_ROOM, points.shape)
     return points, normals, pixel_edges(points, normals, (side, side))
-
-
-def scene_of(path):
-    nodes = SceneNodes(path, required={"wall": "Shape", "camera": "Sensor"})
-    nodes.average_pixels()
-    return nodes.instantiate()
 
 
 def direct(path, placed, samples=64):
@@ -63,19 +57,6 @@ def shape(name, transform, reflectance="0", inside=""):
         f'<bsdf type="diffuse"><rgb name="reflectance" value="{reflectance}"/></bsdf>{inside}'
         "</shape>"
     )
-
-
-LIGHT = (
-    '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'
-    '<rgb name="intensity" value="1, 2, 3"/></emitter>'
-)
-
-
-def point_light(points):
-    """I cos θ / r² of `LIGHT`."""
-    away = np.array([0.2, -0.5, 0.9]) - points
-    squared = np.sum(away**2, axis=-1)
-    return (away @ TOWARD_ROOM / squared**1.5)[..., None] * [1, 2, 3]
 
 
 def test_point_light_falls_off_with_the_cosine_and_the_square_of_the_distance(room):

@@ -2,7 +2,7 @@
 
 What looks like it and is not is rendered right.
 
-The truth is Mitsuba's own, of the file as it stands: sampled by the BSDF alone, or of all bounces.
+The truth is Mitsuba's own, of the unchanged file: sampled by the BSDF alone, or of all bounces.
 With emitter sampling and one bounce it would share the blind spots of A.
 """
 

@@ -5,7 +5,8 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport import shadow_rays
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 
 
 def closed_form(point, corner, across, up, exponents=(18, 1), albedo=0.5):
@@ -160,10 +161,7 @@ def test_strata_beat_independent_samples(room):
     assert spread[1] < spread[0] / 12
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}],
-)
+@pytest.mark.parametrize("wrong", [{"samples": 0}, {"pixel_samples": 0}, {"strata": "random"}])
 def test_impossible_arguments_are_refused(room, wrong):
     with pytest.raises(ValueError):
         render_transport(room.load(), **wrong)
@@ -180,3 +178,20 @@ def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
     assert partly.mean() > 0.1
     assert clear.mean() > 0.1
     same_mean([A[partly | clear] for A in jittered], [exact[partly | clear]] * 64)
+
+
+@pytest.mark.parametrize("lanes", [1, 1000, 1 << 22])
+def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes, monkeypatch):
+    scene = shipped("chair", (4, 5), 12)
+    settings = {"samples": 6, "pixel_samples": 2, "seed": 3}
+    A = render_transport(scene, **settings)
+    monkeypatch.setattr(shadow_rays, "LANES", lanes)
+    rendered = RenderedTransport(scene, **settings)
+    assert rendered.shape == A.shape
+    for _ in range(2):
+        covered = 0
+        for rows, block in rendered.row_blocks():
+            assert rows.start == covered
+            covered = rows.stop
+            np.testing.assert_array_equal(block, A[rows])
+        assert covered == len(A)

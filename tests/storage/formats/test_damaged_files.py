@@ -8,7 +8,7 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.photographs import read_photograph
 
 SHAPE = (6, 5)

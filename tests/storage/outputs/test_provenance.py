@@ -6,6 +6,7 @@ import mitsuba
 import numpy as np
 import pytest
 
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.outputs.provenance import provenance, scene_sha256
 
 SCENE = """<scene version="3.0.0">
@@ -45,6 +46,10 @@ OTHERS = ["notes.txt", "parts/wall.mtl", "fog.vol", "parts/sky.exr", "$texture.p
 """Mitsuba reads no materials of an OBJ file; the others have a name that lies elsewhere."""
 
 
+def sha256_of(scene, given=None):
+    return scene_sha256(read_document(scene, given))
+
+
 @pytest.fixture
 def scene(tmp_path):
     folder = tmp_path / "scenes"
@@ -57,12 +62,14 @@ def scene(tmp_path):
 
 
 def test_record_is_complete_and_ready_for_json(scene):
-    record = provenance(scene, "llvm_ad_rgb", 7, ["periscopy", "demo", "--out", "a folder"])
+    record = provenance(
+        read_document(scene), "llvm_ad_rgb", 7, ["periscopy", "demo", "--out", "a folder"]
+    )
     assert json.loads(json.dumps(record)) == record
     assert record["numpy"] == np.__version__ and record["mitsuba"] == mitsuba.__version__
     assert record["python"] == platform.python_version()
     assert set(record) >= {"periscopy-sim", "scipy", "drjit"}
-    assert record["scene"] == str(scene) and record["scene_sha256"] == scene_sha256(scene)
+    assert record["scene"] == str(scene) and record["scene_sha256"] == sha256_of(scene)
     assert (record["variant"], record["seed"]) == ("llvm_ad_rgb", 7)
     assert record["command"] == "periscopy demo"
 
@@ -76,26 +83,25 @@ def test_where_a_result_lies_is_no_part_of_its_record():
 
 @pytest.mark.parametrize("name", ["chair.xml", *REFERRED])
 def test_digest_changes_with_every_file_of_the_scene(scene, name):
-    before = scene_sha256(scene)
+    before = sha256_of(scene)
     path = scene.parent / name
     path.write_text(path.read_text() + "\n")
-    assert scene_sha256(scene) != before
+    assert sha256_of(scene) != before
 
 
 def test_digest_does_not_change_with_other_files_or_the_place(scene, tmp_path):
-    before = scene_sha256(scene)
+    before = sha256_of(scene)
     for name in OTHERS:
         (scene.parent / name).write_text("changed")
     copy = shutil.copytree(scene.parent, tmp_path / "copy")
-    assert scene_sha256(copy / "chair.xml") == before
+    assert sha256_of(copy / "chair.xml") == before
 
 
 def test_files_named_by_a_parameter_are_those_digested(scene):
     other = scene.with_name("other.png")
     other.write_text("other contents")
     chosen = {"texture": "other"}
-    digest = scene_sha256(scene, chosen)
-    assert digest != scene_sha256(scene)
+    digest = sha256_of(scene, chosen)
+    assert digest != sha256_of(scene)
     other.write_text("changed contents")
-    assert scene_sha256(scene, chosen) != digest
-    assert provenance(scene, None, None, [], chosen)["scene_sha256"] == scene_sha256(scene, chosen)
+    assert sha256_of(scene, chosen) != digest

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.formats.rasters import write_exr
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 from periscopy_sim.storage.pictures import write_png
 

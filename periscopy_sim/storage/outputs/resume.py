@@ -1,0 +1,75 @@
+"""Folders that one command fills over many runs, beside a record of what all results depend on."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs.staging import alone_in, staged_file
+
+SETTINGS = "settings.json"
+"""File that holds what a folder's results were made with."""
+
+
+@contextmanager
+def resumed_folder(
+    out: Path,
+    settings: Mapping[str, Any],
+    what: str,
+    files: Sequence[str],
+    varied: Sequence[str] | None = None,
+) -> Iterator[None]:
+    """Fill a folder over many runs of the same settings, alone in it.
+
+    A folder of other settings, or with `files`, names or patterns, of unknown settings, is an
+    OutputError. Until the first of its files exists, the `varied` settings may differ; all of them
+    by default.
+    """
+
+    def is_new() -> bool:
+        return next(out.glob(files[0]), None) is None
+
+    def check() -> None:
+        try:
+            held = dict(json.loads((out / SETTINGS).read_text("utf-8")))
+        except FileNotFoundError:
+            for file in (file for pattern in files for file in out.glob(pattern)):
+                reason = "has no record of its settings; name another folder"
+                raise OutputError(f"{file}: {reason}") from None
+            return
+        except (ValueError, TypeError, OSError):
+            raise OutputError(f"{out / SETTINGS}: is damaged; name another folder") from None
+        if is_new():
+            held |= {name: settings[name] for name in varied or settings}
+        check_settings(held, settings, str(out), what)
+
+    check()  # before the folder is made
+    with alone_in(out):
+        check()
+        if is_new():
+            with staged_file(out / SETTINGS) as staged:
+                staged.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+        yield
+
+
+def check_settings(
+    held: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
+) -> None:
+    """Raise if results have other settings; the message names the first entry that differs.
+
+    Settings are of JSON's types. Messages call what holds the results `where`, a folder, and the
+    results `what`, a sweep.
+    """
+    there: Any = held
+    here: Any = json.loads(json.dumps(wanted))
+    path: list[str] = []
+    while there != here and isinstance(there, Mapping) and isinstance(here, Mapping):
+        path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
+        there, here = there.get(path[-1]), here.get(path[-1])
+    if path:
+        raise OutputError(
+            f"{where} holds another {what} ({'.'.join(path)} {json.dumps(there)[:48]}, here "
+            f"{json.dumps(here)[:48]}); name another folder, or remove it to start anew"
+        )

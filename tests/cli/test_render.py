@@ -1,0 +1,134 @@
+"""What `periscopy photograph`, `ambient` and `transport` render, write and reject."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.formats.exr import read_exr
+
+pytestmark = pytest.mark.usefixtures("jit")
+
+PHOTO = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "16")
+RNG = np.random.default_rng(11)
+HIDDEN = RNG.random((4, 5, 3))
+AMBIENT = np.linspace(1, 3, 24)[:, None, None] * RNG.uniform(0.9, 1.1, (24, 24, 3))
+
+
+@pytest.fixture
+def shoot(succeeds, tmp_path):
+    """Take a photograph of HIDDEN and return its pixels."""
+    np.save(tmp_path / "hidden.npy", HIDDEN)
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+
+    def take(*options, image="hidden.npy"):
+        succeeds("photograph", "chair", image, *PHOTO, *options, "--out", "y.exr")
+        pixels, _ = read_exr(tmp_path / "y.exr")
+        assert pixels.shape == (24, 24, 3) and np.isfinite(pixels).all()
+        return pixels.astype(np.float64)
+
+    return take
+
+
+def test_photograph_is_written_with_its_settings(succeeds, tmp_path):
+    arguments = ("photograph", "chair", "mushroom", *PHOTO, "--snr", "50", "--seed", "5")
+    assert "new/y.exr" in succeeds(*arguments, "--out", "new/y.exr")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["y.exr"]
+    pixels, metadata = read_exr(tmp_path / "new" / "y.exr")
+    assert pixels.shape == (24, 24, 3) and pixels.dtype == np.float32
+    assert metadata["image"] == "mushroom" and metadata["hidden"] == "4x5"
+    assert (metadata["samples"], metadata["snr"], metadata["seed"]) == ("16", "50.0", "5")
+    assert len(metadata["scene_sha256"]) == 64 and "sbr" not in metadata
+    assert metadata["command"].startswith("periscopy photograph chair mushroom -D resolution=24")
+
+
+def test_ambient_light_is_added_at_the_ratio_asked_for(shoot):
+    sbr = 0.2
+    signal, y = shoot(), shoot("--ambient", "ambient.npy", "--sbr", sbr)
+    parts = np.stack([signal.ravel(), AMBIENT.ravel()], axis=1)
+    weights, _, rank, _ = np.linalg.lstsq(parts, y.ravel(), rcond=None)
+    assert rank == 2 and np.allclose(parts @ weights, y.ravel(), rtol=1e-5)
+    light, background = weights * parts.mean(axis=0)
+    assert light / background == pytest.approx(sbr, rel=1e-4)
+    assert y.mean() == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.thorough
+def test_shipped_ambient_light_is_path_traced_by_its_name(shoot, monkeypatch):
+    from periscopy_sim.rendering.ambient import background
+
+    render = background.render_background
+    monkeypatch.setattr(
+        background, "render_background", lambda *a, **k: render(*a, **{**k, "target": 0.2})
+    )
+    signal, y = shoot(), shoot("--ambient", "overcast", "--sbr", "0.5")
+    rest = y - signal * (1 / 3 / signal.mean())
+    assert rest.mean() == pytest.approx(2 / 3, rel=1e-3) and rest.min() > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "offender"),
+    [
+        (("--ambient", "ambient.npy"), "--sbr"),
+        (("--ambient", "overcas", "--sbr", "1"), "overcast'"),
+        (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy"),
+        (("--ambient", "small.npy", "--sbr", "1"), "12 x 12"),
+    ],
+)
+def test_impossible_light_is_refused(options, offender, refused, tmp_path):
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+    np.save(tmp_path / "dark.npy", -AMBIENT)
+    np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
+    assert offender in refused("photograph", "chair", "bars", *PHOTO, *options, "--out", "y.exr")
+
+
+# -- ambient light --------------------------------------------------------------------------------
+
+SKY = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
+
+
+@pytest.mark.usefixtures("few_paths")
+def test_light_is_rendered_once_and_kept_with_its_error(succeeds, refused, monkeypatch, tmp_path):
+    shown = succeeds(*SKY, "--seed", "5", "--out", "new/out")
+    file = tmp_path / "new" / "out" / "overcast.exr"
+    assert list(file.parent.iterdir()) == [file] and str(file.relative_to(tmp_path)) in shown
+    picture, held = read_exr(file)
+    assert picture.shape == (12, 12, 3) and picture.min() > 0
+    assert picture.std() < 0.2 * picture.mean()  # a grey sky
+    assert 0 < (held["relative_error"] ** 2 + held["brightness_error"] ** 2) ** 0.5 <= 0.01
+    assert (held["ambient"], held["seed"], held["target"]) == ("overcast", "5", "0.01")
+    assert held["scene"].endswith("chair.xml") and "12" in held["parameters"]
+    assert {"variant", "mitsuba", "scene_sha256", "ambient_sha256"} <= held.keys()
+    render = "periscopy_sim.rendering.ambient.background.render_background"
+    monkeypatch.setattr(render, lambda *_, **__: pytest.fail("rendered again"))
+    before = file.read_bytes()
+    assert succeeds(*SKY, "--seed", "5", "--out", "new/out") == shown
+    assert file.read_bytes() == before
+    assert refused(*SKY, "--seed", "1", "--out", "new/out").startswith("new/out/overcast.exr: ")
+
+
+def test_unknown_condition_is_refused(refused):
+    assert "'midnight'" in refused("ambient", "overcast", "midnight", *SKY[2:], "--out", "out")
+
+
+# -- transport matrices ---------------------------------------------------------------------------
+
+
+def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
+    out = succeeds("transport", "chair", *PHOTO[:-1], "4", "--seed", "7", "--out", "deep/A.npy")
+    assert "deep/A.npy" in out and "deep/A.json" in out
+    assert {path.name for path in (tmp_path / "deep").iterdir()} == {"A.npy", "A.json"}
+    A = np.load(tmp_path / "deep" / "A.npy")
+    assert A.shape == (576, 20) and A.dtype == np.float32
+    assert np.isfinite(A).all() and (A >= 0).all() and (A.max(axis=0) > 0).all()
+    record = json.loads((tmp_path / "deep" / "A.json").read_text())
+    chair = hashlib.sha256(find_scene("chair").read_bytes()).digest()
+    assert record["scene_sha256"] == hashlib.sha256(chair).hexdigest()
+    assert record["photograph_shape"] == [24, 24] and record["hidden_shape"] == [4, 5]
+    assert (record["model"], record["samples"], record["seed"]) == ("rendered", 4, 7)
+    assert record["parameters"] == {"resolution": "24"}
+    assert record["variant"].endswith("_rgb") and record["mitsuba"] and record["periscopy-sim"]
+    command = "periscopy transport chair -D resolution=24 --hidden 4x5 --samples 4 --seed 7"
+    assert record["command"] == command  # wherever it lies
