@@ -7,6 +7,7 @@ scalar variant scenes load, which is all that closed forms need; rays need anoth
 from __future__ import annotations
 
 import os
+import platform
 import re
 import site
 import sys
@@ -29,11 +30,18 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
+_LLVM_OF_SYSTEM = {
+    "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
+    "Darwin": "brew install llvm",
+    "Windows": "the installer of github.com/llvm/llvm-project/releases, and its LLVM-C.dll as "
+    + LLVM_FILE,
+}
 INSTALL_LLVM = (
-    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: pip install 'periscopy_sim[llvm]' (Linux, "
-    "x86-64), apt-get install libllvm19, brew install llvm, or conda install libllvm19; Windows: "
-    f"the installer from github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}"
+    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
+    f"{_LLVM_OF_SYSTEM.get(platform.system(), 'conda install libllvm19')}"
 )
+
+INSTALL_LIBRARY = "install the missing library (libatomic.so.1: apt-get install libatomic1)"
 
 
 @dataclass(frozen=True)
@@ -68,13 +76,22 @@ def choose_llvm() -> str:
     if named is None:
         late = f"; call periscopy_sim.use_variant() before importing mitsuba to use {own}"
         return f"the system's{late if own is not None else ''}"
-    return f"of this environment, {named}" if named == str(own) else f"by {LLVM_FILE}, {named}"
+    if named != str(own):
+        return f"by {LLVM_FILE}, {named}"
+    return f"{named}; this environment's goes before the system's"
 
 
 def examine_variants() -> list[VariantReport]:
-    """Return what there is to say of the variants in `PREFERENCE`, best first."""
+    """Return a report of each variant in `PREFERENCE`, best first.
+
+    A VariantError names the system's library that Mitsuba lacks.
+    """
     origin = choose_llvm()
-    import drjit as dr
+    try:
+        import drjit as dr
+    except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
+        reason = error.__context__ or error
+        raise VariantError(f"Mitsuba does not load: {reason}; {INSTALL_LIBRARY}") from error
 
     cuda, metal, llvm = (
         bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")
