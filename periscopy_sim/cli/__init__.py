@@ -34,8 +34,7 @@ GROUPS = {
     "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
     "Study": {"sweep": "sweep", "dataset": "dataset", "analyze": "analyze", "design": "design"},
 }  # fmt: skip
-"""The commands by the groups of ``--help``, and the module of each: a function of the command's
-name, or the Typer `app` of a group of commands."""
+"""Commands by their groups in ``--help``, with the module of each function or Typer `app`."""
 
 MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 

@@ -33,15 +33,12 @@ LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 _LLVM_OF_SYSTEM = {
     "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
     "Darwin": "brew install llvm",
-    "Windows": "the installer of github.com/llvm/llvm-project/releases, and its LLVM-C.dll as "
-    + LLVM_FILE,
+    "Windows": f"github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}",
 }
 INSTALL_LLVM = (
     f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
     f"{_LLVM_OF_SYSTEM.get(platform.system(), 'conda install libllvm19')}"
 )
-
-INSTALL_LIBRARY = "install the missing library (libatomic.so.1: apt-get install libatomic1)"
 
 
 @dataclass(frozen=True)
@@ -82,16 +79,13 @@ def choose_llvm() -> str:
 
 
 def examine_variants() -> list[VariantReport]:
-    """Return a report of each variant in `PREFERENCE`, best first.
-
-    A VariantError names the system's library that Mitsuba lacks.
-    """
+    """Report on each variant in `PREFERENCE`; a VariantError names a library Mitsuba lacks."""
     origin = choose_llvm()
     try:
         import drjit as dr
     except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
-        reason = error.__context__ or error
-        raise VariantError(f"Mitsuba does not load: {reason}; {INSTALL_LIBRARY}") from error
+        install = "install what is missing, such as apt-get install libatomic1"
+        raise VariantError(f"Mitsuba: {error.__context__ or error}; {install}") from error
 
     cuda, metal, llvm = (
         bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")
