@@ -95,7 +95,11 @@ html_favicon = "static/mark.svg"
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
-    "logo": {"text": "periscopy_sim", "image_light": "static/mark.svg", "image_dark": "static/mark.svg"},
+    "logo": {
+        "text": "periscopy_sim",
+        "image_light": "static/mark.svg",
+        "image_dark": "static/mark.svg",
+    },
     "header_links_before_dropdown": 7,
     "navbar_align": "left",
     "show_prev_next": False,
