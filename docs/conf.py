@@ -39,7 +39,7 @@ source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 
 # Pages that code hosts show too: plain Markdown, with the anchors that these hosts make.
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "html_image"]
 pages_of_the_repository = {
     "README.md": "index",
     "benchmarks/README.md": "leaderboard",
