@@ -26,10 +26,8 @@ INTERRUPTED = 130
 
 GROUPS = {
     "Start": {"demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch"},
-    "Describe a laboratory": {
-        "lab": "laboratory.lab", "draw": "laboratory.lab",
-        "view": "laboratory.view", "prepare": "laboratory.prepare",
-    },
+    "Laboratory": {"lab": "laboratory.lab", "draw": "laboratory.lab", "view": "laboratory.view",
+                   "prepare": "laboratory.prepare"},
     "Recover": {"reconstruct": "reconstruct", "video": "video", "calibrate": "calibrate"},
     "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
     "Study": {"sweep": "sweep", "dataset": "dataset", "analyze": "analyze", "design": "design"},

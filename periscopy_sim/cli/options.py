@@ -59,10 +59,13 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
         command(**values)
 
     keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters.values()]
-    keywords.sort(key=lambda each: GROUPS.index(get_args(each.annotation)[1].rich_help_panel))
+    keywords.sort(
+        key=lambda p: GROUPS.index(
+            getattr((p, *get_args(p.annotation))[-1], "rich_help_panel", None)
+        )
+    )
     described: Any = run
-    paragraphs = inspect.cleandoc(command.__doc__ or "").split("\n\n")
-    described.__doc__ = "\n\n".join(" ".join(each.split()) for each in paragraphs)
+    described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
     described.__signature__ = inspect.Signature(keywords)
     described.__annotations__ = {each.name: each.annotation for each in keywords}
     return run

@@ -16,7 +16,6 @@ from periscopy_sim.figures import panels
 from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
-_TRUTH = "The hidden image, if known, to compare with"
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
@@ -45,7 +44,7 @@ def reconstruct(
     numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
-        options.option("IMAGE", f"{_TRUTH}: {options.IMAGE}.", group=options.OUTPUT),
+        options.option("IMAGE", f"Hidden image, if known: {options.IMAGE}.", group=options.OUTPUT),
     ] = None,
     uncertain: Annotated[
         str | None,
