@@ -39,7 +39,7 @@ source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 
 # Pages that code hosts show too: plain Markdown, with the anchors that these hosts make.
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "html_image"]
 pages_of_the_repository = {
     "README.md": "index",
     "benchmarks/README.md": "leaderboard",
@@ -95,7 +95,11 @@ html_favicon = "static/mark.svg"
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
-    "logo": {"text": "periscopy_sim", "image_light": "static/mark.svg"},
+    "logo": {
+        "text": "periscopy_sim",
+        "image_light": "static/mark.svg",
+        "image_dark": "static/mark.svg",
+    },
     "header_links_before_dropdown": 7,
     "navbar_align": "left",
     "show_prev_next": False,

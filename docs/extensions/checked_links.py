@@ -61,9 +61,11 @@ def faults(folder: Path) -> Iterator[tuple[Path, str]]:
 
 
 def check(app: Any, exception: Exception | None) -> None:
-    """Warn of every fault in what was built."""
-    if exception is None and app.builder.format == "html":
-        folder = Path(app.outdir).resolve()
+    """Warn of every fault in the pages; not after a build of some pages alone."""
+    if exception is not None or app.builder.format != "html":
+        return
+    folder = Path(app.outdir).resolve()
+    if all((folder / app.builder.get_target_uri(each)).is_file() for each in app.env.found_docs):
         for file, fault in faults(folder):
             logging.getLogger(__name__).warning("%s: %s", file.relative_to(folder), fault)
 

@@ -15,7 +15,7 @@ def helps(name: str, command: Any) -> Iterator[str]:
 
     from periscopy_sim.cli import app
 
-    plain = {"COLUMNS": "96", "NO_COLOR": "1", "TERM": "dumb"}
+    plain = {"COLUMNS": "94", "NO_COLOR": "1", "TERM": "dumb"}
     printed = CliRunner(env=plain).invoke(app, [*name.split(), "--help"], prog_name="periscopy")
     lines = "\n".join(line.rstrip() for line in printed.output.strip().splitlines())
     yield f"### `periscopy {name}`\n\n```text\n{lines}\n```\n"

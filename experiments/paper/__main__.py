@@ -11,9 +11,9 @@ from experiments.page import Page
 PAGE = Page(
     package="experiments.paper",
     title="Fast computational periscopy in challenging ambient light, reproduced",
-    introduction="Each claim of the paper beside what this package measured, and why where they "
-    "differ. Times are of this run's machine; other load on it lengthens them. The provenance is "
-    "that of the last run in this folder.",
+    introduction="This page compares each claim of the paper with this package's measurement, and "
+    "explains the differences. Times are of this run's machine; other load on it lengthens them. "
+    "The provenance is that of the last run in this folder.",
     names=(
         "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "table1", "numbers",
     ),

@@ -150,7 +150,7 @@ def run(setting: Setting) -> Section:
                 setting.out / "fig10.png",
                 "Above left: magnitude of P, root mean square over each of the photograph's rows. "
                 "Above right: mean power spectrum of the rows, averaged over directions, each row "
-                "of energy 1; that of D is a difference of two pixels. Below: four rows of P as "
+                "of energy 1; that of D is a difference of two pixels. Below: P of four patches as "
                 "pictures on the wall (no unit), colours limited to the 99.5th percentile.",
             )
         ],
@@ -192,7 +192,7 @@ def _draw(
         picture = ax.imshow(
             row, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=wall_extent(scenario)
         )
-        ax.set_title(f"patch in row {r}, column {c}")
+        ax.set_title(f"row {r}, column {c}")
         ax.set(xticks=(-200, 0, 200), yticks=(-200, 0, 200), xlabel="across (mm)")
         bottom.colorbar(
             picture, ax=ax, orientation="horizontal", extend="both", label="entry of P", aspect=14,

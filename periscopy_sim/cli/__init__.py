@@ -22,14 +22,17 @@ from periscopy_sim.extras import EXTRA_OF, missing
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
-MODULES = {
-    "demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch",
-    "transport": "render", "draw": "laboratory.lab", "lab": "laboratory.lab",
-    "view": "laboratory.view", "photograph": "render", "prepare": "laboratory.prepare",
-    "ambient": "render", "reconstruct": "reconstruct", "analyze": "analyze", "design": "design",
-    "calibrate": "calibrate", "sweep": "sweep", "video": "video", "dataset": "dataset",
+GROUPS = {
+    "Start": {"demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch"},
+    "Laboratory": {"lab": "laboratory.lab", "draw": "laboratory.lab", "view": "laboratory.view",
+                   "prepare": "laboratory.prepare"},
+    "Recover": {"reconstruct": "reconstruct", "video": "video", "calibrate": "calibrate"},
+    "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
+    "Study": {"sweep": "sweep", "dataset": "dataset", "analyze": "analyze", "design": "design"},
 }  # fmt: skip
-"""The module of each command: a function of its name, or the Typer `app` of a group."""
+"""Commands by their groups in ``--help``, with the module of each function or Typer `app`."""
+
+MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 
 class _Periscopy(TyperGroup):
@@ -48,7 +51,9 @@ class _Periscopy(TyperGroup):
         if commands is None:
             commands = typer.Typer(add_completion=False)
             commands.command(cmd_name)(with_options_of_groups(getattr(module, cmd_name)))
-        return typer.main.get_command(commands)
+        command: Any = typer.main.get_command(commands)
+        command.rich_help_panel = next(group for group in GROUPS if cmd_name in GROUPS[group])
+        return command
 
 
 app = typer.Typer(

@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from periscopy_sim.calibration.silhouette.result import Silhouette
 
 _SHOWN = (
-    "A picture that the monitor showed, in the order of the photographs; repeatable. Photographs "
-    "beyond these have unknown pictures."
+    "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
+    "The pictures of further photographs are unknown."
 )
 _FREE = (
-    "<default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the standard deviation of "
+    "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
     "the measured value. [default: all NAME with a NAME_error]"
 )
-_UNCERTAIN = "Standard errors of <default>s that stay; those of the result count them; repeatable."
-_SILHOUETTE = "Find the form of this shape, a flat mask of cells in the rectangle about it."
+_UNCERTAIN = "Standard errors of fixed <default>s, which the result's errors include; repeatable."
+_SILHOUETTE = "Recover this shape's silhouette instead: a flat mask of cells within its rectangle."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
-_OUT = "Scene to write, NAME.xml; beside it NAME.json and NAME.png."
+_OUT = "Scene to write, NAME.xml, with NAME.json and NAME.png beside it."
 
 
 def calibrate(
     photo: Annotated[
         list[Path],
         typer.Argument(
-            metavar="PHOTO...",
-            help="Photographs of one laboratory, its scene unchanged.",
+            metavar="PHOTO",
+            help="One or more photographs, between which only the monitor's picture changed.",
             exists=True,
         ),
     ],
@@ -54,11 +54,11 @@ def calibrate(
     monitor_off: arguments.MonitorOffOption = None,
     mask: arguments.MaskOption = None,
 ) -> None:
-    """Find the parameters of a scene that explain photographs best.
+    """Correct a scene's measured values from photographs of its wall.
 
-    The search starts from the scene's values, or those of -D, and their errors. A JSON file lists
-    values, standard errors and the path of the search. A result that is not to be trusted is
-    written, too, and says so.
+    The search starts from the values in the scene file, or those of -D, and weighs them by their
+    standard errors. NAME.json lists the estimates, their standard errors and each step. A result
+    that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
     inputs = Inputs(session, photo, shown or [], monitor_off or [], mask)

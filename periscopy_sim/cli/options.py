@@ -18,7 +18,8 @@ from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
-"""Titles of the groups that ``--help`` shows."""
+GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
+"""Titles of the groups of options, in the order of ``--help``; None: the command's own."""
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
@@ -59,8 +60,14 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
         command(**values)
 
     keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters.values()]
+    keywords.sort(
+        key=lambda p: GROUPS.index(
+            getattr((p, *get_args(p.annotation))[-1], "rich_help_panel", None)
+        )
+    )
     described: Any = run
-    described.__doc__, described.__signature__ = command.__doc__, inspect.Signature(keywords)
+    described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
+    described.__signature__ = inspect.Signature(keywords)
     described.__annotations__ = {each.name: each.annotation for each in keywords}
     return run
 
@@ -78,22 +85,23 @@ class Model(StrEnum):
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
-_MASK = "A picture of the photograph's size, black where the wall is not used."
-_OFF = "A photograph of the wall with the monitor off; repeatable."
+_MASK = "A picture of the photograph's size; its black pixels are not used."
+_OFF = "Background photograph, with the monitor off; repeatable."
 _COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
-_SAMPLES = "Shadow rays to a patch from each wall point, where rays render A (16)."
+_SAMPLES = "Shadow rays from each wall point to each patch, if rays compute A (16)."
 _MODEL = (
-    "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). Where no "
-    "default is shown: in closed form if there is one, by rays for preconditioned and unrolled."
+    "Compute A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). "
+    "If no default is shown: in closed form where the scene has one, but by rays for "
+    "preconditioned and unrolled."
 )
-_BOUNCES = "The monitor's light in A: direct, all reflections, or at most N."
-_LIGHT_MODEL = "Sources of ambient light: Eq. 4's grid, columns of a file; repeatable."
+_BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
+_LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
 _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
 Hidden = Annotated[
-    str, option("ROWSxCOLUMNS", "Patches of the hidden image, such as 29x36.", group=SCENE)
+    str, option("ROWSxCOLUMNS", "Size of the hidden image in patches: 29x36.", group=SCENE)
 ]
 Define = Annotated[
     list[str] | None,
@@ -109,7 +117,7 @@ ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
     Path | None,
-    option("FILE", "NPY file of A, not computed.", "--transport", group=LIGHT, exists=True),
+    option("FILE", "Read A from an NPY file.", "--transport", group=LIGHT, exists=True),
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
@@ -118,7 +126,7 @@ ResumedFolder = Annotated[
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 # Mitsuba takes seeds of 32 bits; commands count on from this one.
-Seed = Annotated[int, option("NUMBER", "Seed of every random draw.", min=0, max=2**31 - 1)]
+Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, min=0, max=2**31 - 1)]
 Snr = Annotated[float, option("DB", _SNR, min=-100, max=300)]
 OptionalSnr = Annotated[float | None, option("DB", _SNR, min=-100, max=300)]
 Scheduler = Annotated[
@@ -187,7 +195,7 @@ def _argument(taken: Mapping[str, Option]) -> Any:
     for method, each in taken.items():
         unit = f" ({each.unit})" if each.unit else ""
         defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
-    listed = "; ".join(f"{default} by {', '.join(names)}" for default, names in defaults.items())
+    listed = "; ".join(f"{default} for {', '.join(names)}" for default, names in defaults.items())
     words = option(
         "NUMBER",
         f"{first.help} Default: {listed}.",

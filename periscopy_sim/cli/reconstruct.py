@@ -16,6 +16,10 @@ from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
+_UNCERTAIN = (
+    "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
+    "values. [default: all that have a declared or calibrated error]"
+)
 OPTIONAL = (
     "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
 )  # fmt: skip
@@ -36,11 +40,11 @@ def reconstruct(
     numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
-        options.option("IMAGE", f"The hidden image, if known: {options.IMAGE}; adds metrics."),
+        options.option("IMAGE", f"Hidden image, if known: {options.IMAGE}.", group=options.OUTPUT),
     ] = None,
     uncertain: Annotated[
         str | None,
-        options.option("NAME[=ERROR],...|none", "Uncertain scene <default>s.", group=options.SCENE),
+        options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE),
     ] = None,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,

@@ -66,7 +66,7 @@ def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: M
     from matplotlib.colors import LogNorm
 
     across, up = values_of(rows[0])
-    figure.set_size_inches(3.6 * len(shown) + 0.4, 3.6)
+    figure.set_size_inches(2.7 * len(shown) + 0.3, 2.9)
     axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
     for ax, number in zip(axes, shown, strict=True):

@@ -91,10 +91,10 @@ def show(
 
     figure: Any = plt.figure(layout="constrained")
     panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
-    # Notebooks draw all open figures; IPython would draw this one, as a cell's last value, again.
-    figure._ipython_display_ = lambda: None
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
+    elif plt.get_backend().endswith("inline"):
+        figure._ipython_display_ = lambda: _display_once(figure)
     return figure
 
 
@@ -109,3 +109,13 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
             "(rows, columns, 3) or (rows, columns)"
         )
     return displayable(np.broadcast_to(values, (*values.shape[:2], 3)), white)
+
+
+def _display_once(figure: Any) -> None:
+    """Display a figure, and close it: notebooks display open figures again after each cell."""
+    from IPython import display
+    from matplotlib import pyplot as plt
+
+    del figure._ipython_display_
+    plt.close(figure)
+    display.display(figure)

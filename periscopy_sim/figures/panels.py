@@ -74,9 +74,10 @@ def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, un
 def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -> Any:
     """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles; return the axes.
 
-    The figure becomes as large as pictures of `height` inches need.
+    The figure becomes as large as pictures of `height` inches need, but no wider than a page.
     """
     aspects = [picture.shape[1] / picture.shape[0] for _, picture in panels]
+    height = min(height, 8 / sum(aspects))
     figure.set_size_inches(height * sum(aspects) + 0.2, height + 0.4)
     axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
     for ax, (title, picture) in zip(axes, panels, strict=True):

@@ -5,6 +5,7 @@ scalar variant scenes load, which is all that closed forms need; rays need anoth
 """
 
 import os
+import platform
 import re
 import site
 import sys
@@ -27,10 +28,14 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
+_LLVM_OF_SYSTEM = {
+    "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
+    "Darwin": "brew install llvm",
+    "Windows": f"github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}",
+}
 INSTALL_LLVM = (
-    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: pip install 'periscopy_sim[llvm]' (Linux, "
-    "x86-64), apt-get install libllvm19, brew install llvm, or conda install libllvm19; Windows: "
-    f"the installer from github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}"
+    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
+    f"{_LLVM_OF_SYSTEM.get(platform.system(), 'conda install libllvm19')}"
 )
 
 
@@ -66,13 +71,19 @@ def choose_llvm() -> str:
     if named is None:
         late = f"; call periscopy_sim.use_variant() before importing mitsuba to use {own}"
         return f"the system's{late if own is not None else ''}"
-    return f"of this environment, {named}" if named == str(own) else f"by {LLVM_FILE}, {named}"
+    if named != str(own):
+        return f"by {LLVM_FILE}, {named}"
+    return f"{named}; this environment's goes before the system's"
 
 
 def examine_variants() -> list[VariantReport]:
-    """Return what there is to say of the variants in `PREFERENCE`, best first."""
+    """Report on each variant in `PREFERENCE`; a VariantError names a library Mitsuba lacks."""
     origin = choose_llvm()
-    import drjit as dr
+    try:
+        import drjit as dr
+    except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
+        install = "install what is missing, such as apt-get install libatomic1"
+        raise VariantError(f"Mitsuba: {error.__context__ or error}; {install}") from error
 
     cuda, metal, llvm = (
         bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")

@@ -44,7 +44,7 @@ def run(*command, **environment):
 
 def test_help_lists_every_command_in_whole_lines(succeeds, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    listed = succeeds("--help").partition("─ Commands ")[2].splitlines()
+    listed = succeeds("--help").partition("─ Start ")[2].splitlines()
     names = {line.split()[1] for line in listed if line.startswith("│")}
     assert names == COMMANDS == set(PARSER.list_commands(None))
     assert not any("..." in line for line in listed)

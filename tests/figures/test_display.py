@@ -1,3 +1,6 @@
+import sys
+from types import SimpleNamespace
+
 import matplotlib
 import numpy as np
 import pytest
@@ -62,6 +65,20 @@ def test_file_holds_what_the_screen_shows(image, tmp_path):
     np.testing.assert_array_equal(pixels, enlarged)  # 20 rows become 260
     with pytest.raises(OutputError):
         ps.save_png(tmp_path, image)
+
+
+def test_notebook_displays_a_figure_once(image, monkeypatch):
+    from matplotlib import pyplot as plt
+
+    displayed = []
+    monkeypatch.setattr(plt, "get_backend", lambda: "inline")
+    figure = ps.show(image)
+    fake = SimpleNamespace(display=SimpleNamespace(display=displayed.append))
+    monkeypatch.setitem(sys.modules, "IPython", fake)
+    assert plt.fignum_exists(figure.number) and not displayed
+    figure._ipython_display_()  # IPython calls it, for a cell's last value or after the cell
+    assert displayed == [figure] and not plt.fignum_exists(figure.number)
+    assert not hasattr(figure, "_ipython_display_")
 
 
 def test_images_stand_side_by_side_each_with_its_own_exposure(image):

@@ -68,6 +68,13 @@ def test_fastest_variant_that_works_is_chosen(backends, facts, best):
     assert use_variant() == best == fake.current
 
 
+def test_a_library_that_mitsuba_lacks_is_the_users_to_install(backends, monkeypatch):
+    backends()
+    monkeypatch.setitem(sys.modules, "drjit", None)  # so that its import fails
+    with pytest.raises(VariantError, match="drjit"):
+        examine_variants()
+
+
 @pytest.mark.parametrize("llvm", [None, 14, 16])
 def test_scalar_is_the_last_resort(backends, llvm):
     fake = backends(llvm=llvm)
@@ -139,6 +146,7 @@ import mitsuba as mi
 import periscopy_sim as ps
 from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+from periscopy_sim.rendering.variant import INSTALL_LLVM
 scene = ps.load_scenario(sys.argv[1], (1, 1))
 assert mi.variant() == "scalar_rgb" and ps.analytic_transport(scene).all()
 for render in (
@@ -151,7 +159,7 @@ for render in (
     try:
         render()
     except VariantError as error:
-        assert "periscopy_sim[llvm]" in str(error)
+        assert INSTALL_LLVM in str(error)
         print("refused")
 """
 

@@ -32,7 +32,7 @@ Files = list[Path] | None
 def prepare(
     photos: Annotated[
         list[Path],
-        typer.Argument(metavar="PHOTO...", help="Photographs of one exposure, averaged."),
+        typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged."),
     ],
     scene: options.SceneOption,
     out: options.OutFile,

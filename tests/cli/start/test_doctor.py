@@ -5,7 +5,7 @@ from importlib import metadata
 
 import pytest
 
-from periscopy_sim.rendering.variant import examine_variants
+from periscopy_sim.rendering.variant import INSTALL_LLVM, examine_variants
 
 
 def examine(**environment):
@@ -44,4 +44,4 @@ def test_lack_of_llvm_is_shown_with_what_to_install():
     ended = examine(PERISCOPY_VARIANT="", DRJIT_LIBLLVM_PATH="no-such-library")
     assert ended.returncode == 0
     assert ended.stdout.splitlines()[-1] == "rendering    with scalar_rgb"
-    assert "periscopy_sim[llvm]" in ended.stdout
+    assert INSTALL_LLVM in ended.stdout
