@@ -79,7 +79,10 @@ _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
 _MASK = "A picture of the photograph's size, black where the wall is not used."
 _OFF = "A photograph of the wall with the monitor off; repeatable."
-_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
+_COLOURS = (
+    "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels, or a raw "
+    "file of the camera."
+)
 _SAMPLES = "Shadow rays to a patch from each wall point, where rays render A (16)."
 _MODEL = (
     "A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). Where no "
