@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
-from periscopy_sim.calibration.prior import Free, free_parameters, uncertain_parameters
+from periscopy_sim.calibration.prior import (
+    Free,
+    declared_errors,
+    free_parameters,
+    uncertain_parameters,
+)
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
 from periscopy_sim.calibration.scene_covariance import ruled_values
@@ -73,7 +78,9 @@ def calibrate(
     uncertain
         Standard errors of ``<default>``s that keep their value, independent of each other. They
         only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
-        Methods for Discrete Sequential Estimation, 1977, chapter 8).
+        Methods for Discrete Sequential Estimation, 1977, chapter 8). By default, those that the
+        scene declares of all that is not free: beside a monitor that stands 5 mm off, the place of
+        an occluder alone, found to 0.04 mm, was wrong by 36 of its errors.
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
         their names to them: their light is projected out.
@@ -110,10 +117,13 @@ def calibrate(
     path = find_scene(scene)
     defaults = {name: str(value) for name, value in (parameters or {}).items()}
     errors = free_parameters(path, free, defaults, uncertain or {})
+    if uncertain is None:
+        declared = declared_errors(path, defaults).items()
+        uncertain = {name: error for name, error in declared if error > 0 and name not in errors}
     names = tuple(errors)
     centers = ruled_values(path, names, defaults)
     defaults |= {name: f"{value:.17g}" for name, value in zip(names, centers, strict=True)}
-    held = uncertain_parameters(path, names, defaults, uncertain or {})
+    held = uncertain_parameters(path, names, defaults, uncertain)
     scenario = load_scenario(path, hidden, defaults)
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(

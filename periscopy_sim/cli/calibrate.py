@@ -28,7 +28,10 @@ _FREE = (
     "<default>s to find, such as occluder_dx,occluder_dz=0.005: ERROR is the standard deviation of "
     "the measured value. [default: all NAME with a NAME_error]"
 )
-_UNCERTAIN = "Standard errors of <default>s that stay; those of the result count them; repeatable."
+_UNCERTAIN = (
+    "Standard errors of <default>s that stay; those of the result count them; 'none' counts none; "
+    "repeatable. [default: all NAME_error of what is not free]"
+)
 _SILHOUETTE = "Find the form of this shape, a flat mask of cells in the rectangle about it."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
 _OUT = "Scene to write, NAME.xml; beside it NAME.json and NAME.png."
@@ -148,8 +151,9 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     path, given = session.path, session.definitions
     inputs.spare(*outputs)
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    errors = arguments.known_errors(",".join(uncertain), path, given)
-    start_values(path, list(free_parameters(path, freed, given, errors)), given)
+    named = "" if uncertain == ["none"] else ",".join(uncertain)
+    errors = arguments.known_errors(named, path, given) if uncertain else None
+    start_values(path, list(free_parameters(path, freed, given, errors or {})), given)
     with ExitStack() as stack:
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
@@ -297,8 +301,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
             f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
         )
-    if result.uncertain.names:
-        names = ", ".join(result.uncertain.names)
+    if held := result.uncertain.names:
+        names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
         say(f"standard errors include those of the fixed parameters: {names}")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is None:
