@@ -178,8 +178,7 @@ def raw_colours(path: Path) -> NDArray[np.float64]:
     import rawpy  # as above
 
     unknown = PhotographError(
-        f"{path}: states no colour matrix; give one of 3 x 3 numbers, such as `calibrate --shown` "
-        "estimates"
+        f"{path}: states no colours of its camera; give a matrix of 3 x 3 numbers"
     )
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         balanced, gains = raw.color_matrix[:, :3], np.array(raw.daylight_whitebalance[:3])
