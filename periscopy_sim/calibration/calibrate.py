@@ -10,6 +10,7 @@ from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
+    declared_errors,
     free_parameters,
     ruled_values,
     uncertain_parameters,
@@ -73,7 +74,9 @@ def calibrate(
     uncertain
         Standard errors of ``<default>``s that keep their value, independent of each other. They
         only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
-        Methods for Discrete Sequential Estimation, 1977, chapter 8).
+        Methods for Discrete Sequential Estimation, 1977, chapter 8). By default, those that the
+        scene declares of all that is not free: beside a monitor that stands 5 mm off, the place of
+        an occluder alone, found to 0.04 mm, was wrong by 36 of its errors.
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
         their names to them: their light is projected out.
@@ -108,10 +111,14 @@ def calibrate(
             "each"
         )
     scenario = load_scenario(scene, hidden, parameters)
-    errors = free_parameters(scenario.document, free, uncertain or {})
+    document = scenario.document
+    errors = free_parameters(document, free, uncertain or {})
+    if uncertain is None:
+        declared = declared_errors(document).items()
+        uncertain = {name: error for name, error in declared if error > 0 and name not in errors}
     names = tuple(errors)
-    centers = ruled_values(scenario.document, names)
-    held = uncertain_parameters(scenario.document, names, uncertain or {})
+    centers = ruled_values(document, names)
+    held = uncertain_parameters(document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
     if hidden_fraction(scenario) < LEAST:
         raise SceneError(

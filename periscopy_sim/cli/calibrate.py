@@ -29,7 +29,10 @@ _FREE = (
     "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
     "the measured value. [default: all NAME with a NAME_error]"
 )
-_UNCERTAIN = "Standard errors of fixed <default>s, which the result's errors include; repeatable."
+_UNCERTAIN = (
+    "Standard errors of fixed <default>s, which the result's errors include; 'none' includes none; "
+    "repeatable. [default: all NAME_error of what is not free]"
+)
 _SILHOUETTE = "Recover this shape's silhouette instead: a flat mask of cells within its rectangle."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
 _OUT = "Scene to write, NAME.xml, with NAME.json and NAME.png beside it."
@@ -149,8 +152,9 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     inputs.spare(*outputs)
     document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    errors = arguments.known_errors(",".join(uncertain), document)
-    start_values(document, list(free_parameters(document, freed, errors)))
+    named = "" if uncertain == ["none"] else ",".join(uncertain)
+    errors = arguments.known_errors(named, document) if uncertain else None
+    start_values(document, list(free_parameters(document, freed, errors or {})))
     with ExitStack() as stack:
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
@@ -295,8 +299,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
             f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
         )
-    if result.uncertain.names:
-        names = ", ".join(result.uncertain.names)
+    if held := result.uncertain.names:
+        names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
         say(f"standard errors include those of the fixed parameters: {names}")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is None:

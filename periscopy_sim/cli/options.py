@@ -87,7 +87,10 @@ _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
 _MASK = "A picture of the photograph's size; its black pixels are not used."
 _OFF = "Background photograph, with the monitor off; repeatable."
-_COLOURS = "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels."
+_COLOURS = (
+    "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels, or a raw "
+    "file of the camera."
+)
 _SAMPLES = "Shadow rays from each wall point to each patch, if rays compute A (16)."
 _MODEL = (
     "Compute A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). "

@@ -10,6 +10,7 @@ from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding
+from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
 
 
 def read_colour_matrix(path: str | Path) -> ColourMatrix:
@@ -19,7 +20,7 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
     ----------
     path
         An NPY file, a JSON file of three rows, or a text file of three lines of three numbers,
-        separated by commas.
+        separated by commas. Or a camera's raw file, which states the matrix for sRGB primaries.
 
     Raises
     ------
@@ -27,6 +28,8 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return ColourMatrix(raw_colours(path))
     with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
         if path.suffix == ".npy":
             return ColourMatrix(np.load(path, allow_pickle=False))

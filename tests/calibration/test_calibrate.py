@@ -9,6 +9,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
+from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import CALIBRATED
@@ -109,6 +110,10 @@ def test_uncertain_parameters_move_values_as_when_all_is_found_again(small: Smal
     held = calibrated(y, **options, uncertain={"monitor_dz": error})
     (one,), (other,) = alone.parameters, held.parameters
     assert other.value == one.value
+    assert {*alone.uncertain.names, "occluder_dz"} == set(
+        free_parameters(find_scene("chair"), None, SIZE)
+    )
+    assert one.standard_error > other.standard_error
     assert other.statistical_error == pytest.approx(one.statistical_error)
     (move,) = held.moves[0]
     assert other.standard_error == pytest.approx(np.hypot(one.statistical_error, move))

@@ -11,7 +11,7 @@ degree 1 and 2 over the wall. Without g the mask makes up for the falloff that t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,8 +121,15 @@ class Mask:
 def known_pictures(
     background: Array, photographs: Sequence[Array], pictures: Sequence[Array]
 ) -> Likelihood:
-    """Return the likelihood of photographs, (M, 3), of pictures, (R, C, 3), in any mixtures."""
-    images = [SmoothImages.shown(picture) for picture in pictures]
+    """Return the likelihood of P photographs, (M, 3), of pictures, (R, C, 3), in any mixtures.
+
+    The columns of A are the light of each picture's three colours, (M, 3 P).
+    """
+    columns = np.hsplit(np.eye(3 * len(pictures)), len(pictures))
+    images = [
+        replace(SmoothImages.shown(picture), basis=basis)
+        for picture, basis in zip(pictures, columns, strict=True)
+    ]
 
     def likelihood(A: Matrix) -> Explained:
         fits = [f.explain(A, background, y) for y, f in zip(photographs, images, strict=True)]

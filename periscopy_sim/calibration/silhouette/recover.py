@@ -126,23 +126,26 @@ def recover_silhouette(
         if shown:
             pictures = [area_average(each, patches) for each in shown]
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
+            colours = np.hstack([picture.reshape(-1, 3) for picture in pictures])
+            masked = replace(masked, shadows=masked.shadows.before(colours))
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
             images, coarse = SmoothImages.hats(patches, patches), Averaged.of(read, LARGEST // 4)
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
-            image = UnknownImage(ys[0], Q, images)
+            unknown = UnknownImage(ys[0], Q, images)
             seen = UnknownImage(coarse.light[0][coarse.pixels], Q_few, images)
             report = progress or (lambda _: None)
-            fit, agreeing = search((few, seen), (masked, image), seed, report)
+            fit, agreeing = search((few, seen), (masked, unknown), seed, report)
             starts = STARTS
-            likelihood = image.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
+            likelihood = unknown.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
         without = masked.fit(np.zeros(cells), fit.gain, likelihood)
     if not is_significant(2 * (without.objective - fit.objective), fit.opacities.size):
         raise PhotographError(
             f"the photograph shows no shadow of '{shape}' in its rectangle; its silhouette cannot "
             "be found"
         )
+    image = colours @ fit.explained.image if shown else fit.explained.image
     if progress is not None:
         progress(1.0)
     scale = float(np.sqrt(np.mean(np.square(ys))))
@@ -157,7 +160,7 @@ def recover_silhouette(
         plane=plane,
         opacities=fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
-        image=fit.explained.image.reshape(*patches, 3),
+        image=image.reshape(*patches, 3),
         unexplained=unexplained,
         unexplained_open=unexplained_open,
         residual=residual,

@@ -26,10 +26,10 @@ FEWEST = 4
 
 @dataclass(frozen=True, eq=False)
 class CellShadows:
-    """The light that each of K cells holds off M pixels, from each of N patches."""
+    """The light that each of K cells holds off M pixels, from each of N patches or pictures."""
 
     open: NDArray[np.float32]  # (M, N) A₀
-    blocked: Any  # (M N, K) sparse: A_k[i, j] is at (i N + j, k)
+    blocked: Any  # (M N, K), sparse or dense: A_k[i, j] is at (i N + j, k)
 
     @classmethod
     def of(
@@ -61,6 +61,12 @@ class CellShadows:
             _cross(pixel, patches, *strata, *cells, random, crossed)
             parts.append(sparse.csr_array(crossed).multiply(light[:, None]).tocsr())
         return cls(A, sparse.vstack(parts, format="csr"))
+
+    def before(self, pictures: Array) -> "CellShadows":
+        """Return the light that cells hold off from J pictures, (N, J), in the place of patches."""
+        N, F = self.open.shape[1], pictures.astype(np.float32)
+        rows = [F.T @ self.blocked[k : k + N] for k in range(0, self.blocked.shape[0], N)]
+        return CellShadows(self.open @ F, np.vstack(rows))
 
     @property
     def light(self) -> Array:

@@ -67,8 +67,9 @@ class UnknownImage:
         """Explain the photograph by a matrix, (M, N)."""
         X, y = self._projected(A), self._projected(self.photograph)
         K, α = self.images.precision, self.ratio
-        H = (X.T @ X).astype(float) + α * K
-        correlation = X.T.astype(float) @ y
+        X64 = X.astype(float)  # in single precision H need not be positive definite
+        H = X64.T @ X64 + α * K
+        correlation = X64.T @ y
         factor = linalg.cholesky(H, check_finite=False)
         whitened = linalg.solve_triangular(factor, correlation, trans="T", check_finite=False)
         image = np.column_stack([nnls(factor, column)[0] for column in whitened.T])

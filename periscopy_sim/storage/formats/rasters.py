@@ -169,6 +169,23 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
     return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
 
 
+def raw_colours(path: Path) -> NDArray[np.float64]:
+    """Read the matrix, (3, 3), from sRGB primaries to the counts of a camera's raw file.
+
+    LibRaw inverts it with rows of sum 1, and has the inverse sums as the gains for daylight.
+    """
+    import rawpy  # as above
+
+    unknown = PhotographError(
+        f"{path}: states no colours of its camera; give a matrix of 3 x 3 numbers"
+    )
+    with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
+        balanced, gains = raw.color_matrix[:, :3], np.array(raw.daylight_whitebalance[:3])
+        if raw.num_colors != 3 or np.allclose(balanced, np.eye(3)) or not gains.all():
+            raise unknown
+        return np.asarray(np.linalg.inv(balanced) / gains[:, np.newaxis], np.float64)
+
+
 def bayer_colours(counts: NDArray[Any], places: Sequence[str] = "RGGB") -> NDArray[Any]:
     """Return half-size colours, (rows, columns, 3), of (2 rows, 2 columns) Bayer counts.
 

@@ -67,6 +67,12 @@ def known(background, shown):
     return known_pictures(background, *shown)
 
 
+@pytest.fixture
+def before_pictures(mask, shown):
+    colours = np.hstack([picture.reshape(-1, 3) for picture in shown[1]])
+    return replace(mask, shadows=mask.shadows.before(colours))
+
+
 def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
     opacities = random.random(CELLS)
     A, Q, K = (
@@ -90,19 +96,25 @@ def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
 
 
 def test_colours_and_ambient_light_are_fitted_by_least_squares(
-    mask, known, shown, background, random
+    mask, before_pictures, known, shown, background, random
 ):
     opacities = random.random(CELLS)
     A = mask.transport(opacities, GAIN)
-    residual = mask.fit(opacities, GAIN, known).explained.residual
+    residual = before_pictures.fit(opacities, GAIN, known).explained.residual
     for y, f, rest in zip(*shown, residual, strict=True):
         misfit = np.linalg.lstsq(np.hstack([A @ f.reshape(-1, 3), background]), y, rcond=None)[1]
         np.testing.assert_allclose(np.sum(rest**2, axis=0), misfit, rtol=1e-3)
 
 
+def test_patches_that_look_alike_are_explained(mask, unknown, random):
+    A = mask.transport(RIGHT, GAIN)[:, :1] * random.random(PATCHES).astype(np.float32)
+    assert np.isfinite(replace(unknown, ratio=1e-12)(A).evidence)
+
+
 @pytest.mark.parametrize("kind", ["unknown", "known"])
-def test_gradients_are_those_of_values(kind, mask, request, random):
+def test_gradients_are_those_of_values(kind, request, random):
     likelihood = request.getfixturevalue(kind)
+    mask = request.getfixturevalue("before_pictures" if kind == "known" else "mask")
     point = np.append(0.2 + 0.6 * random.random(COUNT), GAIN)
 
     def fit(point):
@@ -114,12 +126,13 @@ def test_gradients_are_those_of_values(kind, mask, request, random):
     np.testing.assert_allclose(gradient, numeric, rtol=0.03, atol=0.03 * np.abs(numeric).max())
 
 
-def test_the_right_mask_explains_more_than_others(mask, unknown, known, random):
-    for likelihood in (replace(unknown, allowance=0.0), known):
+def test_the_right_mask_explains_more_than_others(mask, before_pictures, unknown, known, random):
+    cases = (mask, replace(unknown, allowance=0.0)), (before_pictures, known)
+    for mask, likelihood in cases:
         right = mask.fit(RIGHT, GAIN, likelihood).objective
         others = (mask.fit(random.random(CELLS), GAIN, likelihood) for _ in range(5))
         assert all(right < other.objective - 10 for other in others)
-    end = mask.descend(np.full(CELLS, 0.5), np.zeros(5), known)
+    end = before_pictures.descend(np.full(CELLS, 0.5), np.zeros(5), known)
     np.testing.assert_allclose(end.opacities, RIGHT, atol=0.1)
     np.testing.assert_allclose(end.gain, GAIN, atol=0.2)
 

@@ -6,6 +6,7 @@ import tifffile
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_sensor_image
+from periscopy_sim.storage.tables import read_colour_matrix
 
 pytest.importorskip("rawpy")
 
@@ -14,11 +15,14 @@ MOSAIC = RNG.integers(700, 16000, (64, 96)).astype(np.uint16)
 WHITE = 16383
 CFA = 32803
 RGGB, GBRG = (0, 1, 1, 2), (1, 2, 0, 1)
+IDENTITY = 10000, 0, 0, 0, 10000, 0, 0, 0, 10000
 
 
-def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA):
+def write_dng(
+    path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA, colours=IDENTITY
+):
     """A DNG of version 1.4: the tags that its specification asks for, and no more."""
-    identity = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
+    matrix = tuple(number for entry in colours for number in (entry, 10000))
     tags = [
         (50706, "B", 4, (1, 4, 0, 0), True),  # DNGVersion
         (50708, "s", 0, "Test Camera", True),  # UniqueCameraModel
@@ -27,7 +31,7 @@ def write_dng(path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometr
         (33422, "B", 4, pattern, True),  # CFAPattern
         (50714, "H", len(black), black if len(black) > 1 else black[0], True),  # BlackLevel
         (50717, "H", 1, WHITE, True),  # WhiteLevel
-        (50721, "2i", 9, identity, True),  # ColorMatrix1
+        (50721, "2i", 9, matrix, True),  # ColorMatrix1
         (50778, "H", 1, 21, True),  # CalibrationIlluminant1
     ]
     if photometric != CFA:
@@ -94,6 +98,14 @@ def test_noise_stays_white(tmp_path):
         beside = np.mean(channel[:, 1:] * channel[:, :-1]) / np.mean(channel**2)
         assert abs(beside) < 5 / 128  # five standard errors
         assert channel.std() == pytest.approx(deviation, rel=0.03)
+
+
+def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path):
+    """Of a Nikon D3, from XYZ, as dcraw's table `adobe_coeff` has them, and sRGB's own."""
+    camera = 8139, -2171, -663, -8747, 16541, 2295, -1925, 2008, 8093
+    srgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    M = read_colour_matrix(write_dng(tmp_path / "y.dng", colours=camera)).matrix
+    np.testing.assert_allclose(M, np.reshape(camera, (3, 3)) / 1e4 @ srgb, atol=1e-3)
 
 
 def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
