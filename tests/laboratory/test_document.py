@@ -87,10 +87,14 @@ def test_mistakes_of_occluders_are_told(tmp_path, entry, message):
 
 
 def test_every_mistake_is_told_at_once(tmp_path):
-    text = LEAST.replace("width: 40 cm", "widht: 40 cm").replace("distance: 1 m", "distance: 1")
+    text = LEAST.replace("width: 40 cm", "widht: 40 cm").replace("distance: 1 m", "distance: .nan")
+    text = text.replace("height: 30", "height: .inf").replace("angle: 1", "angle: nan")
     with pytest.raises(ConfigurationError) as caught:
         load_laboratory(written(tmp_path, text))
-    for part in ("line 2, wall.distance", "line 7, camera.widht", "line 10, monitor.widht"):
+    for part in (
+        *("line 1, errors.angle", "line 2, wall.distance", "line 7, camera.widht"),
+        *("line 8, camera.height", "line 10, monitor.widht", "line 11, monitor.height"),
+    ):
         assert part in str(caught.value)
     assert "\n" not in str(caught.value)
 
