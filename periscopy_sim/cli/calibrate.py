@@ -165,7 +165,8 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         values[CALIBRATED] = SceneCovariance.of(result).text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
-        draw_calibration(png, files["photograph"][0], result, session.metadata)
+        shown = files["photograph"][0]
+        draw_calibration(png, shown, result, session.units, session.metadata)
     say_calibration(result, session.units)
     say_written(*outputs)
     if result.doubts:
@@ -279,7 +280,7 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
-    from periscopy_sim.numerics.percentages import percentages
+    from periscopy_sim.numerics.percentages import percentages, with_error
 
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
@@ -292,11 +293,10 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         source = "by the photograph" if p.determined else "by the ruler"
-        unit = units.get(p.name, "")
-        say(
-            f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
-            f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
-        )
+        value = with_error(p.value, p.standard_error, units.get(p.name, ""))
+        measured = with_error(p.start, p.ruler_error)
+        trust = source if p.trusted else "not to be trusted"
+        say(f"{p.name:{width}}  {value}  measured {measured}  {trust}")
     if result.uncertain.names:
         names = ", ".join(result.uncertain.names)
         say(f"standard errors include those of the fixed parameters: {names}")
@@ -306,12 +306,6 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     else:
         rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
-
-
-def _rounded(value: float, error: float) -> str:
-    """Return a value and its standard error, which has two digits."""
-    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def say_silhouette(solution: "Silhouette") -> None:
