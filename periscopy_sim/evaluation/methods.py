@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import reduce
 from importlib import import_module
 from pathlib import Path
@@ -21,10 +22,13 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.observation import Backgrounds, observation_of
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertain_transport import UncertainTransport
-from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.reconstruction.method import Image, Method, Solution, StillMethod
 from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.report import Report
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
@@ -177,7 +181,7 @@ def own_errors(name: str, what: str) -> Iterator[None]:
 
 
 def image_by(
-    method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
+    method: Method, photograph: Image, hidden_shape: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Reconstruct from a photograph, (rows, columns, 3), and check the image by `promised`."""
     return promised(method.reconstruct(photograph), hidden_shape)
@@ -197,6 +201,50 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
         wrong = np.count_nonzero(~np.isfinite(single))
         raise ValueError(f"returned NaN or infinite values, {wrong} of {single.size}")
     return single
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OwnSolution(Solution[np.float64]):
+    """An image of a user's own method, which has no numbers."""
+
+    def numbers(self) -> dict[str, Any]:
+        """Return nothing."""
+        return {}
+
+
+class OwnMethod(StillMethod[np.float64]):
+    """A user's own method, with the report that a scene's A and B give of any image.
+
+    Its images may be of any scale: of each channel, the report is that of the multiple that fits
+    the photograph best. Parameters other than the method are those of `StillMethod`.
+    """
+
+    def __init__(self, A: Matrix, B: Matrix | None = None, *, method: Method, **observed: Any):
+        super().__init__(A, **observed)
+        self.method = method
+        self._A = self.observation.used_transport(A)
+        self._Q, _ = ambient_basis(self.observation, B, 1e-10, profiles=True)
+
+    def solve(self, photograph: Image) -> OwnSolution:
+        """Return the method's image; a ValueError unless it is (R, C, 3), real and finite."""
+        image = image_by(self.method, photograph, self.hidden_shape).astype(np.float64)
+        return OwnSolution(image, np.zeros(3), 0.0)
+
+    def projected_transport(self) -> TransportOperator | None:
+        """Return A⊥ of the pixels used; None where B explains all of A."""
+        try:
+            return TransportOperator(self._A, self._Q)
+        except ValueError:
+            return None
+
+    def report(self, photograph: Image, solution: OwnSolution) -> Report:
+        """Return the residual and its warnings; see `StillMethod`."""
+        if (transport := self.projected_transport()) is None:
+            return Report()
+        y = transport.project_out(self.observation.vectorized(photograph))
+        light = transport @ self.observation.mixed(solution.image)
+        gains = np.sum(light * y, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-100)
+        return super().report(photograph, replace(solution, image=solution.image * gains))
 
 
 def _takes(fit: Factory, keyword: str) -> bool:
