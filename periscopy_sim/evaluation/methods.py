@@ -71,7 +71,7 @@ def find_method(name: str) -> Factory:
         raise PeriscopyError(
             f"method '{name}': there is no '{attribute}'; check the name"
         ) from error
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
