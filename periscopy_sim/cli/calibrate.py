@@ -165,8 +165,7 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         values[CALIBRATED] = SceneCovariance.of(result).text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
-        shown = files["photograph"][0]
-        draw_calibration(png, shown, result, session.units, session.metadata)
+        draw_calibration(png, files["photograph"][0], result, session.units, session.metadata)
     say_calibration(result, session.units)
     say_written(*outputs)
     if result.doubts:

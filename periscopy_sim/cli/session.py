@@ -236,9 +236,7 @@ class Session(options.OptionGroup):
                 method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
                 **settings,
             )  # fmt: skip
-            if method in METHODS:
-                return fitted
-            return OwnMethod.for_scene(
+            return fitted if method in METHODS else OwnMethod.for_scene(
                 self.scenario, A, B, method=fitted, mask=wall.mask, backgrounds=wall.monitor_off,
                 colour_matrix=colour_matrix,
             )  # fmt: skip

@@ -8,8 +8,8 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import reduce
 from importlib import import_module
 from pathlib import Path
@@ -203,21 +203,8 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
     return single
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class OwnSolution(Solution[np.float64]):
-    """An image of a user's own method, which has no numbers."""
-
-    def numbers(self) -> dict[str, Any]:
-        """Return nothing."""
-        return {}
-
-
 class OwnMethod(StillMethod[np.float64]):
-    """A user's own method, with the report that a scene's A and B give of any image.
-
-    Its images may be of any scale: of each channel, the report is that of the multiple that fits
-    the photograph best. Parameters other than the method are those of `StillMethod`.
-    """
+    """A user's own method; its report is that of the multiple of each channel that fits best."""
 
     def __init__(self, A: Matrix, B: Matrix | None = None, *, method: Method, **observed: Any):
         super().__init__(A, **observed)
@@ -225,26 +212,26 @@ class OwnMethod(StillMethod[np.float64]):
         self._A = self.observation.used_transport(A)
         self._Q, _ = ambient_basis(self.observation, B, 1e-10, profiles=True)
 
-    def solve(self, photograph: Image) -> OwnSolution:
+    def solve(self, photograph: Image) -> Solution[np.float64]:
         """Return the method's image; a ValueError unless it is (R, C, 3), real and finite."""
         image = image_by(self.method, photograph, self.hidden_shape).astype(np.float64)
-        return OwnSolution(image, np.zeros(3), 0.0)
+        return Solution(image, np.zeros(3), 0.0)
 
     def projected_transport(self) -> TransportOperator | None:
         """Return A⊥ of the pixels used; None where B explains all of A."""
-        try:
+        with suppress(ValueError):
             return TransportOperator(self._A, self._Q)
-        except ValueError:
-            return None
+        return None
 
-    def report(self, photograph: Image, solution: OwnSolution) -> Report:
+    def report(self, photograph: Image, solution: Solution[np.float64]) -> Report:
         """Return the residual and its warnings; see `StillMethod`."""
         if (transport := self.projected_transport()) is None:
             return Report()
         y = transport.project_out(self.observation.vectorized(photograph))
         light = transport @ self.observation.mixed(solution.image)
         gains = np.sum(light * y, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-100)
-        return super().report(photograph, replace(solution, image=solution.image * gains))
+        report = super().report(photograph, replace(solution, image=solution.image * gains))
+        return replace(report, numbers=report.residual.numbers() if report.residual else {})
 
 
 def _takes(fit: Factory, keyword: str) -> bool:

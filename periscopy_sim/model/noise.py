@@ -41,8 +41,6 @@ def camera_noise(planes: Array) -> Array | None:
     NaN marks pixels that are not used. None where fewer than `FEWEST` pixels have all their
     neighbours.
     """
-    if min(planes.shape[1:]) < 3:
-        return None
     differences = np.abs(second_differences(planes)).reshape(len(planes), -1)
     used = np.isfinite(differences).all(axis=0)
     if np.count_nonzero(used) < FEWEST:

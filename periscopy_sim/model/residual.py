@@ -32,10 +32,9 @@ BLUR = 2.0
 """Standard deviation in pixels of the Gaussian that parts smooth errors from noise."""
 
 EXCESS = 2.0
-"""Energy of a blurred residual over that of noise, above which the scene does not fit. Of right
-scenes of the chair (63 x 63 pixels, noise from 40 dB to none, path traced or ten times as strong on
-parts of the wall) the largest is 1.5; with an A of 16 rays a patch 1.2 (29 x 36 patches) to 5.6
-(9 x 11). The real chair photograph has 35."""
+"""Energy of a blurred residual over that of noise, above which the scene does not fit. The true
+chair scene has 1.5 at most (63 x 63 pixels, noise of all kinds), with an A of 16 rays a patch 1.2
+(29 x 36 patches) to 5.6 (9 x 11), the real chair photograph 35."""
 
 LARGE = 0.03, 3.0
 """Unexplained light, over the photograph and over what noise alone would leave, above which an
@@ -133,10 +132,7 @@ def residual_of(
 
 
 def _sizes(planes: Array) -> Array:
-    """Return the root mean square of each of (K, rows, columns) planes, NaN left out.
-
-    Noise that varies over the wall has the mean energy; a median would be below it.
-    """
+    """Return the root mean square of (K, rows, columns) planes; a median misses strong noise."""
     return np.asarray(np.sqrt(np.nanmean(planes**2, axis=(1, 2))))
 
 

@@ -44,7 +44,7 @@ def test_least_laboratory(tmp_path):
         ("center: [0 m", "center: [0,5 cm", "line 12, monitor.center: "),
         ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),
         ("kind: rectified", "kind: oblique", r"line 3, camera: .*'oblique'"),
-        ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
+        ("angle: 1 deg", "angle: 0 deg", r"line 1, errors.angle: '0 deg' is not positive"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
     ],
 )

@@ -65,16 +65,11 @@ class RoomPlan:
         core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
         size = float(np.max(np.ptp(core, axis=0)))
         middle = (core.min(axis=0) + core.max(axis=0)) / 2
-        solids = [solid.points for solid in survey.solids]
-        reaches = [
-            size if np.ptp(each, axis=0).max() > size else FARTHEST * size for each in solids
-        ]
-        near = [
-            each
-            for each, reach in zip(solids, reaches, strict=True)
-            if np.abs(each - middle).max() < reach
-        ]
-        points = np.concatenate([core, *near])
+        points = core
+        for each in (solid.points for solid in survey.solids):
+            reach = size if np.ptp(each, axis=0).max() > size else FARTHEST * size
+            if np.abs(each - middle).max() < reach:
+                points = np.concatenate([points, each])
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.09 * float(np.max(high - low))
         self.low, self.high = low - margin, high + margin

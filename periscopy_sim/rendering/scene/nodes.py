@@ -347,8 +347,7 @@ def _file_of(props: Any, document: SceneDocument, path: Path) -> tuple[str, Path
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
     if plugin in ("bitmap", "envmap") and _texels(file) > MOST_TEXELS:
-        most = f"more than {MOST_TEXELS:.3g} pixels"
-        raise SceneError(f"{where}: the file '{file}' has {most}; make it smaller")
+        raise SceneError(f"{where}: the file '{file}' has too many pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)

@@ -24,8 +24,8 @@ class Strict(BaseModel):
         for name in given if isinstance(given, dict) else ():
             if name not in known:
                 advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
-                text, context = f"is not known; {advice}", {"entry": str(name)}
-                mistakes.append({"type": "unknown", "loc": (), "msg": text, "ctx": context})
+                mistakes.append({"type": "unknown", "loc": (), "ctx": {"entry": str(name)}})
+                mistakes[-1]["msg"] = f"is not known; {advice}"
         try:
             checked = check(given)
         except ValidationError as error:
