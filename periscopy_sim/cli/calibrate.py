@@ -293,9 +293,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     for p in result.parameters:
         source = "by the photograph" if p.determined else "by the ruler"
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
-        measured = with_error(p.start, p.ruler_error)
         trust = source if p.trusted else "not to be trusted"
-        say(f"{p.name:{width}}  {value}  measured {measured}  {trust}")
+        say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
     if result.uncertain.names:
         names = ", ".join(result.uncertain.names)
         say(f"standard errors include those of the fixed parameters: {names}")
