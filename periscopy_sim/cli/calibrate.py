@@ -168,8 +168,9 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
-        draw_calibration(png, files["photograph"][0], result, session.metadata)
-    say_calibration(result, document.units)
+        units = document.units
+        draw_calibration(png, files["photograph"][0], result, units, session.metadata)
+    say_calibration(result, units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
@@ -281,7 +282,7 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.model.residual import percentages, with_error
 
     before, after = percentages(*result.unexplained)
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
@@ -294,11 +295,9 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         source = "by the photograph" if p.determined else "by the ruler"
-        unit = units.get(p.name, "")
-        say(
-            f"{p.name:{width}}  {_rounded(p.value, p.standard_error)} {unit}  measured "
-            f"{_rounded(p.start, p.ruler_error)}  {source if p.trusted else 'not to be trusted'}"
-        )
+        value = with_error(p.value, p.standard_error, units.get(p.name, ""))
+        trust = source if p.trusted else "not to be trusted"
+        say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
     if held := result.uncertain.names:
         names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
         say(f"standard errors include those of the fixed parameters: {names}")
@@ -308,12 +307,6 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     else:
         rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
-
-
-def _rounded(value: float, error: float) -> str:
-    """Return a value and its standard error, which has two digits."""
-    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def say_silhouette(solution: "Silhouette") -> None:

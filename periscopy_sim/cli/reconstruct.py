@@ -52,7 +52,6 @@ def reconstruct(
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
-    from periscopy_sim.reconstruction.method import Report
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
@@ -78,11 +77,10 @@ def reconstruct(
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
-            solution = fitted.solve(wall.values) if method in METHODS else None
-            image = fitted.reconstruct(wall.values) if solution is None else solution.image
-            image = promised(image, session.scenario.hidden_shape).astype(np.float64)
+            solution = fitted.solve(wall.values)
+            image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         with session.timed("residual and standard errors"):
-            report = Report() if solution is None else fitted.report(wall.values, solution)
+            report = fitted.report(wall.values, solution)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")
         with session.timed("draw"), progress("drawing"):

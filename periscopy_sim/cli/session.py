@@ -208,7 +208,7 @@ class Session(options.OptionGroup):
         colour_matrix: ps.ColourMatrix | None = None,
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""
-        from periscopy_sim.evaluation.methods import fit_method
+        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
 
         colours = None if colour_matrix is None else colour_matrix.matrix
         self.record |= {**light.origin(matrix), "method": method, **settings}
@@ -219,9 +219,13 @@ class Session(options.OptionGroup):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            return fit_method(
+            fitted = fit_method(
                 method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
                 **settings,
+            )  # fmt: skip
+            return fitted if method in METHODS else OwnMethod.for_scene(
+                self.scenario, A, B, method=fitted, mask=wall.mask, backgrounds=wall.monitor_off,
+                colour_matrix=colour_matrix,
             )  # fmt: skip
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:

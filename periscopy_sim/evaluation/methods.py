@@ -8,7 +8,8 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import reduce
 from importlib import import_module
 from pathlib import Path
@@ -21,10 +22,12 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.observation import Backgrounds, observation_of
+from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Mask
-from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.numerics import Image, Mask
+from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 
@@ -67,7 +70,7 @@ def find_method(name: str) -> Factory:
         raise PeriscopyError(
             f"method '{name}': there is no '{attribute}'; check the name"
         ) from error
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
@@ -176,7 +179,7 @@ def own_errors(name: str, what: str) -> Iterator[None]:
 
 
 def image_by(
-    method: Method, photograph: NDArray[np.float64], hidden_shape: tuple[int, int]
+    method: Method, photograph: Image, hidden_shape: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Reconstruct from a photograph, (rows, columns, 3), and check the image by `promised`."""
     return promised(method.reconstruct(photograph), hidden_shape)
@@ -196,6 +199,37 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
         wrong = np.count_nonzero(~np.isfinite(single))
         raise ValueError(f"returned NaN or infinite values, {wrong} of {single.size}")
     return single
+
+
+class OwnMethod(StillMethod[np.float64]):
+    """A user's own method; its report is that of the multiple of each channel that fits best."""
+
+    def __init__(self, A: Matrix, B: Matrix | None = None, *, method: Method, **observed: Any):
+        super().__init__(A, **observed)
+        self.method = method
+        self._A = self.observation.used_transport(A)
+        self._Q, _ = ambient_basis(self.observation, B, 1e-10, profiles=True)
+
+    def solve(self, photograph: Image) -> Solution[np.float64]:
+        """Return the method's image; a ValueError unless it is (R, C, 3), real and finite."""
+        image = image_by(self.method, photograph, self.hidden_shape).astype(np.float64)
+        return Solution(image, np.zeros(3), 0.0)
+
+    def projected_transport(self) -> TransportOperator | None:
+        """Return A⊥ of the pixels used; None where B explains all of A."""
+        with suppress(ValueError):
+            return TransportOperator(self._A, self._Q)
+        return None
+
+    def report(self, photograph: Image, solution: Solution[np.float64]) -> Report:
+        """Return the residual and its warnings; see `StillMethod`."""
+        if (transport := self.projected_transport()) is None:
+            return Report()
+        y = transport.project_out(self.observation.vectorized(photograph))
+        light = transport @ self.observation.mixed(solution.image)
+        gains = np.sum(light * y, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-100)
+        report = super().report(photograph, replace(solution, image=solution.image * gains))
+        return replace(report, numbers=report.residual.numbers() if report.residual else {})
 
 
 def _takes(fit: Factory, keyword: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
-from periscopy_sim.model.residual import percentages
+from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.scenario import Array
 
 if TYPE_CHECKING:
@@ -21,11 +21,12 @@ def draw_calibration(
     path: Path,
     photograph: Array,
     calibration: "Calibration",
+    units: Mapping[str, str],
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, its residual before and after, and the parameters.
 
-    The photograph is (rows, columns, 3), linear.
+    The photograph is (rows, columns, 3), linear; `units` are those of the parameters that have one.
     """
     warning = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
     heights = [2.9 + warning, 1.1 + 0.22 * len(calibration.parameters)]
@@ -36,7 +37,7 @@ def draw_calibration(
         if calibration.doubts:
             reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
             above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
-        _draw_parameters(beneath.subplots(), calibration)
+        _draw_parameters(beneath.subplots(), calibration, units)
 
 
 def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") -> None:
@@ -53,7 +54,7 @@ def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") ->
     show_signed(axes[1:], maps, bound, "% of the photograph's root mean square")
 
 
-def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
+def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, str]) -> None:
     """Show values and errors over those of the ruler, a row each, and the fine level's path."""
     parameters = calibration.parameters
     rows = np.arange(len(parameters))
@@ -76,7 +77,8 @@ def _draw_parameters(ax: Any, calibration: "Calibration") -> None:
             capsize=2,
             label=f"value ± standard error, {label}",
         )
-    names = [f"{p.name} = {p.value:.4g} ± {p.standard_error:.2g}" for p in parameters]
+    values = [with_error(p.value, p.standard_error, units.get(p.name, "")) for p in parameters]
+    names = [f"{p.name} = {value}" for p, value in zip(parameters, values, strict=True)]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlabel("value − measured value, over the measured value's standard error")

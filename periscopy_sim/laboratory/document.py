@@ -126,13 +126,7 @@ class Errors(Strict):
     """Standard deviations of numbers without an error of their own."""
 
     length: Size | None = None
-    angle: Angle | None = None
-
-    @model_validator(mode="after")
-    def _are_positive(self) -> Self:
-        if self.angle is not None and self.angle.value <= 0:
-            raise ValueError("the error of an angle must be above 0")
-        return self
+    angle: Annotated[Measured, _reader(ANGLES, "1 deg", 0.0)] | None = None
 
 
 class Wall(Strict):

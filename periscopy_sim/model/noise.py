@@ -11,6 +11,9 @@ from scipy import special
 
 from periscopy_sim.numerics import Array
 
+FEWEST = 25
+"""Pixels with all their neighbours, below which the noise is unknown."""
+
 ROUNDING = 1e-7
 """Noise over a photograph's size that rounding in single precision makes."""
 
@@ -31,16 +34,14 @@ def second_differences(planes: Array) -> Array:
     return np.asarray(np.diff(np.diff(planes, n=2, axis=1), n=2, axis=2) / 6)
 
 
-def camera_noise(planes: Array, fewest: int = 25) -> Array | None:
+def camera_noise(planes: Array) -> Array | None:
     """Return the standard deviation of white noise in each of (K, rows, columns) planes, (K,).
 
-    NaN marks pixels that are not used. None where fewer than `fewest` pixels have all their
+    NaN marks pixels that are not used. None where fewer than `FEWEST` pixels have all their
     neighbours.
     """
-    if min(planes.shape[1:]) < 3:
-        return None
     differences = np.abs(second_differences(planes)).reshape(len(planes), -1)
     used = np.isfinite(differences).all(axis=0)
-    if np.count_nonzero(used) < fewest:
+    if np.count_nonzero(used) < FEWEST:
         return None
     return np.asarray(np.median(differences[:, used], axis=1) / special.ndtri(0.75))

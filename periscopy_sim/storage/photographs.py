@@ -15,7 +15,7 @@ from periscopy_sim.photographs.defects import saturated_pixels
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
 from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.formats.srgb import srgb_light
 from periscopy_sim.storage.formats.table import decode_picture, format_of
 
 
@@ -114,7 +114,7 @@ def _linear_light(
         if shape is not None:
             check_size(values.shape[:2], shape, str(path))  # before it becomes eight times as large
         white = np.iinfo(values.dtype).max
-        values, full = srgb_decode(values / white), (values == white).any(axis=2)
+        values, full = srgb_light(values), (values == white).any(axis=2)
         warnings.append(
             f"{path}: {kind}, decoded by the sRGB curve; save linear data as 16-bit PNG or TIFF, "
             "EXR or NPY"

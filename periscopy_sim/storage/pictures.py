@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import with_channels
 from periscopy_sim.storage.formats.decoding import LINEAR
-from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_decode
+from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_light
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -46,12 +46,11 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     values = with_channels(picture.values, str(path))
     if values.size == 0:
         raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
-    light = linear_light(values, path)
-    if picture.is_display and values.dtype.kind == "u" and picture.encoding != LINEAR:
-        light = srgb_decode(light)
+    is_code = values.dtype in (np.uint8, np.uint16) and picture.encoding != LINEAR
+    light = srgb_light(values) if picture.is_display and is_code else linear_light(values, path)
     if picture.alpha is not None:
         light = light * linear_light(picture.alpha, path)  # on black
-    return area_average(light, shape)
+    return area_average(np.broadcast_to(light, (*light.shape[:2], 3)), shape)
 
 
 def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:

@@ -138,6 +138,12 @@ def test_own_method_that_takes_no_mask_is_fitted_without_and_the_user_told():
     assert fitted.A is A
 
 
+@pytest.mark.parametrize("name", ["builtins:__import__", "builtins:dict", "os:_exit"])
+def test_a_callable_that_is_no_method_is_refused(name):
+    with pytest.raises(PeriscopyError):
+        fit_method(name, Scene(), A, B)
+
+
 def test_unknown_name_is_refused_with_the_known_ones():
     with pytest.raises(PeriscopyError) as error:
         find_method("magic")

@@ -42,7 +42,7 @@ def calibration(doubts: tuple[str, ...] = ()) -> Calibration:
 def draw(tmp_path: Path, saved: list[Figure]) -> Draw:
     def figure(shown: Calibration) -> Figure:
         path = tmp_path / "calibration.png"
-        draw_calibration(path, PHOTOGRAPH, shown, {"Source": "s"})
+        draw_calibration(path, PHOTOGRAPH, shown, {"dx": "m"}, {"Source": "s"})
         assert read(path)[0]["Source"] == "s"
         return saved[-1]
 
@@ -64,8 +64,8 @@ def test_each_residual_has_its_title_and_is_in_percent(draw: Draw) -> None:
 def test_parameters_are_shown_over_the_errors_of_their_measured_values(draw: Draw) -> None:
     *_, ax = draw(calibration()).axes
     assert [label.get_text() for label in ax.get_yticklabels()] == [
-        "dx = 0.1 ± 0.01",
-        "turn = 1.6 ± 0.5",
+        "dx = 0.100 ± 0.010 m",
+        "turn = 1.60 ± 0.50",
     ]
     path = next(line for line in ax.get_lines() if line.get_label() == "search")
     np.testing.assert_allclose(path.get_xdata()[:2], [0.11 / 0.05, -0.2 / 0.5])

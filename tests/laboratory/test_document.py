@@ -44,7 +44,7 @@ def test_least_laboratory(tmp_path):
         ("center: [0 m", "center: [0,5 cm", "line 12, monitor.center: "),
         ("  center", "  top_left: [0 m, 0 m, 1 m]\n  center", r"monitor: give one of center, top"),
         ("kind: rectified", "kind: oblique", r"line 3, camera: .*'oblique'"),
-        ("angle: 1 deg", "angle: 0 deg", r"line 1, errors: the error of an angle"),
+        ("angle: 1 deg", "angle: 0 deg", r"line 1, errors.angle: '0 deg' is not positive"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
     ],
 )
@@ -87,10 +87,14 @@ def test_mistakes_of_occluders_are_told(tmp_path, entry, message):
 
 
 def test_every_mistake_is_told_at_once(tmp_path):
-    text = LEAST.replace("width: 40 cm", "widht: 40 cm").replace("distance: 1 m", "distance: 1")
+    text = LEAST.replace("width: 40 cm", "widht: 40 cm").replace("distance: 1 m", "distance: .nan")
+    text = text.replace("height: 30", "height: .inf").replace("angle: 1", "angle: nan")
     with pytest.raises(ConfigurationError) as caught:
         load_laboratory(written(tmp_path, text))
-    for part in ("line 2, wall.distance", "line 7, camera.widht", "line 10, monitor.widht"):
+    for part in (
+        *("line 1, errors.angle", "line 2, wall.distance", "line 7, camera.widht"),
+        *("line 8, camera.height", "line 10, monitor.widht", "line 11, monitor.height"),
+    ):
         assert part in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -45,6 +45,7 @@ def paint(scale, seed=0):
 
 
 def photograph(A=A, wall=0.0, noise=NOISE, seed=0):
+    """Return a photograph; its noise is a number, or one per pixel, (rows, columns, 1)."""
     light = (A @ TRUTH + 8 * B[:, :1] + B[:, 1:2]).reshape(*SHAPE, 3) * (1 + wall)
     draw = np.random.default_rng(seed).standard_normal(light.shape)
     return (light + noise * np.sqrt(np.mean(light**2)) * draw) * SCENE.channel_gain
@@ -208,9 +209,17 @@ def test_residual_stands_out_of_the_noise_that_images_leave():
 
 def test_right_scenes_fit_whatever_the_noise():
     method = METHODS["noise-aware"](SCENE, A, B)
+    brighter = 1e-3 * np.where(U > 0.4, 10, 1)[..., None]  # as that of few rays
     for seed in range(40):
-        y = photograph(noise=5e-3, seed=seed)
-        assert method.report(y, method.solve(y)).residual.diagnosis == "fits"
+        for noise in (5e-3, brighter):
+            y = photograph(noise=noise, seed=seed)
+            assert method.report(y, method.solve(y)).residual.diagnosis == "fits"
+
+
+def test_wrong_scenes_do_not_fit_whatever_the_noise():
+    method = METHODS["noise-aware"](SCENE, A, B)
+    y = photograph(transport(0.06), noise=1e-3 * np.where(U > 0.4, 10, 1)[..., None])
+    assert method.report(y, method.solve(y)).residual.diagnosis == "does_not_fit"
 
 
 @pytest.mark.parametrize(

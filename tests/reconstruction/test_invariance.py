@@ -1,6 +1,7 @@
 """Images do not depend on how a photograph, A and B are written down."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.registry import METHODS as ENTRIES
 
 SHAPE, HIDDEN = (14, 15), (4, 5)
 M, N = 210, 20
@@ -20,6 +22,7 @@ A = (PATTERNS[0] * np.geomspace(1, 3e-2, N)) @ PATTERNS[1].T + 0.5
 B = np.stack([np.ones(M), U, V], axis=1)
 TRUTH = RNG.uniform(0.2, 1, (N, 3))
 Y = A @ TRUTH + B @ np.array([[9], [1], [2]]) + 3e-3 * RNG.standard_normal((M, 3))
+SCENE = SimpleNamespace(photograph_shape=SHAPE, hidden_shape=HIDDEN, channel_gain=np.ones(3))
 METHODS = [NoiseAware, Periscope, IterativePeriscope]
 TOLERANCE = 3e-4
 """Relative, of an image: ten times what single precision makes of these A."""
@@ -64,6 +67,22 @@ WRITINGS = st.builds(
     dtype=st.sampled_from(["f8", ">f8", "f4", ">f4", "longdouble"]),
     order=st.sampled_from("CF"),
 )
+
+
+@pytest.mark.parametrize("name", [name for name, entry in ENTRIES.items() if not entry.needs])
+@pytest.mark.parametrize("value", [0.0, 5.0])
+def test_a_constant_channel_disturbs_no_other(name, value):
+    """Not by more than the coupling of edges; its own image is finite."""
+    repairs = any(option.name == "repair_threshold" for option in ENTRIES[name].options)
+    # The threshold of repairs is one for all channels.
+    method = ENTRIES[name](SCENE, A, B, **({"repair_threshold": 1e9} if repairs else {}))
+    y = Y.reshape(*SHAPE, 3).copy()
+    expected = method.reconstruct(y)
+    y[..., 2] = value
+    image = method.reconstruct(y)
+    assert np.isfinite(image).all()
+    error = np.linalg.norm((image - expected)[..., :2]) / np.linalg.norm(expected[..., :2])
+    assert error < 0.05
 
 
 @pytest.mark.parametrize("kind", METHODS)

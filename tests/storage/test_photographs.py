@@ -262,6 +262,21 @@ def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
     assert capfd.readouterr() == ("read 40\n", "")
 
 
+def test_the_remedy_for_a_matlab_file_gives_its_photograph(tmp_path):
+    (tmp_path / "y.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+    with pytest.raises(PhotographError, match="MATLAB") as caught:
+        read(tmp_path / "y.mat")
+    remedy = str(caught.value).rpartition(": ")[2].replace("y(:)", "y")
+    y = RNG.uniform(0, 3, (*SHAPE, 3))
+    matlab = {  # whose integers round
+        "uint16": lambda values: np.rint(values).astype(np.uint16),
+        "imwrite": lambda values, name: save_png(tmp_path / name, values),
+    }
+    eval(remedy, {"y": y, "max": np.max, **matlab})
+    photograph = read(tmp_path / "y.png").values
+    np.testing.assert_allclose(photograph * y.max() / 65535, y, atol=y.max() / 131070)
+
+
 MASK = np.random.default_rng(3).random((7, 9)) > 0.4
 MASK[0, 0], MASK[-1, -1] = False, True
 

@@ -11,9 +11,9 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.scenario import Array, Scenario
 
-FARTHEST = 1.0
-"""Times the size of camera, monitor and view: things that reach farther from their middle (a floor,
-a room) are drawn as far as they are in sight."""
+FARTHEST = 4.0
+"""Times the size of camera, monitor and view, from their middle, up to which occluders that are
+smaller than this size are in sight; of larger ones, such as a floor, up to one size."""
 
 COVERING = 0.15
 """Fraction of a panel; a thing that covers more is drawn as its ground."""
@@ -61,10 +61,13 @@ class RoomPlan:
         self.axes = 1 - depth, depth, 2
         self.signs = 1 if rightwards >= 0 else -1, 1 if normal[depth] <= 0 else -1, 1
         core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
-        reach = FARTHEST * float(np.max(np.ptp(core, axis=0)))
+        size = float(np.max(np.ptp(core, axis=0)))
         middle = (core.min(axis=0) + core.max(axis=0)) / 2
-        near = [s.points for s in survey.solids if np.abs(s.points - middle).max() < reach]
-        points = np.concatenate([core, *near])
+        points = core
+        for each in (solid.points for solid in survey.solids):
+            reach = size if np.ptp(each, axis=0).max() > size else FARTHEST * size
+            if np.abs(each - middle).max() < reach:
+                points = np.concatenate([points, each])
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.09 * float(np.max(high - low))
         self.low, self.high = low - margin, high + margin

@@ -116,10 +116,10 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.transport = TransportOperator(A, Q)
         pixels, patches = self.transport.shape
         self._strongest = max(min(EIGENVECTORS, patches // 8), 1)
-        if (rank := Q.shape[1]) + self._strongest >= pixels:
+        if (rank := Q.shape[1]) + patches > pixels:
             raise ValueError(
-                f"{pixels} pixels show nothing beside {rank} patterns of ambient light; use more "
-                "pixels, or fewer backgrounds"
+                f"{pixels} pixels do not determine {patches} patches beside {rank} patterns of "
+                "ambient light; use more pixels, or fewer patches or backgrounds"
             )
 
     def solve(self, photograph: Image) -> IterativeReconstruction:

@@ -67,8 +67,8 @@ def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and (size := _texels(file)) > MOST_TEXELS:
-        raise SceneError(f"{where}: the file '{file}' has {size} pixels; make it smaller")
+    if plugin in ("bitmap", "envmap") and _texels(file) > MOST_TEXELS:
+        raise SceneError(f"{where}: the file '{file}' has too many pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)

@@ -21,3 +21,9 @@ def srgb_decode(encoded: ArrayLike) -> NDArray[np.float64]:
     encoded = np.asarray(encoded, dtype=np.float64)
     power = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, power)
+
+
+def srgb_light(codes: NDArray[np.unsignedinteger]) -> NDArray[np.float64]:
+    """Return the linear light of 8- or 16-bit sRGB values, 1 for the largest, by a table."""
+    white = np.iinfo(codes.dtype).max
+    return np.asarray(srgb_decode(np.arange(white + 1) / white)[codes])

@@ -16,16 +16,26 @@ class Strict(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _knows(cls, given: Any) -> Any:
+    def _knows(cls, given: Any, check: Any) -> Any:
         known = [field.alias or name for name, field in cls.model_fields.items()]
+        mistakes: list[Any] = []
         for name in given if isinstance(given, dict) else ():
             if name not in known:
                 advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
-                context = {"entry": str(name), "advice": advice}
-                raise PydanticCustomError("unknown", "is not known; {advice}", context)
-        return given
+                mistakes.append({"type": "unknown", "loc": (), "ctx": {"entry": str(name)}})
+                mistakes[-1]["msg"] = f"is not known; {advice}"
+        try:
+            checked = check(given)
+        except ValidationError as error:
+            mistakes += error.errors(include_url=False)
+        if not mistakes:
+            return checked
+        for each in mistakes:
+            context = {**each.get("ctx", {}), "text": each["msg"]}
+            each |= {"type": PydanticCustomError(each["type"], "{text}", context), "input": None}
+        raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
 def _rows_and_columns(given: Any) -> Any:
@@ -81,7 +91,7 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
             error.errors(include_url=False), key=lambda each: each["type"] != "unknown"
         )
         messages = [_located(document, each) + each["msg"] for each in mistakes]
-        text = "; ".join(messages).replace("Value error, ", "")
+        text = "; ".join(dict.fromkeys(messages)).replace("Value error, ", "")
         raise ConfigurationError(
             f"{path}: {text.replace('Field required', 'is missing')}"
         ) from None

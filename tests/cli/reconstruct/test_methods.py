@@ -76,6 +76,7 @@ def test_own_method_stands_in(place, light, reconstruct, hidden, tmp_path):
         (tmp_path / name).write_text(MINE)
     image, summary = reconstruct("y.npy", "--method", f"{place}:Mine")
     assert np.allclose(image, hidden, rtol=1e-5)
+    assert summary["diagnosis"] == "fits" and (tmp_path / "out" / "residual.png").is_file()
     assert summary["method"] == f"{place}:Mine"
     assert summary["method_sha256"] == hashlib.sha256(MINE.encode()).hexdigest()
 

@@ -156,6 +156,12 @@ def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_p
     assert (layout.low > -1.5).all() and (layout.high < 2.5).all()
 
 
+def test_an_occluder_beside_the_view_is_drawn_whole():
+    layout = RoomPlan(load_scenario("chair", (4, 5), {"occluder_dx": 3}, photograph=(16, 16)))
+    points = np.concatenate([solid.points for solid in layout.standing()])
+    assert len(points) and (points > layout.low).all() and (points < layout.high).all()
+
+
 def test_wall_that_lies_is_refused(tmp_path):
     text = find_scene("plate").read_text()
     for kind in ("rectangle", "sensor"):
