@@ -110,9 +110,7 @@ def test_uncertain_parameters_move_values_as_when_all_is_found_again(small: Smal
     held = calibrated(y, **options, uncertain={"monitor_dz": error})
     (one,), (other,) = alone.parameters, held.parameters
     assert other.value == one.value
-    assert {*alone.uncertain.names, "occluder_dz"} == set(
-        free_parameters(find_scene("chair"), None, SIZE)
-    )
+    assert {*alone.uncertain.names, "occluder_dz"} == set(free_parameters(small.scenario.document))
     assert one.standard_error > other.standard_error
     assert other.statistical_error == pytest.approx(one.statistical_error)
     (move,) = held.moves[0]
