@@ -74,8 +74,11 @@ class Layout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
+        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        stacks |= {"background": pixels} if self.keep_background else {}
         laid_out: dict[str, dict[str, Any]] = {}
-        for name, (shape, dimensions, dtype) in self._stacks().items():
+        for name, (shape, dimensions, dtype) in stacks.items():
             # Noise leaves signs and exponents alike: shuffled bits compress them.
             settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
             blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
@@ -96,12 +99,6 @@ class Layout:
             }  # fmt: skip
         cuts = {"sample": (self.count, self.block)}
         return StoreLayout("data set", laid_out, cuts, self.count)
-
-    def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
-        """Return shape, dimensions and type of a sample's pictures."""
-        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
-        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
-        return {**stacks, **({"background": pixels} if self.keep_background else {})}
 
 
 def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:

@@ -16,7 +16,6 @@ EDGE = 1e-4
 """Fraction of the picture's size by which its corners are looked at within it: rounding must not
 carry them outside."""
 
-
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
 
