@@ -58,8 +58,7 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
     positive = np.maximum(np.asarray(estimate, np.float64), 0)
     energy = np.sum(positive**2, axis=(0, 1))
     gain = np.sum(positive * truth, axis=(0, 1)) / np.where(energy > 0, energy, 1)
-    matched: Array = np.clip(gain * positive, 0, 1)
-    return matched
+    return np.asarray(np.clip(gain * positive, 0, 1))
 
 
 def mean_squared_error(estimate: Image, truth: Image) -> float:

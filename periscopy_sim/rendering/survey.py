@@ -80,8 +80,7 @@ class Survey:
         """Return the share of targets (k, 3) that nothing hides from each point (n, 3)."""
         starts = np.repeat(points, len(targets), axis=0)
         ends = np.tile(targets, (len(points), 1))
-        lit: Array = np.mean(~self.blocked(starts, ends).reshape(len(points), -1), axis=1)
-        return lit
+        return np.asarray(np.mean(~self.blocked(starts, ends).reshape(len(points), -1), axis=1))
 
     def blocked(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """Return whether anything stands between points (n, 3) and others (n, 3)."""

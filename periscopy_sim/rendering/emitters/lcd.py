@@ -93,7 +93,7 @@ def register_lcd() -> None:
             to_light = surface.p - it.p
             ds.dist = dr.norm(to_light)
             ds.d = to_light / ds.dist
-            ds.emitter = self._pointer()
+            ds.emitter = mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
             active = active & surface.is_valid() & (pdf_uv > 0)
             ds.pdf = self._solid_angle_density(pdf_uv, surface, ds, active)
             active = active & (ds.pdf > 0)
@@ -135,8 +135,5 @@ def register_lcd() -> None:
 
         def to_string(self) -> str:
             return f"Lcd[exponents={self.exponents}]"
-
-        def _pointer(self) -> Any:
-            return mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
 
     mi.register_emitter(PLUGIN, Lcd)
