@@ -159,12 +159,9 @@ class CalibrationProblem:
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
         pixels &= averaged.pixels
         finer = -(-LARGEST // max(pixels.shape))
-        scenario = load_scenario(
-            self.scenario.path,
-            self._hidden,
-            self.scenario.parameters,
-            photograph=(finer * pixels.shape[0], finer * pixels.shape[1]),
-        )
+        path, parameters = self.scenario.path, self.scenario.parameters
+        shape = finer * pixels.shape[0], finer * pixels.shape[1]
+        scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
         scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
         Q = background_basis(scene.point_lights(self.centers))
         Q = joined_basis(Q, np.hstack([Q[:, :0], *(off[pixels] for off in averaged.monitor_off)]))

@@ -168,7 +168,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
 
 
 def verify_dataset(
-    path: str | Path, progress: Callable[[int, int], None] | None = None
+    path: str | Path, progress: Callable[[int, int], None] = lambda *_: None
 ) -> list[tuple[int, int]]:
     """Compare every file of a data set with its checksum.
 
@@ -185,8 +185,7 @@ def verify_dataset(
         if not records.verify(number):
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
-        if progress is not None:
-            progress(number + 1, len(blocks))
+        progress(number + 1, len(blocks))
     return damaged
 
 
@@ -217,7 +216,7 @@ def export_samples(
     path: str | Path,
     folder: Path,
     indices: Sequence[int],
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
 ) -> list[str]:
     """Write samples as EXR files, and the first 24 on a contact sheet; return the files' names.
 
@@ -247,8 +246,7 @@ def export_samples(
         light, sbr = notes["ambient"][:30], float(notes["sbr"])
         kind, split = notes["hidden_kind"], notes["split"]
         titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")
-        if progress is not None:
-            progress(done, len(indices))
+        progress(done, len(indices))
     draw_contact_sheet(
         folder / "sheet.png", [(name, pictures[:24]) for name, pictures in sheet.items()],
         titles=titles[:24], columns=6, fontsize=5.5,

@@ -124,7 +124,5 @@ def shifted(image: Image, down: float, right: float) -> Array:
     """
     from scipy import ndimage
 
-    moved: Array = ndimage.shift(
-        np.asarray(image, np.float64), (down, right, 0), order=1, mode="grid-constant"
-    )
-    return moved
+    values, shift = np.asarray(image, np.float64), (down, right, 0)
+    return np.asarray(ndimage.shift(values, shift, order=1, mode="grid-constant"))

@@ -186,13 +186,8 @@ class WallGain:
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
     """Return Legendre polynomials, (K, rows · columns), of total degrees in a range, ascending."""
     down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
-    return np.array(
-        [
-            np.outer(down[i], across[degree - i]).ravel()
-            for degree in range(lowest, highest + 1)
-            for i in range(degree + 1)
-        ]
-    )
+    orders = [(i, degree - i) for degree in range(lowest, highest + 1) for i in range(degree + 1)]
+    return np.array([np.outer(down[i], across[j]).ravel() for i, j in orders])
 
 
 def _unexplained(photograph: FittedPhotograph) -> float:

@@ -62,12 +62,8 @@ class PathNumbers:
         sequence = qmc.Sobol(1 + DIMENSIONS, rng=np.random.default_rng(0))
         points = sequence.random_base2(int(np.ceil(np.log2(count))))[:count]
         ends = np.cumsum([origins * each for each in parts])[:-1]
-        order = np.concatenate(
-            [
-                part[np.argsort(points[part, 0], kind="stable")]
-                for part in np.split(np.arange(count), ends)
-            ]
-        )
+        split = np.split(np.arange(count), ends)
+        order = np.concatenate([part[points[part, 0].argsort(kind="stable")] for part in split])
         self._digits = mi.UInt32((points[order, 1:].T * 2.0**32).astype(np.uint32).ravel())
 
     def shifted(self, seed: int) -> Numbers:

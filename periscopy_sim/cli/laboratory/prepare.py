@@ -30,8 +30,7 @@ Files = list[Path] | None
 
 def prepare(
     photos: Annotated[
-        list[Path],
-        typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged."),
+        list[Path], typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged.")
     ],
     scene: options.SceneOption,
     out: options.OutFile,
@@ -118,10 +117,7 @@ def _developed(
 
 
 def _film(
-    light: SensorImage,
-    scenario: ps.Scenario,
-    side: int,
-    marks: ps.WallPoints | ps.WallTags | None,
+    light: SensorImage, scenario: ps.Scenario, side: int, marks: ps.WallPoints | ps.WallTags | None
 ) -> tuple[int, int]:
     """Return (rows, columns) of the film whose pixels cover side x side of a photograph."""
     rows, columns = scenario.photograph_shape

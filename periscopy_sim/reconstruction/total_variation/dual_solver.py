@@ -32,12 +32,7 @@ GAP_INTERVAL = 10
 
 
 def solve_dual(
-    g: Array,
-    p: Array,
-    bounds: tuple[Array, Array],
-    w: float,
-    stop: tuple[float, int],
-    duals: Array,
+    g: Array, p: Array, bounds: tuple[Array, Array], w: float, stop: tuple[float, int], duals: Array
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 

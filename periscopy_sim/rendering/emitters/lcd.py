@@ -10,30 +10,23 @@ from typing import Any
 PLUGIN = "lcd"
 
 
-def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -> Any:
-    """Evaluate the profile for a direction in the monitor's axes: 1 along the normal, 0 behind.
+def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
+    """Evaluate the profile towards a world direction, about a surface point's own axes.
 
-    cos(vertical angle) is n / sqrt(n² + u²) for a direction with normal component n and up
-    component u, of any positive scale; likewise the horizontal one. The exponents are the vertical
-    and the horizontal one.
+    It is 1 along the normal, 0 behind. cos(vertical angle) is n / sqrt(n² + u²) for a direction
+    with normal component n and up component u, of any positive scale; likewise the horizontal one.
+    The exponents are the vertical and the horizontal one.
     """
     import drjit as dr
 
+    across = dr.dot(direction, dr.normalize(surface.dp_du))
+    up, normal = dr.dot(direction, dr.normalize(surface.dp_dv)), dr.dot(direction, surface.n)
     vertical, horizontal = exponents
     n2 = dr.square(normal)
     cos2_vertical = n2 / (n2 + dr.square(up))
     cos2_horizontal = n2 / (n2 + dr.square(across))
     value = _root_power(cos2_vertical, vertical) * _root_power(cos2_horizontal, horizontal)
     return dr.select(normal > 0, value, 0)
-
-
-def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
-    """Evaluate the profile towards a world direction, about a surface point's own axes."""
-    import drjit as dr
-
-    across = dr.dot(direction, dr.normalize(surface.dp_du))
-    up = dr.dot(direction, dr.normalize(surface.dp_dv))
-    return falloff(across, up, dr.dot(direction, surface.n), exponents)
 
 
 def _root_power(square: Any, exponent: float) -> Any:
