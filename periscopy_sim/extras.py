@@ -1,6 +1,5 @@
 """What the core install lacks: libraries that an extra brings, imported where they are needed."""
 
-from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -28,15 +27,15 @@ def missing(module: str) -> str:
     )
 
 
-def require_all(modules: Iterable[str] = SWEEP) -> None:
-    """Reject work that would end for want of a module, without importing any.
+def require_all() -> None:
+    """Reject work that would end for want of a module of `SWEEP`, without importing any.
 
     Raises
     ------
     PeriscopyError
         If one is not installed: one line that says what to install.
     """
-    for module in modules:
+    for module in SWEEP:
         if find_spec(module) is None:
             raise PeriscopyError(missing(module))
 

@@ -38,8 +38,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
         raise ValueError("signal and background must have a positive mean")
     signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     total = signal / signal.mean() + background / (background.mean() * sbr)
-    exposed: Array = total / total.mean()
-    return exposed
+    return np.asarray(total / total.mean())
 
 
 def add_noise(photograph: Image, snr: float, seed: int) -> Array:
@@ -65,8 +64,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
         If the SNR is not finite.
     """
     σ = noise_level(photograph, snr)
-    noisy: Array = photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape)
-    return noisy
+    return np.asarray(photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape))
 
 
 def noise_level(photograph: Image, snr: float) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.threads import in_parallel, ranges
-from periscopy_sim.scenario import Array, EmissionProfile, Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 RELIEF = 1e-4
 """Of the field of view's width: how far the wall may stand out of its plane anywhere."""
@@ -179,7 +179,12 @@ class _View:
 
 def _view(scenario: Scenario, finer: int) -> _View:
     """Bring a scene into the monitor's coordinates; a ClosedFormError says that it cannot."""
-    emission, reflectance = emission_and_reflectance(scenario)
+    emission, reflectance = scenario.emission, scenario.wall_reflectance
+    if reflectance is None:
+        raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
+    if emission is None:
+        reason = "has no closed angular profile; give it an area or lcd emitter"
+        raise refusal(scenario, "monitor", reason)
     wall = wall_plane(scenario)
     if scenario.wall_relief > RELIEF * np.ptp(scenario.wall_points @ wall.across):
         raise refusal(scenario, "wall", "has parts that stand out of the plane that is seen")
@@ -210,7 +215,7 @@ def _view(scenario: Scenario, finer: int) -> _View:
             end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
             raise refusal(scenario, occluder.name, f"reaches the {end}; move it between the two")
     exponents = np.array([emission.vertical, emission.horizontal])
-    scale = reflectance / np.pi * width * height
+    scale = float(reflectance.mean()) / np.pi * width * height
     return _View(points, normals, cells, exponents, meshes, hidden * cut, cut, scale)
 
 
@@ -257,17 +262,6 @@ def _blocks(values: Array, scenario: Scenario, finer: int) -> Array:
     return np.ascontiguousarray(laid.reshape(rows * columns, finer**2, 3))
 
 
-def emission_and_reflectance(scenario: Scenario) -> tuple[EmissionProfile, float]:
-    """Return the monitor's profile and the wall's albedo, or raise a `ClosedFormError`."""
-    if scenario.wall_reflectance is None:
-        raise refusal(scenario, "wall", "is not diffuse; give it a diffuse bsdf")
-    if scenario.emission is None:
-        raise refusal(
-            scenario, "monitor", "has no closed angular profile; give it an area or lcd emitter"
-        )
-    return scenario.emission, float(scenario.wall_reflectance.mean())
-
-
 def wall_plane(scenario: Scenario) -> WallFrame:
     """Return the frame of a wall that is one plane; else raise a SceneError."""
     points, normals = scenario.wall_points, scenario.wall_normals
@@ -298,9 +292,8 @@ def monitor_axes(scenario: Scenario) -> Array:
             f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m); use a "
             "rectangle",
         )
-    axes: Array = np.stack([across[0], up[0], normal])
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    return axes
+    axes = np.stack([across[0], up[0], normal])
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def tolerance(points: Array) -> float:

@@ -41,8 +41,7 @@ def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
     if (squared.min(axis=0) <= 1e-12 * (c_squared.max() + α_squared)).any():
         raise ValueError("a point light lies on the wall; move it away")
     height = normals @ α.T - np.sum(normals * c, axis=1)[:, None]
-    response: Array = np.maximum(height, 0) / (squared * np.sqrt(squared))  # a power is slow
-    return response
+    return np.asarray(np.maximum(height, 0) / (squared * np.sqrt(squared)))  # a power is slow
 
 
 def paper_grid(step: float = 0.75) -> Array:

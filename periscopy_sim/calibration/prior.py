@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from periscopy_sim.calibration.scene_covariance import scene_covariance
+from periscopy_sim.calibration.scene_covariance import number_of, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import RULER_ERROR, Array, SceneDocument
 
@@ -45,7 +45,7 @@ def start_values(document: SceneDocument, free: Sequence[str]) -> Array:
     """
     path, given = document.path, document.given
     declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
-    numbers = {name: text for name, text in declared.items() if _number(text) is not None}
+    numbers = {name: text for name, text in declared.items() if np.isfinite(number_of(text))}
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
     example = f'<default name="NAME{RULER_ERROR}" value="0.005"/>'
     if not free:
@@ -65,7 +65,7 @@ def start_values(document: SceneDocument, free: Sequence[str]) -> Array:
             raise SceneError(
                 f"parameter '{name}' is no number in scene '{path}'; it declares {known}"
             )
-        if _number(given.get(name, "0")) is None:
+        if not np.isfinite(number_of(given.get(name, "0"))):
             raise SceneError(f"{name}={given[name]}: give a finite number to start from")
     return np.array([float(given.get(name, numbers[name])) for name in free])
 
@@ -82,12 +82,8 @@ def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
         return values
     ruled = dict(zip(known.names, known.ruled, strict=True))
     changed = {*document.given, *known.changed(document)}
-    return np.array(
-        [
-            value if name in changed else ruled.get(name, value)
-            for name, value in zip(names, values, strict=True)
-        ]
-    )
+    pairs = zip(names, values, strict=True)
+    return np.array([v if name in changed else ruled.get(name, v) for name, v in pairs])
 
 
 def declared_errors(document: SceneDocument) -> dict[str, float]:
@@ -104,8 +100,8 @@ def declared_errors(document: SceneDocument) -> dict[str, float]:
                 f"scene '{path}' declares '{name}', but no '{name.removesuffix(RULER_ERROR)}' that "
                 "it were the error of; correct its name"
             )
-        error = _number(text)
-        if error is None or error < 0:
+        error = number_of(text)
+        if not 0 <= error < np.inf:
             raise SceneError(
                 f"scene '{path}': '{name}' is {text}; give a standard deviation "
                 f"in the unit of '{document.errors[name]}', or 0 where it stays"
@@ -153,11 +149,3 @@ def check_error(name: str, error: float) -> None:
     """Raise a SceneError unless a parameter's standard error is positive and finite."""
     if not 0 < error < np.inf:
         raise SceneError(f"standard error {error:g} of '{name}': give a positive number")
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None

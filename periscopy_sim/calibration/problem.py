@@ -110,27 +110,25 @@ class CalibrationProblem:
     def camera_noise(self) -> Array:
         """(3 K,) standard deviation of white noise in the averaged photographs, 0 if unknown."""
         averaged = self._averaged
-        light = np.where(
-            averaged.pixels[..., None], averaged.light, np.nan
-        )  # (K, rows, columns, 3)
+        light = np.where(averaged.pixels[..., None], averaged.light, np.nan)
         planes = np.moveaxis(light, 3, 1).reshape(-1, *averaged.pixels.shape)
         noise = camera_noise(planes)
         return np.zeros(len(planes)) if noise is None else noise
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
-        return self._level(COARSE_PIXELS, self._smooth)
+        return self._level(0.0, self._smooth)
 
     def fine(self) -> ResolutionLevel:
         """Return the level on which a search ends."""
-        return self._level(self._fine_pixels, SharpImages(self._hidden))
+        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
         Its images can follow a shift by a fraction of a patch, as an unknown image may.
         """
-        level = self._level(self._joint_pixels, self._smooth)
+        level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
         names = (*self.names, *self.uncertain.names)
         centers = np.append(self.centers, self.uncertain.values)
         errors = np.append(self.errors, self.uncertain.standard_errors)
@@ -145,23 +143,26 @@ class CalibrationProblem:
     def _smooth(self) -> SmoothImages:
         return SmoothImages.hats(self._hidden, fitted(self._hidden, COARSE_HATS))
 
-    @property
-    def _fine_pixels(self) -> float:
-        return max(COARSE_PIXELS, PIXELS_A_PATCH * np.prod(self._hidden))
-
-    @property
-    def _joint_pixels(self) -> float:
-        return max(COARSE_PIXELS, JOINT_PIXELS_A_PATCH * np.prod(self._hidden))
-
     @cached_property
     def _averaged(self) -> Averaged:
         return Averaged.of(self.photographs)
 
-    def _level(self, count: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
-        """Return the level of every so many-th pixel, about `count` of them."""
+    def _level(self, a_patch: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
+        """Return the level of pixels on a lattice, about so many a patch, `COARSE_PIXELS` at least.
+
+        Fewer are used where there are not as many.
+        """
         averaged = self._averaged
-        pixels = _thinned(averaged.pixels, count)
-        scene = self._scene(pixels)
+        count = max(COARSE_PIXELS, a_patch * np.prod(self._hidden))
+        stride = max(1, round(np.sqrt(averaged.pixels.sum() / count)))
+        pixels = np.zeros_like(averaged.pixels)
+        pixels[stride // 2 :: stride, stride // 2 :: stride] = True
+        pixels &= averaged.pixels
+        finer = -(-LARGEST // max(pixels.shape))
+        path, parameters = self.scenario.path, self.scenario.parameters
+        shape = finer * pixels.shape[0], finer * pixels.shape[1]
+        scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
+        scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
         Q = background_basis(scene.point_lights(self.centers))
         Q = joined_basis(Q, np.hstack([Q[:, :0], *(off[pixels] for off in averaged.monitor_off)]))
         if len(Q) <= 2 * Q.shape[1]:
@@ -177,21 +178,3 @@ class CalibrationProblem:
         if self.has_unknown_images:
             groups.append(Group(np.hstack(light[len(self.pictures) :]), unknown))
         return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))
-
-    def _scene(self, pixels: NDArray[np.bool_]) -> MovingScene:
-        finer = -(-LARGEST // max(pixels.shape))
-        scenario = load_scenario(
-            self.scenario.path,
-            self._hidden,
-            self.scenario.parameters,
-            photograph=(finer * pixels.shape[0], finer * pixels.shape[1]),
-        )
-        return MovingScene(scenario, self.names, self.errors, pixels, finer)
-
-
-def _thinned(pixels: NDArray[np.bool_], count: float) -> NDArray[np.bool_]:
-    """Return those of some pixels that lie on a lattice, about `count` of them if there are."""
-    stride = max(1, round(np.sqrt(pixels.sum() / count)))
-    lattice = np.zeros_like(pixels)
-    lattice[stride // 2 :: stride, stride // 2 :: stride] = True
-    return pixels & lattice

@@ -143,16 +143,11 @@ class Calibration:
         """The covariance that the calibrated scene carries."""
         held = self.uncertain
         errors = np.array([parameter.standard_error for parameter in self.parameters])
-        shared = self.moves * held.standard_errors
+        own, shared = self.correlation * np.outer(errors, errors), self.moves * held.standard_errors
         return SceneCovariance(
             (*self.values, *held.names),
             np.array([*self.values.values(), *held.values]),
-            np.block(
-                [
-                    [self.correlation * np.outer(errors, errors), shared],
-                    [shared.T, np.diag(held.standard_errors**2)],
-                ]
-            ),
+            np.block([[own, shared], [shared.T, np.diag(held.standard_errors**2)]]),
             self.trusted,
             np.array([*(parameter.start for parameter in self.parameters), *held.values]),
         )

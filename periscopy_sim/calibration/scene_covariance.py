@@ -68,7 +68,7 @@ class SceneCovariance:
         return [
             name
             for name, value, tolerance in zip(self.names, self.values, tolerances, strict=True)
-            if not abs(_number(texts.get(name, "")) - value) <= tolerance
+            if not abs(number_of(texts.get(name, "")) - value) <= tolerance
         ]
 
     def text(self) -> str:
@@ -123,7 +123,8 @@ def scene_covariance(document: SceneDocument) -> SceneCovariance | None:
         ) from None
 
 
-def _number(text: str) -> float:
+def number_of(text: str) -> float:
+    """Return the number that a text holds; NaN if it holds none."""
     try:
         return float(text)
     except ValueError:

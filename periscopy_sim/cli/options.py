@@ -119,8 +119,7 @@ Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, min=1, m
 ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
-    Path | None,
-    option("FILE", "Read A from an NPY file.", "--transport", group=LIGHT, exists=True),
+    Path | None, option("FILE", "Read A from an NPY file.", "--transport", group=LIGHT, exists=True)
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
@@ -361,10 +360,8 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
     Return the EXR file of each name; None for a shipped condition.
     """
     shipped = *REALISTIC, *ADVERSARIAL
-    groups = {name: [name] for name in shipped} | {
-        "all": [*REALISTIC],
-        "adversarial": [*ADVERSARIAL],
-    }
+    groups = {name: [name] for name in shipped}
+    groups |= {"all": [*REALISTIC], "adversarial": [*ADVERSARIAL]}
     lights: dict[str, Path | None] = {}
     for entry in parse_list("--ambient", text):
         path = Path(entry)

@@ -122,15 +122,11 @@ class Stopwatch:
         self.seconds[stage] = round(time.perf_counter() - start, 4)
 
 
-def as_json(values: Mapping[str, Any]) -> str:
-    """Return values as readable JSON, arrays as lists; a ValueError if one is not finite."""
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write values as readable JSON, arrays as lists; a ValueError if one is not finite."""
 
     def plain(value: Any) -> Any:
         return value.tolist() if hasattr(value, "tolist") else str(value)
 
-    return json.dumps(values, indent=2, default=plain, allow_nan=False) + "\n"
-
-
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write a JSON file; see `as_json`."""
-    path.write_text(as_json(values), "utf-8")
+    text = json.dumps(values, indent=2, default=plain, allow_nan=False)
+    path.write_text(text + "\n", "utf-8")

@@ -43,8 +43,7 @@ def reconstruct(
         options.option("IMAGE", f"Hidden image, if known: {options.IMAGE}.", group=options.OUTPUT),
     ] = None,
     uncertain: Annotated[
-        str | None,
-        options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE),
+        str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,
@@ -86,16 +85,14 @@ def reconstruct(
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
-        session.write_summary(
-            folder / "summary.json",
-            {
-                "method_sha256": source_sha256(method),
-                "photograph": str(photo),
-                **report.numbers,
-                "truth": truth,
-                **compared,
-            },
-        )
+        summary = {
+            "method_sha256": source_sha256(method),
+            "photograph": str(photo),
+            **report.numbers,
+            "truth": truth,
+            **compared,
+        }
+        session.write_summary(folder / "summary.json", summary)
     if report.residual is not None and not report.warnings:
         say(messages.residual_summary(report.residual))
     for line in messages.sentences(report.notes):

@@ -101,22 +101,20 @@ def video(
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
-        session.write_summary(
-            folder / "summary.json",
-            {
-                "photographs": str(frames),
-                "frames": len(names),
-                **weights,
-                "first_frame": report.numbers,
-                "coupling": coupling,
-                "rate": rate,
-                "formats": formats,
-                "white": white,
-                "truth": truth,
-                "median": medians,
-                "frames_per_second": 1 / medians["seconds"],
-            },
-        )
+        summary = {
+            "photographs": str(frames),
+            "frames": len(names),
+            **weights,
+            "first_frame": report.numbers,
+            "coupling": coupling,
+            "rate": rate,
+            "formats": formats,
+            "white": white,
+            "truth": truth,
+            "median": medians,
+            "frames_per_second": 1 / medians["seconds"],
+        }
+        session.write_summary(folder / "summary.json", summary)
     if report.residual is not None:
         say(f"first frame, {messages.residual_summary(report.residual)}")
     say(f"{len(names)} frames, {1 / medians['seconds']:.1f} a second")

@@ -39,20 +39,21 @@ class Shapes(Source):
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:
         """Draw a clip, or an image of shapes at rest."""
-        aspect = shape[1] / shape[0]
+        size = np.array([shape[1] / shape[0], 1.0])
         moving, rest = Distribution(uniform=(0.01, 0.06)), Distribution(value=0.0)
         speed = self.speed or (moving if self.kind == "moving" else rest)
         count = round(self.number.draw(rng))
         ground = _colour(rng) * rng.uniform(0, 0.5)
         corners = [_outline(rng) * self.size.draw(rng) for _ in range(count)]
         colours = [_colour(rng) for _ in range(count)]
-        start = rng.random((count, 2)) * (aspect, 1)
+        start = rng.random((count, 2)) * size
         heading = rng.uniform(0, 2 * np.pi, count)
         pace = np.array([speed.draw(rng) for _ in range(count)])
         velocity = pace[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
         clip = np.empty((frames, *shape, 3))
         for t in range(frames):
-            places = _reflected(start + t * velocity, (aspect, 1.0))
+            # Straight paths, folded into the image as if its edges were mirrors.
+            places = np.abs((start + t * velocity + size) % (2 * size) - size)
             clip[t] = ground
             for outline, place, colour in zip(corners, places, colours, strict=True):
                 covered = _polygon(outline + place, shape)
@@ -217,11 +218,6 @@ def _outline(rng: Rng) -> Array:
         points[:, 1] *= rng.uniform(0.3, 1.0)
     c, s = np.cos(turn), np.sin(turn)
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
-
-
-def _reflected(places: Array, size: tuple[float, float]) -> Array:
-    """Return straight paths folded into the image, as if its edges were mirrors."""
-    return np.asarray(np.abs((places + size) % (2 * np.array(size)) - size))
 
 
 def _averaged(image: Array, shape: tuple[int, int]) -> Array:

@@ -74,8 +74,11 @@ class Layout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
+        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        stacks |= {"background": pixels} if self.keep_background else {}
         laid_out: dict[str, dict[str, Any]] = {}
-        for name, (shape, dimensions, dtype) in self._stacks().items():
+        for name, (shape, dimensions, dtype) in stacks.items():
             # Noise leaves signs and exponents alike: shuffled bits compress them.
             settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
             blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
@@ -96,12 +99,6 @@ class Layout:
             }  # fmt: skip
         cuts = {"sample": (self.count, self.block)}
         return StoreLayout("data set", laid_out, cuts, self.count)
-
-    def _stacks(self) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], str]]:
-        """Return shape, dimensions and type of a sample's pictures."""
-        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
-        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
-        return {**stacks, **({"background": pixels} if self.keep_background else {})}
 
 
 def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
@@ -171,7 +168,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
 
 
 def verify_dataset(
-    path: str | Path, progress: Callable[[int, int], None] | None = None
+    path: str | Path, progress: Callable[[int, int], None] = lambda *_: None
 ) -> list[tuple[int, int]]:
     """Compare every file of a data set with its checksum.
 
@@ -188,8 +185,7 @@ def verify_dataset(
         if not records.verify(number):
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
-        if progress is not None:
-            progress(number + 1, len(blocks))
+        progress(number + 1, len(blocks))
     return damaged
 
 
@@ -220,7 +216,7 @@ def export_samples(
     path: str | Path,
     folder: Path,
     indices: Sequence[int],
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
 ) -> list[str]:
     """Write samples as EXR files, and the first 24 on a contact sheet; return the files' names.
 
@@ -250,8 +246,7 @@ def export_samples(
         light, sbr = notes["ambient"][:30], float(notes["sbr"])
         kind, split = notes["hidden_kind"], notes["split"]
         titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")
-        if progress is not None:
-            progress(done, len(indices))
+        progress(done, len(indices))
     draw_contact_sheet(
         folder / "sheet.png", [(name, pictures[:24]) for name, pictures in sheet.items()],
         titles=titles[:24], columns=6, fontsize=5.5,

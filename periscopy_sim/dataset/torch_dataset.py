@@ -71,7 +71,12 @@ class TorchDataset:
 
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
         """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
-        group = self._archive()
+        # An archive opened before a fork waits for threads that the fork has left behind.
+        if self._opened is None or self._opened[0] != os.getpid():
+            import zarr
+
+            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
+        group = self._opened[1]
         wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
         columns = {name: group[name].oindex[wanted][places] for name in self.variables}
         samples = [{n: _tensor(v[k]) for n, v in columns.items()} for k in range(len(places))]
@@ -80,14 +85,6 @@ class TorchDataset:
     def __getstate__(self) -> dict[str, Any]:
         """Leave the opened archive behind."""
         return {**self.__dict__, "_opened": None}
-
-    def _archive(self) -> Any:
-        # An archive opened before a fork waits for threads that the fork has left behind.
-        if self._opened is None or self._opened[0] != os.getpid():
-            import zarr
-
-            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
-        return self._opened[1]
 
 
 def _tensor(value: Any) -> Any:

@@ -83,7 +83,9 @@ def errors_of(
     shapes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
     observed = observation_of(A, *shapes)
     B = B if np.isfinite(sbr) else np.zeros((len(A), 0))
-    ambient = _ambient_light(B)[:, None] * observed.channel_gain
+    norms = np.linalg.norm(B, axis=0)
+    light = np.asarray(B @ (1 / np.where(norms > 0, norms, np.inf)), np.float64)
+    ambient = light[:, None] / (light.mean() or 1.0) * observed.channel_gain
     finer = np.sqrt(len(A) / (pixels or len(A)))
 
     def exposed(image: Array) -> tuple[Array, float]:
@@ -114,13 +116,6 @@ def _unit_bound(fit: Fit) -> float:
     curvatures = np.linalg.eigvalsh(fit.gram)
     light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
     return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > ROUNDING * light else np.inf
-
-
-def _ambient_light(B: Image) -> Array:
-    """Return the light of all prototypes together, each of norm 1, (M,) of mean 1; 0 of none."""
-    norms = np.linalg.norm(B, axis=0)
-    light = np.asarray(B @ (1 / np.where(norms > 0, norms, np.inf)), np.float64)
-    return np.asarray(light / (light.mean() or 1.0))
 
 
 def values_of(row: Row) -> dict[str, str]:

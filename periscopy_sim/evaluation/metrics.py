@@ -58,8 +58,7 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
     positive = np.maximum(np.asarray(estimate, np.float64), 0)
     energy = np.sum(positive**2, axis=(0, 1))
     gain = np.sum(positive * truth, axis=(0, 1)) / np.where(energy > 0, energy, 1)
-    matched: Array = np.clip(gain * positive, 0, 1)
-    return matched
+    return np.asarray(np.clip(gain * positive, 0, 1))
 
 
 def mean_squared_error(estimate: Image, truth: Image) -> float:
@@ -125,7 +124,5 @@ def shifted(image: Image, down: float, right: float) -> Array:
     """
     from scipy import ndimage
 
-    moved: Array = ndimage.shift(
-        np.asarray(image, np.float64), (down, right, 0), order=1, mode="grid-constant"
-    )
-    return moved
+    values, shift = np.asarray(image, np.float64), (down, right, 0)
+    return np.asarray(ndimage.shift(values, shift, order=1, mode="grid-constant"))

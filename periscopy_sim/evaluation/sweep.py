@@ -141,13 +141,6 @@ class SweepStore:
         )
 
 
-def write_table(path: Path, results: "xr.Dataset") -> None:
-    """Write a sweep's results as a long CSV table, one row for each method and photograph."""
-    table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
-    with staged_file(path) as staged:
-        table.to_csv(staged, na_rep="nan", lineterminator="\n")
-
-
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """The varied and the fixed settings of a sweep.
@@ -331,7 +324,9 @@ def run_sweep(
                 if progress is not None:
                     progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
-    write_table(folder / "sweep.csv", results)
+    table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
+    with staged_file(folder / "sweep.csv") as staged:
+        table.to_csv(staged, na_rep="nan", lineterminator="\n")
     return results
 
 

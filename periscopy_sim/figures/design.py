@@ -22,7 +22,6 @@ DRAWN = {
 GREY = "0.85"
 MARKS = "circle: given scene; star: best; grey: no scene, or undetermined patches"
 
-
 LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}
 
 

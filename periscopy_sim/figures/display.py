@@ -11,9 +11,6 @@ from periscopy_sim.figures.panels import displayable, panel_row
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
-SHORTEST = 256
-"""Pixels that the shorter side of a saved picture has at least."""
-
 
 def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     """Return linear light as a screen wants it: encoded by the sRGB curve, in [0, 1].
@@ -52,7 +49,7 @@ def save_png(
     holds text chunks, such as provenance. An `OutputError` says that the file cannot be written.
     """
     light = _exposed(image, white)
-    write_png(Path(path), light, text or {}, -(-SHORTEST // min(light.shape[:2])))
+    write_png(Path(path), light, text or {}, -(-256 // min(light.shape[:2])))
 
 
 def show(

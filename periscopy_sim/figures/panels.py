@@ -32,14 +32,8 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
     return np.nan_to_num(np.clip(values / (level if level > 0 else 1.0), 0, 1))
 
 
-def enlarged(image: Image, width: int = 720) -> Image:
-    """Repeat patches until the image is about `width` pixels wide."""
-    factor = max(1, width // image.shape[1])
-    return np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
-
-
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:
-    """Write the picture that `enlarged` returns by `write_png`, encoding each patch once."""
+    """Write linear light by `write_png`, patches repeated to about `width` pixels in all."""
     write_png(path, image, text, max(1, width // image.shape[1]))
 
 

@@ -17,9 +17,6 @@ from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 SIDES = 128
 """Of the prism that replaces a cylinder: its width is right to 2e-4."""
 
-MOST_CHECKED = 64
-"""Pixels along each side of the photograph by which a new scene is tried."""
-
 
 def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     """Write the scene of a measured laboratory, and beside it a PLY file for each of its meshes.
@@ -76,7 +73,7 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
         trial.write_text(text, encoding="utf-8")
         for name, file in files.items():
             write_ply(trial.with_name(file.name), meshes[name])
-        rows, columns = (min(pixels, MOST_CHECKED) for pixels in laboratory.camera.film)
+        rows, columns = (min(pixels, 64) for pixels in laboratory.camera.film)
         try:
             load_scenario(trial, (1, 1), photograph=(rows, columns))
         except SceneError as error:

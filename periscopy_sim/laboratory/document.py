@@ -88,7 +88,6 @@ Angle = Annotated[Measured, _reader(ANGLES, "30 deg +- 1 deg")]
 Exponent = Annotated[Measured, _reader({}, "18 +- 2", np.nextafter(0, -1))]
 """A bare number, 0 or more."""
 
-
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 SIDES = ("left", "right", "bottom", "top")

@@ -164,7 +164,10 @@ class Page:
         )
 
         async def drag(event: Any) -> None:
-            self._drag(handle, np.asarray(event.target.position, np.float64), event.phase)
+            has_ended = event.phase == "end"
+            self._dragged = None if has_ended else handle
+            position = np.asarray(event.target.position, np.float64)
+            self._set(handle.values(position), 0.0 if has_ended else REST["handle"])
 
         gizmo.on_update(drag)
         return gizmo
@@ -177,10 +180,6 @@ class Page:
     def _follow_slider(self, name: str, value: float) -> None:
         if self._differs(name, value):  # a slider also follows a handle
             self._set({name: value}, REST["slider"])
-
-    def _drag(self, handle: Handle, position: Any, phase: str) -> None:
-        self._dragged = None if phase == "end" else handle
-        self._set(handle.values(position), 0.0 if phase == "end" else REST["handle"])
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:

@@ -119,8 +119,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
 
     def project_out(self, y: Image) -> Array:
         """Return photographs, (M, K), with range(Q) projected out: y − Q Qᵀ y."""
-        projected: Array = y - self.Q @ (self.Q.T @ y)
-        return projected
+        return np.asarray(y - self.Q @ (self.Q.T @ y))
 
     def unexplained(self, y: Image) -> Array:
         """Return what no hidden image and no background explain of photographs, (M, K).

@@ -132,7 +132,8 @@ class WallGain:
         whole = products(terms)
         H = whole - products(shown) - products(times_rows(terms, self._ambient))
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
-        r = self._unexplained_light(y / σ, explained)
+        rest = (y / σ - project_out(explained, self._background)).astype(np.float32)
+        r = np.asarray(project_out(rest, self._ambient), np.float64)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
         compared = times_rows(r, self._compared)
@@ -155,11 +156,6 @@ class WallGain:
             accepted=bool(believed and probability < ERROR_RATE),
             added=added,
         )
-
-    def _unexplained_light(self, y: Array, light: Array) -> Array:
-        """Return r, what the hidden images' light and smooth ambient light leave of y, (3, M')."""
-        r = (y - project_out(light, self._background)).astype(np.float32)
-        return np.asarray(project_out(r, self._ambient), np.float64)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
@@ -190,13 +186,8 @@ class WallGain:
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
     """Return Legendre polynomials, (K, rows · columns), of total degrees in a range, ascending."""
     down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
-    return np.array(
-        [
-            np.outer(down[i], across[degree - i]).ravel()
-            for degree in range(lowest, highest + 1)
-            for i in range(degree + 1)
-        ]
-    )
+    orders = [(i, degree - i) for degree in range(lowest, highest + 1) for i in range(degree + 1)]
+    return np.array([np.outer(down[i], across[j]).ravel() for i, j in orders])
 
 
 def _unexplained(photograph: FittedPhotograph) -> float:

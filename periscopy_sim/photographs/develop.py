@@ -126,7 +126,13 @@ def develop(
         return light
     even = sensor_image(flat, "the flat field")
     check_same_size(even.size, light.size, "the flat field")
-    return _evened(light, replace(even, values=even.values - offset))
+    bright = even.values - offset
+    unfit = (bright <= 0).any(axis=2) | even.saturated
+    if unfit.all():
+        raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
+    mean = bright[~unfit].mean(axis=0, dtype=np.float64)  # of each channel
+    gain = np.where(unfit[..., np.newaxis], 1, bright / mean).astype(np.float32)
+    return replace(light, values=light.values / gain, saturated=light.saturated | unfit)
 
 
 def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
@@ -145,13 +151,3 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
         saturated |= each.saturated
         count += 1
     return SensorImage(total / np.float32(count), saturated, first.cell)
-
-
-def _evened(exposure: SensorImage, flat: SensorImage) -> SensorImage:
-    """Return an exposure divided by a flat field, whose channels are scaled to mean 1."""
-    unfit = (flat.values <= 0).any(axis=2) | flat.saturated
-    if unfit.all():
-        raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
-    mean = flat.values[~unfit].mean(axis=0, dtype=np.float64)
-    gain = np.where(unfit[..., np.newaxis], 1, flat.values / mean).astype(np.float32)
-    return replace(exposure, values=exposure.values / gain, saturated=exposure.saturated | unfit)

@@ -62,24 +62,17 @@ def _detected(picture: NDArray[np.uint8], family: str) -> tuple[list[int], list[
     return numbers, places, dictionary.markerSize + 2
 
 
-def _refined(
-    grey: Array,
-    corners: Array,
-    modules: int,
-    rounds: int = 3,
-    samples: int = 32,
-    inset: float = 0.12,
-) -> Array:
+def _refined(grey: Array, corners: Array, modules: int, samples: int = 32) -> Array:
     """Return a tag's corners, (4, 2), known to a pixel or so, where lines through its edges meet.
 
     OpenCV's own refinements are 0.3 to 1.1 pixels off. Linear light is sampled across each edge;
     the integral of its rise from the black border to the white one locates the step, whatever the
     blur of the lens, if that is even. `modules` squares lie along the tag's side, border included;
-    the lines, through `samples` points, leave out a fraction `inset` of the side at each end.
+    the lines, through `samples` points, leave out 0.12 of the side at each end.
     """
     from scipy.ndimage import map_coordinates
 
-    for _ in range(rounds):
+    for _ in range(3):
         ends = np.roll(corners, -1, axis=0)
         lines = []
         for start, end, across in zip(corners, ends, np.roll(ends, -1, axis=0), strict=True):
@@ -87,7 +80,7 @@ def _refined(
             outward = np.array([direction[1], -direction[0]])
             module = abs((across - end) @ outward) / modules
             reach = np.clip(0.5 * module, 1.0, 4.0)
-            along = np.linspace(inset, 1 - inset, samples)[:, np.newaxis]
+            along = np.linspace(0.12, 0.88, samples)[:, np.newaxis]
             middle = start + along * (end - start)
             offsets = np.linspace(-reach, reach, samples)
             places = middle[:, np.newaxis] + offsets[:, np.newaxis] * outward - 0.5

@@ -62,12 +62,8 @@ class PathNumbers:
         sequence = qmc.Sobol(1 + DIMENSIONS, rng=np.random.default_rng(0))
         points = sequence.random_base2(int(np.ceil(np.log2(count))))[:count]
         ends = np.cumsum([origins * each for each in parts])[:-1]
-        order = np.concatenate(
-            [
-                part[np.argsort(points[part, 0], kind="stable")]
-                for part in np.split(np.arange(count), ends)
-            ]
-        )
+        split = np.split(np.arange(count), ends)
+        order = np.concatenate([part[points[part, 0].argsort(kind="stable")] for part in split])
         self._digits = mi.UInt32((points[order, 1:].T * 2.0**32).astype(np.uint32).ravel())
 
     def shifted(self, seed: int) -> Numbers:
@@ -89,33 +85,16 @@ class PathNumbers:
         return at
 
 
-def scatters_alike(flags: Any) -> Any:
-    """Return whether a BSDF with these flags scatters alike in all directions."""
-    import mitsuba as mi
-
-    # Delta includes what lets light pass straight.
-    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-    return (flags & other) == 0
-
-
-def survivors(
-    surface: Any,
-    throughput: Any,
-    number: Any,
-    active: Any,
-    *,
-    roulette: int = 5,
-    survival: float = 0.95,
-) -> tuple[Any, Any]:
+def survivors(surface: Any, throughput: Any, number: Any, active: Any) -> tuple[Any, Any]:
     """Return the throughput of paths that survive Russian roulette, and which they are.
 
-    `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From so many
-    surfaces on the largest chance to go on is `survival`, as in Mitsuba's path tracer.
+    `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From five
+    surfaces on the largest chance to go on is 0.95, as in Mitsuba's path tracer.
     """
     import drjit as dr
 
     strongest = dr.max(throughput)
-    chance = dr.select(surface >= roulette, dr.minimum(strongest, survival), 1)
+    chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
     active &= (strongest > 0) & (number < chance)
     return throughput * dr.rcp(dr.select(active, chance, 1)), active
 
@@ -142,6 +121,8 @@ def trace_paths(
     import mitsuba as mi
 
     context = mi.BSDFContext()
+    # A BSDF without these scatters alike in all directions; Delta lets light pass straight, too.
+    other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
 
     def added(light: Any, _: Any, radiance: Any, active: Any) -> Any:
         return light + dr.select(active, radiance, 0)
@@ -189,7 +170,7 @@ def trace_paths(
         weight = balance(toward.delta, toward.pdf, bsdf_pdf)
         light = add(light, toward.uv, throughput * value * radiance * weight, lit)
         facing = si.n * dr.sign(-dr.dot(si.n, ray.d))
-        here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), scatters_alike(bsdf.flags()))
+        here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), (bsdf.flags() & other) == 0)
         first = tuple(dr.select(surface == 1, a, b) for a, b in zip(here, first, strict=True))
         # The next direction.
         lobe, ends = pair(2)

@@ -16,7 +16,6 @@ EDGE = 1e-4
 """Fraction of the picture's size by which its corners are looked at within it: rounding must not
 carry them outside."""
 
-
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
 
@@ -81,8 +80,7 @@ class Survey:
         """Return the share of targets (k, 3) that nothing hides from each point (n, 3)."""
         starts = np.repeat(points, len(targets), axis=0)
         ends = np.tile(targets, (len(points), 1))
-        lit: Array = np.mean(~self.blocked(starts, ends).reshape(len(points), -1), axis=1)
-        return lit
+        return np.asarray(np.mean(~self.blocked(starts, ends).reshape(len(points), -1), axis=1))
 
     def blocked(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """Return whether anything stands between points (n, 3) and others (n, 3)."""

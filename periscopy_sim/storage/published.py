@@ -6,6 +6,7 @@ import os
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,6 @@ from periscopy_sim.storage.pictures import area_average
 
 REPEATS = ("averaged_iterations", "iterations")
 """Fields for the number of exposures; the first takes precedence."""
-
-RANGE_NOT_SATISFIABLE = 416
-"""HTTP's status for a range that begins at the end of the file or beyond."""
 
 FILM = (126, 126)
 """(rows, columns) of the cameras of the shipped scenes."""
@@ -125,7 +123,8 @@ def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
                     url, stream, None
                 )
         except HTTPError as error:
-            if error.response.status_code == RANGE_NOT_SATISFIABLE:  # nothing follows what is there
+            # This status says that nothing follows what is there.
+            if error.response.status_code == HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
                 partial.unlink()
             raise
         partial.replace(output)

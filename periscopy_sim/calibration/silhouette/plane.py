@@ -124,7 +124,8 @@ def _points(scenario: Scenario, name: str) -> Array:
     if vertices is not None:
         return vertices
     nodes = SceneNodes(scenario.path, dict(scenario.parameters))
-    plugin, to_world = nodes.plugin_and_place(name)
+    layout = nodes.layout()
+    plugin, to_world = layout.plugins[name], layout.places[name]
     if plugin not in ("rectangle", "disk"):
         raise SceneError(f"scene '{scenario.path}': '{name}' is a {plugin}; make it a rectangle")
     return np.asarray((2 * CORNERS - 1) @ to_world[:3, :2].T + to_world[:3, 3])

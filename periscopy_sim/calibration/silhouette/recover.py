@@ -9,6 +9,7 @@ circle, if the image has one colour and is as bright as dark.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,7 @@ def recover_silhouette(
     """
     from threadpoolctl import threadpool_limits
 
+    report = progress or (lambda _: None)
     first = load_scenario(scene, hidden, parameters)
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
@@ -135,7 +137,6 @@ def recover_silhouette(
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
             unknown = UnknownImage(ys[0], Q, images)
             seen = UnknownImage(coarse.light[0][coarse.pixels], Q_few, images)
-            report = progress or (lambda _: None)
             fit, agreeing = search((few, seen), (masked, unknown), seed, report)
             starts = STARTS
             likelihood = unknown.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
@@ -146,8 +147,7 @@ def recover_silhouette(
             "be found"
         )
     image = colours @ fit.explained.image if shown else fit.explained.image
-    if progress is not None:
-        progress(1.0)
+    report(1.0)
     scale = float(np.sqrt(np.mean(np.square(ys))))
     residual = np.zeros((*used.shape, 3))
     residual[used] = fit.explained.residual[0] / scale
@@ -180,16 +180,10 @@ def _masked(
 ) -> tuple[Mask, Array]:
     """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
     used = averaged.pixels
-    finer = -(-LARGEST // max(used.shape))
-    view, fine = (
-        load_scenario(
-            scenario.path,
-            hidden,
-            scenario.parameters,
-            photograph=(times * used.shape[0], times * used.shape[1]),
-        )
-        for times in (1, finer)
-    )
+    rows, columns = used.shape
+    finer = -(-LARGEST // max(rows, columns))
+    load = partial(load_scenario, scenario.path, hidden, scenario.parameters)
+    view, fine = (load(photograph=(n * rows, n * columns)) for n in (1, finer))
     others = tuple(each for each in fine.occluders if each.name != name)
     try:
         A = area_transport(replace(fine, occluders=others), finer)[used.ravel()]

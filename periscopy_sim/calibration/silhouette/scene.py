@@ -39,7 +39,7 @@ def write_masked_scene(
     If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`. For the
     errors see `with_mesh`.
     """
-    _, to_world = SceneNodes(scene.path, scene.given).plugin_and_place(solution.name)
+    to_world = SceneNodes(scene.path, scene.given).layout().places[solution.name]
     whole = cell_mesh(solution.plane, solution.opaque)
     vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
     write_ply(mesh, TriangleMesh(vertices, whole.faces))

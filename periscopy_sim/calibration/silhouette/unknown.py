@@ -103,7 +103,10 @@ def search(
     """Return the best mask, and how many of the starts ended near it."""
     random, ends, fits = np.random.default_rng(seed), [], []
     for k in range(STARTS):
-        opacities = smooth_mask(coarse[0].cells, random)
+        # A few smooth pieces: rougher starts end at small dots before an image of their shadow.
+        rough = random.standard_normal(coarse[0].cells)
+        noise = gaussian_filter(rough, SMOOTH * np.array(rough.shape), mode="reflect")
+        opacities = ndtr((noise - noise.mean()) / max(float(noise.std()), 1e-300))
         ends.append(_descend(*coarse, opacities, np.zeros(len(coarse[0].terms)), ALLOWANCES))
         report(0.3 * (k + 1) / STARTS)
     ends.sort(key=lambda end: end.objective)
@@ -131,12 +134,3 @@ def resized(opacities: Array, cells: tuple[int, int]) -> Array:
     """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
     factors = np.divide(cells, opacities.shape)
     return np.asarray(zoom(opacities, factors, order=0, grid_mode=True, mode="nearest"))
-
-
-def smooth_mask(cells: tuple[int, int], random: np.random.Generator) -> Array:
-    """Return a random mask, (rows, columns), of a few smooth pieces.
-
-    One of small dots, before an image of the mask's shadow, is where rougher starts end.
-    """
-    noise = gaussian_filter(random.standard_normal(cells), SMOOTH * np.array(cells), mode="reflect")
-    return np.asarray(ndtr((noise - noise.mean()) / max(float(noise.std()), 1e-300)))

@@ -46,9 +46,6 @@ def lab(
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
 
-PATCHES = (18, 24)
-"""Points of the monitor, for its shadows."""
-
 PIXELS = (32, 32)
 """Pixels of the trial photograph."""
 
@@ -58,14 +55,15 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
 
     Look at it to find wrong signs and units.
     """
-    from periscopy_sim.figures.laboratory.projections import draw_laboratory
+    from periscopy_sim.figures.laboratory.projections import laboratory_figure
 
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
         given = options.parse_definitions(define)
-        scenario = ps.load_scenario(find_scene(scene), PATCHES, given, photograph=PIXELS)
+        scenario = ps.load_scenario(find_scene(scene), (18, 24), given, photograph=PIXELS)
         with progress("drawing"):
-            draw_laboratory(staged, scenario, metadata=as_text(provenance_of(scenario)))
+            text = as_text(provenance_of(scenario))
+            laboratory_figure(scenario).savefig(staged, metadata=text)
     say_written(out)
     warn_without_shadows(scenario, scene)

@@ -16,8 +16,7 @@ from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.figures.display import save_png
-from periscopy_sim.figures.panels import enlarged
+from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -31,8 +30,7 @@ Files = list[Path] | None
 
 def prepare(
     photos: Annotated[
-        list[Path],
-        typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged."),
+        list[Path], typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged.")
     ],
     scene: options.SceneOption,
     out: options.OutFile,
@@ -91,7 +89,7 @@ def prepare(
         text = as_text({"photographs_sha256": digests, **prepared.record(), **session.provenance})
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
-        save_png(staged[2], enlarged(prepared.values), text=text)
+        write_enlarged(staged[2], displayable(prepared.values), text)
     _say_prepared(prepared, light.size)
     say_written(*written)
     if film:
@@ -119,10 +117,7 @@ def _developed(
 
 
 def _film(
-    light: SensorImage,
-    scenario: ps.Scenario,
-    side: int,
-    marks: ps.WallPoints | ps.WallTags | None,
+    light: SensorImage, scenario: ps.Scenario, side: int, marks: ps.WallPoints | ps.WallTags | None
 ) -> tuple[int, int]:
     """Return (rows, columns) of the film whose pixels cover side x side of a photograph."""
     rows, columns = scenario.photograph_shape

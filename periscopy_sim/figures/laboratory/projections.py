@@ -1,8 +1,6 @@
 """A laboratory's wall, plan and side view, to scale."""
 
-from collections.abc import Mapping
 from itertools import pairwise
-from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
@@ -236,18 +234,8 @@ WIDTH, TALLEST = 10.0, 5.5
 """Inches of the drawing's width, and that a panel may be high."""
 
 
-def draw_laboratory(
-    path: Path, scenario: Scenario, *, metadata: Mapping[str, str] | None = None
-) -> None:
-    """Draw a scenario's laboratory to scale: see `laboratory_figure`.
-
-    The metadata are text chunks of a PNG, such as provenance.
-    """
-    laboratory_figure(scenario).savefig(path, metadata=dict(metadata or {}))
-
-
 def laboratory_figure(scenario: Scenario) -> "Figure":
-    """Return the figure that `draw_laboratory` saves.
+    """Draw a scenario's laboratory to scale.
 
     Three views at one scale, after the third-angle projection: the wall as the camera faces it,
     the side view beside it, the plan below. Grey is how much of the monitor a point of the wall

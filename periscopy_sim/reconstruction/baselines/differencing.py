@@ -83,11 +83,6 @@ def descend_as_published(
     *,
     unit: float,
     white: float,
-    first_step: float = 1e-5,
-    shrinkage: float = 0.3,
-    growth: float = 5.0,
-    smallest_change: float = 2.4e-6,
-    fewest: int = 10,
     most: int = 1100,
 ) -> tuple[Array, int]:
     """Return the image, (R, C), where the published code of [15] stops, and its iterations.
@@ -102,8 +97,9 @@ def descend_as_published(
     published code waits for a relative change of 1e-6.
 
     The numbers are those of the published code. The weight is λ ≥ 0, in [15], whose data term has
-    one half, λ/2. `unit` takes K to the units of [15], to which `first_step` belongs; `white` is
-    the f that is 1 there, as for `smallest_change`, the spectral norm of an image's change over N.
+    one half, λ/2. `unit` takes K to the units of [15], to which the first step, 1e-5, belongs;
+    `white` is the f that is 1 there, as for the spectral norm of an image's change over N, 2.4e-6
+    where the iterations end.
     """
 
     def product(f: Array) -> Array:
@@ -116,21 +112,21 @@ def descend_as_published(
         return float(np.sum(change * product(change))) <= _spectral_norm(change) ** 2 / step
 
     f = z = start
-    step = first_step * unit**2
+    step = 1e-5 * unit**2
     t, threshold = 1.0, weight * step
     for iteration in range(1, most + 1):
         slope = product(z) - h.reshape(z.shape)
         trial = denoised(z - step * slope)
         while not is_majorized(trial - z):
-            step *= shrinkage
+            step *= 0.3
             threshold = weight * step
             trial = denoised(z - step * slope)
         change, f = trial - f, trial
-        if iteration > fewest and _spectral_norm(change) <= smallest_change * white * f.size:
+        if iteration > 10 and _spectral_norm(change) <= 2.4e-6 * white * f.size:
             break
         following = (1 + math.sqrt(1 + 4 * t * t)) / 2
         z, t = f + (t - 1) / following * change, following
-        step *= growth
+        step *= 5.0
     return f, iteration
 
 

@@ -163,5 +163,4 @@ class IterativePeriscope(StillMethod[np.float64]):
 
     def _weight(self, noise: Array) -> Array:
         """Return λ."""
-        weight: Array = self.regularization * noise * np.sqrt(self.transport.squared_norm)
-        return weight
+        return np.asarray(self.regularization * noise * np.sqrt(self.transport.squared_norm))

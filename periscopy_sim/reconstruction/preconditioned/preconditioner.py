@@ -48,13 +48,11 @@ class Preconditioner:
 
     def project_out(self, y: NDArray[np.floating[Any]]) -> Array:
         """Return photographs, (M,) or (M, K), with range(B) projected out: y − Q Qᵀ y, float64."""
-        projected: Array = y - self.Q @ (self.Q.T @ y)
-        return projected
+        return np.asarray(y - self.Q @ (self.Q.T @ y))
 
     def solve(self, g: Array) -> Array:
         """Apply (A⊥ᵀ A⊥)⁻¹ to (N,) or (N, K)."""
-        solution: Array = linalg.cho_solve((self.cholesky.T, True), g, check_finite=False)
-        return solution
+        return np.asarray(linalg.cho_solve((self.cholesky.T, True), g, check_finite=False))
 
     def apply(self, y: NDArray[np.floating[Any]]) -> Array:
         """Return P y, (N,) or (N, K) float64, of photographs, (M,) or (M, K), without forming P."""
@@ -62,8 +60,7 @@ class Preconditioner:
         y = self.project_out(y)
         f = self.solve(self.A.T @ y)
         residual = self.project_out(y - self.A @ f)
-        refined: Array = f + self.solve(self.A.T @ residual)
-        return refined
+        return np.asarray(f + self.solve(self.A.T @ residual))
 
     def noise(self, y: Array, f: Array, factor: Image | None = None) -> Array:
         """Return σ of photographs, (K,), from what [A, B] leaves of them; see `residual_noise`.
@@ -89,8 +86,7 @@ class Preconditioner:
     def noise_gain(self) -> Array:
         """(N,) diagonal of P Pᵀ = (A⊥ᵀ A⊥)⁻¹: each patch's Cramér-Rao bound for unit noise."""
         inverse_factor, _ = linalg.lapack.dtrtri(self.cholesky.T, lower=True)
-        gain: Array = np.sum(inverse_factor**2, axis=0)
-        return gain
+        return np.asarray(np.sum(inverse_factor**2, axis=0))
 
 
 def form_preconditioner(

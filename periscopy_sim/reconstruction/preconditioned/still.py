@@ -121,7 +121,13 @@ class Periscope(StillMethod[np.floating[Any]]):
 
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        return self._finished(self.estimate(plain_array(photograph)[None]), 0)
+        estimate = self.estimate(plain_array(photograph)[None])
+        return denoise_and_repair(
+            estimate.preconditioned[0],
+            estimate.noise[0],
+            weight=estimate.weight[0],
+            repair_threshold=self.repair_threshold,
+        )
 
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
@@ -157,14 +163,6 @@ class Periscope(StillMethod[np.floating[Any]]):
             np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
             noise,
             self.tv_weight * self._unit_error * noise,
-        )
-
-    def _finished(self, estimate: Estimate, k: int) -> Reconstruction:
-        return denoise_and_repair(
-            estimate.preconditioned[k],
-            estimate.noise[k],
-            weight=estimate.weight[k],
-            repair_threshold=self.repair_threshold,
         )
 
 

@@ -32,12 +32,7 @@ GAP_INTERVAL = 10
 
 
 def solve_dual(
-    g: Array,
-    p: Array,
-    bounds: tuple[Array, Array],
-    w: float,
-    stop: tuple[float, int],
-    duals: Array,
+    g: Array, p: Array, bounds: tuple[Array, Array], w: float, stop: tuple[float, int], duals: Array
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 
@@ -66,7 +61,8 @@ def solve_dual(
     scale = np.where(peak > 0, peak, 1)
     scaled, scaled_p = (g - mean) / scale, (p - mean) / scale
     flat = (τ2 == 0) & (τ / scale >= _flattening_bound(scaled, w)) & ~unchanged
-    f = np.where(flat, mean, p + _shrunk(g - p, τ2))
+    # g shrunk towards p by τ₂ (soft threshold).
+    f = np.where(flat, mean, p + np.sign(g - p) * np.maximum(np.abs(g - p) - τ2, 0))
     iterations, gaps = np.zeros(len(g), np.int64), np.zeros(len(g))
     strides, inside = _differences(g.shape[1:], w)
     step = 1 / (8 + w**2 * (2 + 2 * math.cos(math.pi / g.shape[1])))  # of 1/‖∇‖² at least
@@ -79,11 +75,6 @@ def solve_dual(
         )
         f[k] = mean[k] + scale[k] * solution.reshape(g.shape[1:])
     return f, iterations, gaps
-
-
-def _shrunk(values: Array, by: Array) -> Array:
-    """Move values towards zero by a given amount, at most onto it (soft threshold)."""
-    return np.asarray(np.sign(values) * np.maximum(np.abs(values) - by, 0))
 
 
 def _flattening_bound(g: Array, w: float) -> Array:

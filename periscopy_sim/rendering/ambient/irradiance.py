@@ -68,7 +68,8 @@ def direct_irradiance(
         pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
         met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
-    return means_of_blocks(arriving, count)
+    dr.eval(arriving)  # else computed anew for each component
+    return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
 
 
 class BouncedIrradiance:
@@ -146,14 +147,6 @@ class BouncedIrradiance:
         blocked = self._scene.ray_test(ray, seen & ~own)
         form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
         return np.array(form, dtype=np.float64).reshape(len(paths), m)
-
-
-def means_of_blocks(values: Any, count: int) -> NDArray[np.float64]:
-    """Return the means, (n, components), of so many values each in a row of a Dr.Jit vector."""
-    import drjit as dr
-
-    dr.eval(values)  # else computed anew for each component
-    return rows_of(dr.block_reduce(dr.ReduceOp.Add, values, count)) / count
 
 
 def gathered(kind: Any, rows: Array, index: Any) -> Any:

@@ -10,30 +10,23 @@ from typing import Any
 PLUGIN = "lcd"
 
 
-def falloff(across: Any, up: Any, normal: Any, exponents: tuple[float, float]) -> Any:
-    """Evaluate the profile for a direction in the monitor's axes: 1 along the normal, 0 behind.
+def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
+    """Evaluate the profile towards a world direction, about a surface point's own axes.
 
-    cos(vertical angle) is n / sqrt(n² + u²) for a direction with normal component n and up
-    component u, of any positive scale; likewise the horizontal one. The exponents are the vertical
-    and the horizontal one.
+    It is 1 along the normal, 0 behind. cos(vertical angle) is n / sqrt(n² + u²) for a direction
+    with normal component n and up component u, of any positive scale; likewise the horizontal one.
+    The exponents are the vertical and the horizontal one.
     """
     import drjit as dr
 
+    across = dr.dot(direction, dr.normalize(surface.dp_du))
+    up, normal = dr.dot(direction, dr.normalize(surface.dp_dv)), dr.dot(direction, surface.n)
     vertical, horizontal = exponents
     n2 = dr.square(normal)
     cos2_vertical = n2 / (n2 + dr.square(up))
     cos2_horizontal = n2 / (n2 + dr.square(across))
     value = _root_power(cos2_vertical, vertical) * _root_power(cos2_horizontal, horizontal)
     return dr.select(normal > 0, value, 0)
-
-
-def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
-    """Evaluate the profile towards a world direction, about a surface point's own axes."""
-    import drjit as dr
-
-    across = dr.dot(direction, dr.normalize(surface.dp_du))
-    up = dr.dot(direction, dr.normalize(surface.dp_dv))
-    return falloff(across, up, dr.dot(direction, surface.n), exponents)
 
 
 def _root_power(square: Any, exponent: float) -> Any:
@@ -93,7 +86,7 @@ def register_lcd() -> None:
             to_light = surface.p - it.p
             ds.dist = dr.norm(to_light)
             ds.d = to_light / ds.dist
-            ds.emitter = self._pointer()
+            ds.emitter = mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
             active = active & surface.is_valid() & (pdf_uv > 0)
             ds.pdf = self._solid_angle_density(pdf_uv, surface, ds, active)
             active = active & (ds.pdf > 0)
@@ -135,8 +128,5 @@ def register_lcd() -> None:
 
         def to_string(self) -> str:
             return f"Lcd[exponents={self.exponents}]"
-
-        def _pointer(self) -> Any:
-            return mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
 
     mi.register_emitter(PLUGIN, Lcd)

@@ -123,11 +123,6 @@ class SceneNodes:
             layout.rest.append(rest)
         return layout
 
-    def plugin_and_place(self, name: str) -> tuple[str, NDArray[np.float64]]:
-        """Return a node's plugin by its id, and the matrix, (4, 4), from its coordinates."""
-        layout = self.layout()
-        return layout.plugins[name], layout.places[name]
-
     def wall_material(self) -> str:
         """Return the name of the wall's BSDF plugin, for messages."""
         materials = self.children(self._by_id("wall"), "BSDF")
@@ -152,15 +147,9 @@ class SceneNodes:
         if image is None:
             emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
             return
-        emitter["radiance"] = mi.load_dict(
-            {
-                "type": "bitmap",
-                "bitmap": mi.Bitmap(monitor_texture(image, mirrored)),
-                "raw": True,
-                "filter_type": "nearest",
-                "wrap_mode": "clamp",
-            }
-        )
+        kind = {"type": "bitmap", "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
+        bitmap = mi.Bitmap(monitor_texture(image, mirrored))
+        emitter["radiance"] = mi.load_dict({**kind, "bitmap": bitmap})
 
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""

@@ -71,8 +71,7 @@ class BouncedLight:
     def rows(self, rows: slice) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
         with threadpool_limits(1):  # the last bits follow the number of threads
-            added: NDArray[np.float32] = self.over_wall[rows] @ self.mean
-        return added
+            return np.asarray(self.over_wall[rows] @ self.mean)
 
     @cached_property
     def colour(self) -> NDArray[np.float32]:

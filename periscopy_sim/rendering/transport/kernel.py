@@ -74,13 +74,8 @@ def make_kernel(
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
         offset = within(index, strata_down, strata_across, key, 0)
-        uv = patch_uv(
-            patch // hidden_columns,
-            patch % hidden_columns,
-            (hidden_rows, hidden_columns),
-            scenario.mirrored,
-            offset,
-        )
+        row, column = patch // hidden_columns, patch % hidden_columns
+        uv = patch_uv(row, column, scenario.hidden_shape, scenario.mirrored, offset)
         light = surface_at(monitor, mi.Point2f(*uv))
         to_light = light.p - si.p
         squared_distance = dr.squared_norm(to_light)

@@ -16,8 +16,6 @@ from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 
-Progress = Callable[[float], None]
-
 LANES = 1 << 22
 """Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
 and a tenth of a second's wait for an interrupt."""
@@ -30,7 +28,7 @@ def render_transport(
     strata: Strata = "jittered",
     pixel_samples: int = 1,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> NDArray[np.float32]:
     """Render the light transport matrix of direct light by shadow rays.
 
