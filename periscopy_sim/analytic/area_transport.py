@@ -299,7 +299,8 @@ def monitor_axes(scenario: Scenario) -> Array:
 def tolerance(points: Array) -> float:
     """Return the metres that points of one plane may lie off it: `FLATNESS`, and rounding."""
     extent = np.linalg.norm(np.ptp(points, axis=0))
-    return float(FLATNESS * extent + np.finfo(np.float32).eps * np.abs(points).max())
+    rounding = 4 * np.finfo(np.float32).eps  # a vertex is a sum of three products and a shift
+    return float(FLATNESS * extent + rounding * np.abs(points).max())
 
 
 def refusal(scenario: Scenario, shape: str, reason: str) -> ClosedFormError:
