@@ -141,8 +141,6 @@ def few_paths(monkeypatch):
     monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
 
-# -- a small scene and its photographs -----------------------------------------------------------
-
 TINY = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 
 

@@ -21,9 +21,6 @@ pytestmark = pytest.mark.usefixtures("jit")
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 
 
-# -- transport matrices --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("light", "method", "model", "samples"),
     [
@@ -64,9 +61,6 @@ def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch)
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
 
 
-# -- light that bounces --------------------------------------------------------------------------
-
-
 @pytest.fixture
 def rough(monkeypatch):
     """Trace few paths: the rest of the light is as good for what is tested here."""
@@ -96,9 +90,6 @@ def test_bounces_are_direct_all_or_a_number():
     for text in ("0", "-1", "2.5", "none", "", "1e3", "9" * 5000):
         with pytest.raises(PeriscopyError, match="--bounces"):
             Light(bounces=text)
-
-
-# -- what ambient light may be made of -----------------------------------------------------------
 
 
 @pytest.fixture

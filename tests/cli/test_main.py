@@ -39,9 +39,6 @@ def run(*command, **environment):
     )
 
 
-# -- help ----------------------------------------------------------------------------------------
-
-
 def test_help_lists_every_command_in_whole_lines(succeeds, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     listed = succeeds("--help").partition("─ Start ")[2].splitlines()
@@ -88,9 +85,6 @@ def test_help_needs_no_renderer_and_no_solver():
     assert run("-c", code).returncode == 0
 
 
-# -- errors --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "offender"),
     [
@@ -134,8 +128,6 @@ def test_place_that_cannot_be_written_is_refused_before_anything_is_read(monkeyp
     ):
         assert "file" in refused(*command)
 
-
-# -- interrupts, pipes, terminals ----------------------------------------------------------------
 
 INTERRUPT = "exec('signal.raise_signal(signal.SIGINT)')"
 BEFORE = f"""

@@ -98,9 +98,6 @@ def test_errors_are_those_given_or_declared():
             known_errors(wrong, chair)
 
 
-# -- groups, options of methods -------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Room(OptionGroup):
     width: float

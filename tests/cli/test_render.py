@@ -84,8 +84,6 @@ def test_impossible_light_is_refused(options, offender, refused, tmp_path):
     assert offender in refused("photograph", "chair", "bars", *PHOTO, *options, "--out", "y.exr")
 
 
-# -- ambient light --------------------------------------------------------------------------------
-
 SKY = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")
 
 
@@ -111,9 +109,6 @@ def test_light_is_rendered_once_and_kept_with_its_error(succeeds, refused, monke
 
 def test_unknown_condition_is_refused(refused):
     assert "'midnight'" in refused("ambient", "overcast", "midnight", *SKY[2:], "--out", "out")
-
-
-# -- transport matrices ---------------------------------------------------------------------------
 
 
 def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):

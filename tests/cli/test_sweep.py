@@ -122,8 +122,6 @@ def test_bad_input_is_one_line(changes, offender, refused):
     assert offender in refused(*command(**changes))
 
 
-# -- the folder ----------------------------------------------------------------------------------
-
 KILLED = """
 import os, pathlib, signal, sys
 from periscopy_sim import cli

@@ -46,9 +46,6 @@ def column(table, name):
     return np.array([float(row[name]) for row in table])
 
 
-# -- what is recovered and written ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("options", "settings"),
     [
@@ -110,9 +107,6 @@ def test_folder_holds_frames_pictures_table_and_summary(photographs, video, tmp_
         assert picture.info["duration"] == pytest.approx(40)
 
 
-# -- pictures and errors -------------------------------------------------------------------------
-
-
 def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
     av = pytest.importorskip("av")
     np.save(tmp_path / "y.npy", photographs)
@@ -141,9 +135,6 @@ def test_truth_adds_metrics_and_a_contact_sheet(given, photographs, video, clip,
     assert np.allclose(column(table, "psnr"), expected, atol=1e-3)
     assert summary["median"]["psnr"] == pytest.approx(np.median(expected), abs=1e-3)
     assert summary["truth"] == given and (tmp_path / "out" / "frames_sheet.png").is_file()
-
-
-# -- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,6 @@ def done(tmp_path_factory):
     return folder, run_sweep(sweep_of(), folder)
 
 
-# -- what is measured ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sbr", [0.1, 1, 10])
 def test_photograph_has_its_sbr_and_its_noise(sbr):
     clean = replace(sweep_of(), snr=300).photograph("sun", sbr, 0)
@@ -121,9 +118,6 @@ def test_pixels_under_the_mask_change_no_measurement():
     spoilt = sweep_of(mask=MASK, signal=signal, backgrounds={"sun": light})
     expected = sweep_of(mask=MASK).photograph("sun", 1, 0)
     assert np.array_equal(spoilt.photograph("sun", 1, 0), expected)
-
-
-# -- what is kept --------------------------------------------------------------------------------
 
 
 def test_results_are_labelled_and_are_what_the_methods_give(done):
@@ -209,9 +203,6 @@ def test_method_that_fails_fails_alone(tmp_path):
 def test_impossible_sweep_is_rejected(changes, name):
     with pytest.raises(PeriscopyError, match=name):
         sweep_of(**changes)
-
-
-# -- going on ------------------------------------------------------------------------------------
 
 
 def test_complete_sweep_is_not_done_again(done):

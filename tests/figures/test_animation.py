@@ -78,9 +78,6 @@ def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_pat
     assert picture.info["loop"] == 0 and METADATA.items() <= picture.info.items()
 
 
-# -- the contact sheet ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("count", "most"), [(1, 8), (2, 2), (7, 8), (8, 8), (9, 8), (1000, 8)])
 def test_chosen_numbers_are_evenly_spread_from_first_to_last(count, most):
     chosen = evenly_chosen(count, most)

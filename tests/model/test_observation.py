@@ -87,9 +87,6 @@ def test_what_is_used_must_be_finite(method):
         ALL[method](A, B, mask=MASK).reconstruct(y)
 
 
-# -- one row left --------------------------------------------------------------------------------
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 UNFIT = {

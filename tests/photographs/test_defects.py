@@ -38,9 +38,6 @@ def counts(values, *rest):
     return [int(kind.sum()) for kind in (found.saturated, found.dead, found.hot)]
 
 
-# -- what is sound -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("wall", WALLS)
 @pytest.mark.parametrize("noise", [0, 1e-5, 1e-3, 0.01, 0.05])
 def test_walls_in_light_have_no_defects(wall, noise):
@@ -107,8 +104,6 @@ def test_real_photograph_is_sound_whatever_black_level_is_subtracted():
     for top in (63, 255, 4095, 65_535):
         assert counts(np.round(top / y.max() * y)) == [0, 0, 0]
 
-
-# -- what is defective ---------------------------------------------------------------------------
 
 PLACES = [(0, 0), (0, 40), (17, 109), (50, 3), (50, 60), (89, 109)]
 
@@ -220,9 +215,6 @@ def test_a_sensors_full_well_is_found(read_noise):
     assert exposure.saturated.max() > 300
     assert found.saturated.sum() > 0.4 * exposure.saturated.max()
     assert not found.dead.any() and not found.hot.any()
-
-
-# -- masks and forms -----------------------------------------------------------------------------
 
 
 def test_what_is_masked_or_not_finite_is_left_aside():

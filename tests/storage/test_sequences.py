@@ -231,8 +231,6 @@ def test_pickles_are_never_loaded(tmp_path):
     assert not (tmp_path / "sprung").exists()
 
 
-# -- what was hidden -----------------------------------------------------------------------------
-
 PATCHES = (2, 3)
 SENT = RNG.integers(0, 256, (4, 4, 6, 3)).astype(np.uint8)
 

@@ -34,9 +34,6 @@ def test_other_method_writes_its_image_and_what_it_reports(
     assert summary["psnr"] > (25 if "differencing" in method else 10)
 
 
-# -- methods of one's own ------------------------------------------------------------------------
-
-
 MINE = """
 import sys
 import numpy as np

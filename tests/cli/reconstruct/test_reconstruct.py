@@ -83,9 +83,6 @@ def test_truth_adds_metrics_and_a_comparison(light, reconstruct, hidden, tmp_pat
     assert summary["psnr_registered"] >= summary["psnr"] and len(summary["shift"]) == 2
 
 
-# -- the noise-aware method ----------------------------------------------------------------------
-
-
 def test_standard_errors_are_those_of_the_image(light, hidden, reconstruct, tmp_path):
     signal = light[0]
     noise = 1e-3 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)
@@ -109,9 +106,6 @@ def test_scene_that_is_off_leaves_more_unexplained(light, reconstruct, tmp_path)
     assert summary["diagnosis"] == "fits" and not summary["warnings"]
     assert of_wrong["diagnosis"] != "fits" and of_wrong["warnings"]
     assert summary["unexplained"] < 1.5e-3 and of_wrong["unexplained"] > 3 * summary["unexplained"]
-
-
-# -- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -97,8 +97,6 @@ def test_even_sky_gives_pi_times_its_radiance(room, same_mean):
     same_mean(found, np.broadcast_to(np.pi * np.array([1.0, 2, 4]), found.shape))
 
 
-# -- light that has bounced ----------------------------------------------------------------------
-
 FLOOR = shape("floor", '<scale value="0.8"/><translate x="0.7" y="0.2" z="-0.2"/>', "0.7, 0.5, 0.2")
 LEFT = '<scale value="0.8"/><rotate y="1" angle="90"/><translate x="0" y="0.2" z="0.3"/>'
 

@@ -21,9 +21,6 @@ def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile)
     assert nodes.emission_profile() == profile
 
 
-# -- what the monitor shows ----------------------------------------------------------------------
-
-
 def seen_on_monitor(scene, uv_from_viewer):
     """Radiance towards the wall at places of the screen: (across, down) in [0, 1] for a viewer."""
     import mitsuba as mi
@@ -62,9 +59,6 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
     nodes.show(image, mirrored=False)
     seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
-
-
-# -- the film ------------------------------------------------------------------------------------
 
 
 def render(nodes, film_size=None):

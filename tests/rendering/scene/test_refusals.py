@@ -202,9 +202,6 @@ def test_files_that_are_missing_or_include_themselves_are_refused(room, tmp_path
             load_scenario(path, (2, 3))
 
 
-# -- what lets light through ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "bsdf",
     [
@@ -225,9 +222,6 @@ def test_shadow_of_a_shape_and_of_an_instance_is_right(room, is_right, group):
     is_right(group(room.blocker()))
 
 
-# -- participating media -------------------------------------------------------------------------
-
-
 def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(room):
     plain, camera = room.load(), room.camera().replace("<film", FOG.format("medium") + "<film")
     for render in (room.load, lambda camera: render_background(room.write(camera=camera), plain)):
@@ -236,9 +230,6 @@ def test_medium_about_the_camera_is_refused_for_ambient_light_and_places_too(roo
     path = room.write(camera=camera.replace('id="camera"', 'id="wide"'))
     with pytest.raises(SceneError, match="sensor 'wide' holds a participating medium"):
         render_place(path, samples=1, size=(2, 2))
-
-
-# -- the monitor's UV square ---------------------------------------------------------------------
 
 
 def screen(room, faces, name="screen"):
