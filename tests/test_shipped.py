@@ -1,5 +1,3 @@
-"""Shipped files have names that are resolved, and are what their scripts and README say."""
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

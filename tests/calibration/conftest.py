@@ -1,5 +1,3 @@
-"""A small chair whose numbers are wrong, and levels of its photographs."""
-
 from dataclasses import dataclass
 
 import numpy as np

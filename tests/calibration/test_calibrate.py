@@ -1,5 +1,3 @@
-"""Calibration as it is called: what it finds, what it leaves as it was, and what it rejects."""
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,3 @@
-"""Run the command line in this process, in a folder of its own; small inputs for it."""
-
 import json
 import re
 import sys

@@ -1,5 +1,3 @@
-"""`periscopy fetch` without a network."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The light that commands model: A from files, with bounces, within memory; B of any source."""
-
 import json
 from functools import partial
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-"""The command line as a whole: help, errors in one line, interrupts, broken pipes."""
-
 import os
 import subprocess
 import sys

@@ -1,5 +1,3 @@
-"""The options that commands share: their forms, those of the methods, and the groups of --help."""
-
 import inspect
 from dataclasses import dataclass
 from pathlib import Path

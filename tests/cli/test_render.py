@@ -1,5 +1,3 @@
-"""What `periscopy photograph`, `ambient` and `transport` render, write and reject."""
-
 import hashlib
 import json
 

@@ -1,5 +1,3 @@
-"""What commands read through a `Session`, what they leave out, and what they warn of."""
-
 import numpy as np
 import pytest
 from PIL import Image

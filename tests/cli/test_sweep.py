@@ -1,5 +1,3 @@
-"""What `periscopy sweep` writes, resumes and refuses."""
-
 import csv
 import json
 import signal

@@ -1,5 +1,3 @@
-"""What `periscopy video` recovers and writes."""
-
 import csv
 import json
 

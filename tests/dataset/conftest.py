@@ -1,5 +1,3 @@
-"""Small data sets."""
-
 import pytest
 import yaml
 

@@ -1,5 +1,3 @@
-"""Data sets made, stopped, damaged, shared among workers: always the same bytes."""
-
 import shutil
 import threading
 

@@ -1,5 +1,3 @@
-"""Animated pictures and contact sheets."""
-
 import json
 from itertools import pairwise
 

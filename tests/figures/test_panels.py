@@ -1,5 +1,3 @@
-"""Panels side by side, maps with their bars, and the map of a photograph's residual."""
-
 import numpy as np
 import pytest
 import xarray as xr

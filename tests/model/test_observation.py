@@ -1,5 +1,3 @@
-"""Masks: what is left out is left out of A, B and the photograph, by whatever method."""
-
 from functools import partial
 
 import numpy as np

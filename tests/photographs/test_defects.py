@@ -1,5 +1,3 @@
-"""Defective pixels planted in photographs are found, and what is sound is left alone."""
-
 from math import erfc, sqrt
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Photographs and masks in every format, and what is neither."""
-
 import struct
 import subprocess
 import sys

@@ -1,5 +1,3 @@
-"""Published photographs from a server on this machine: whole, cut, damaged, not there."""
-
 import hashlib
 import io
 import re

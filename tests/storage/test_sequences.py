@@ -1,5 +1,3 @@
-"""Sequences of photographs in every form, and what the hidden scene showed meanwhile."""
-
 import os
 import tracemalloc
 

@@ -1,5 +1,3 @@
-"""`periscopy calibrate` from end to end: an unknown picture, a known one, and what is refused."""
-
 import json
 import xml.etree.ElementTree as ET
 

@@ -1,5 +1,3 @@
-"""Each method by its name, and a user's own by its file."""
-
 import hashlib
 
 import numpy as np

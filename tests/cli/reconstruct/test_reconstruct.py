@@ -1,5 +1,3 @@
-"""What is recovered from a photograph, and what the folder holds."""
-
 import hashlib
 import json
 import time

@@ -1,5 +1,3 @@
-"""Figures of the paper, run on a scene of few pixels and ambient light of far lamps."""
-
 import importlib
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""A rendered stand-in for the published data set: its folders, names and fields, in small."""
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Scenes as arrays, shipped ones too, whatever frame and unit a user describes them in."""
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

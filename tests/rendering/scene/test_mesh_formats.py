@@ -1,5 +1,3 @@
-"""Meshes that Mitsuba does not read, written by hand; meshes without area or volume."""
-
 import json
 import struct
 import traceback

@@ -1,5 +1,3 @@
-"""What is read of a scene's nodes, and their edits: an image, a dark room, averaged pixels."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Every format of the table gives one and the same photograph."""
-
 import numpy as np
 import OpenEXR
 import png

@@ -1,5 +1,3 @@
-"""A store that no crash can spoil, laid out as a small data set."""
-
 import json
 
 import numpy as np
