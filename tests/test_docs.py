@@ -31,7 +31,6 @@ PAGES = [
 ]
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LIBRARIES = ("torch", "deepinv")
-INSTALL = re.compile(r"make [a-z-]+")
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,7 @@ from periscopy_sim.analytic.area_transport import analytic_transport
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import EmissionProfile, Occluder, Scenario, SceneDocument
 
-ROOT = Path(__file__).parents[2]
 D = 1.03
-FINE = (40, 43)
 LCD = EmissionProfile(18, 1)
 LAMBERTIAN = EmissionProfile(0, 0)
 PLACES = ("wall_points", "patch_centers")

@@ -12,7 +12,6 @@ import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
 from periscopy_sim.rendering.variant import examine_variants
-from periscopy_sim.shipped import find_scene
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
@@ -107,22 +106,6 @@ def refused(periscopy, tmp_path):
         return outcome.err.removeprefix("periscopy: error: ").strip()
 
     return run
-
-
-@pytest.fixture
-def edited_scene(tmp_path):
-    """Write a chair scene with parts of its XML replaced; return its path."""
-
-    def write(*replacements):
-        xml = find_scene("chair").read_text()
-        for old, new in replacements:
-            assert old in xml
-            xml = xml.replace(old, new)
-        (tmp_path / "edited.xml").write_text(xml)
-        # The whole path: Mitsuba looks for relative ones where the process started.
-        return str(tmp_path / "edited.xml")
-
-    return write
 
 
 @pytest.fixture

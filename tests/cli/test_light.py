@@ -8,7 +8,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import Model
-from periscopy_sim.cli.session import Session, check_memory
+from periscopy_sim.cli.session import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.rendering.transport import bounced
@@ -33,13 +33,6 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(
 ):
     resolved = light.resolved(scenario, method)
     assert (resolved.model, resolved.samples) == (model, samples)
-
-
-@pytest.fixture
-def session(scenario):
-    session = Session("chair", "4x5", ["resolution=24"])
-    session.scenario = scenario
-    return session
 
 
 def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):

@@ -23,7 +23,7 @@ FOG = (
     '<float name="albedo" value="0.9"/></medium>'
 )
 PLACE = '<scale value="0.15"/><rotate x="1" angle="90"/><rotate z="1" angle="{}"/>'
-FRONT, BACK = (PLACE.format(angle) + '<translate x="0.2" z="0.3"/>' for angle in (180, 0))
+FRONT = PLACE.format(180) + '<translate x="0.2" z="0.3"/>'
 ROUND = '<scale value="0.1"/><translate x="0.2" z="0.3"/>'
 
 
