@@ -29,10 +29,6 @@ def test_no_network_is_one_line(periscopy):
     assert outcome.err.count("\n") == 1 and "saunders2019" in outcome.told
 
 
-def test_unknown_set_is_one_line(refused):
-    assert "saunders2019-chair" in refused("fetch", "saunders-chair", "--out", "out")
-
-
 def test_folder_holds_captures_and_what_reconstruct_reads(succeeds, tmp_path, monkeypatch):
     name, known = next(iter(published_sets().items()))
     image = np.tile([[2.0, 4.0], [4.0, 6.0]], (126, 126))

@@ -108,11 +108,8 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     ("changes", "offender"),
     [
         ({"hidden-image": "bars"}, "--hidden-image"),
-        ({"methods": "magic"}, "'magic'"),
-        ({"methods": "mine.py:Other"}, "'Other'"),
         ({"ambient": "left.exr,./left.exr"}, "--ambient"),
         ({"ambient": "left.exr,small.exr"}, "small.exr"),
-        ({"sbr": "1,0"}, "--sbr"),
         ({"scheduler": "nonsense://x"}, "'nonsense://x'"),
     ],
 )
