@@ -72,17 +72,6 @@ def test_shell_completes_commands_and_methods(words, completions):
     assert set(ended.stdout.split()) == completions and ended.stderr == ""
 
 
-def test_help_needs_no_renderer_and_no_solver():
-    """They take four times as long to import as the rest."""
-    heavy = {"mitsuba", "numba", "scipy", "matplotlib"}
-    code = (
-        "import sys; from typer.main import get_command; from periscopy_sim import cli; "
-        "parser = get_command(cli.app); [parser.get_command(None, n) for n in cli.MODULES]; "
-        f"sys.exit(bool({heavy} & set(sys.modules)))"
-    )
-    assert run("-c", code).returncode == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "offender"),
     [

@@ -107,9 +107,6 @@ def published():
     """What makes such a data set, and the numbers that it was made with."""
     return SimpleNamespace(
         save_capture=save_capture,
-        RenderedSet=RenderedSet,
-        HIDDEN=HIDDEN,
-        PHOTOGRAPH=PHOTOGRAPH,
         COUNTS=COUNTS,
         NOISE=NOISE,
         PAINT=PAINT,

@@ -18,10 +18,6 @@ DEEP = np.rint(65535 * LIGHT).astype(np.uint16)
 ENCODED = np.rint(255 * (1.055 * LIGHT ** (1 / 2.4) - 0.055)).astype(np.uint8)  # sRGB
 
 
-def write_png(path):
-    png.from_array(DEEP.reshape(SHAPE[0], -1), "RGB;16").save(path)
-
-
 def write_exr(path):
     with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": LIGHT}) as file:
         file.write(str(path))
@@ -45,7 +41,11 @@ WRITERS = {  # by format, and how far a value of 1 may be off
     "EXR": (write_exr, "y.exr", 0),
     "NPY": (lambda path: np.save(path, LIGHT), "y.npy", 0),
     "NPZ": (lambda path: np.savez(path, photograph=LIGHT), "y.npz", 0),
-    "PNG": (write_png, "y.png", 1 / 65535),
+    "PNG": (
+        lambda path: png.from_array(DEEP.reshape(SHAPE[0], -1), "RGB;16").save(path),
+        "y.png",
+        1 / 65535,
+    ),
     "TIFF": (lambda path: tifffile.imwrite(path, LIGHT, photometric="rgb"), "y.tif", 0),
     "JPEG": (
         lambda path: Image.fromarray(ENCODED).save(path, quality=100, subsampling=0),
