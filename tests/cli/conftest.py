@@ -11,7 +11,6 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
-from periscopy_sim.rendering.variant import examine_variants
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
@@ -33,14 +32,6 @@ class Outcome:
     @property
     def err(self):
         return STAGE.sub("", self.told)
-
-
-@pytest.fixture(scope="session")
-def jit():
-    """Skip where only the scalar variant works: rendering would crawl, and warn that it does."""
-    reports = [report for report in examine_variants() if not report.name.startswith("scalar")]
-    if not any(report.works for report in reports):
-        pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
 @pytest.fixture(autouse=True)

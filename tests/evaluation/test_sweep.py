@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
+from tests.contents import contents
 
 RNG = np.random.default_rng(5)
 SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))
@@ -43,14 +44,6 @@ def sweep_of(**changes):
     methods = {"first": Linear(1), "second": Linear(2)}
     base = Sweep(SIGNAL, TRUTH, LIGHTS, methods, [0.1, 1, 10], snr=40, seeds=range(2), seed=7)
     return replace(base, **changes)
-
-
-def contents(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
 
 
 @pytest.fixture(scope="module")

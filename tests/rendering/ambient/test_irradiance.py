@@ -4,6 +4,7 @@ import pytest
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.scenario import pixel_edges
+from tests.irradiance import polygon_irradiance
 from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
@@ -37,17 +38,6 @@ def same_at_each_point(same_mean):
             same_mean(a[:, point : point + 1], b[:, point : point + 1])
 
     return check
-
-
-def polygon_irradiance(point, normal, corners):
-    """Irradiance by a Lambertian polygon of radiance 1 wholly above the horizon (Lambert)."""
-    rays = corners - point
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    following = np.roll(rays, -1, axis=0)
-    angle = np.arccos(np.sum(rays * following, axis=1))
-    edge = np.cross(rays, following)
-    edge /= np.linalg.norm(edge, axis=1, keepdims=True)
-    return abs(angle @ (edge @ normal)) / 2
 
 
 def shape(name, transform, reflectance="0", inside=""):
