@@ -100,6 +100,7 @@ REFUSED = {
     "film of 25 million": ("5000x5000", lambda r: {"camera": r.camera((5000, 5000))}),
     "film of too long a row": ("4194305", lambda r: {"camera": r.camera((1, 2**22 + 1))}),
     "more patches than pixels": ("1x31", lambda _: {"hidden": (1, 31)}),
+    "no patches": ("0x4", lambda _: {"hidden": (0, 4)}),
     "pixels off the wall": ("10 of 30", lambda r: {"wall": r.wall(x=-0.25)}),
     "uneven wall": ("blendbsdf", lambda r: {"wall": r.wall(PATCHED)}),
     "varnished wall": ("roughplastic", lambda r: {"wall": r.wall(VARNISHED)}),
