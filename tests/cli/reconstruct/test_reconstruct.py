@@ -109,6 +109,7 @@ def test_scene_that_is_off_leaves_more_unexplained(light, reconstruct, tmp_path)
 @pytest.mark.parametrize(
     ("options", "offender"),
     [
+        (("--method", "magic"), "'magic'"),
         (("--tv-weight", "-1"), "'--tv-weight'"),
         ((*PAPER, "--hidden", "24x24"), "chair.xml"),
         (("--transport", "none.npy"), "none.npy"),
