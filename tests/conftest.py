@@ -1,11 +1,9 @@
-"""Settings for the whole suite."""
-
 import os
 import signal
 
 import pytest
 
-from periscopy_sim.rendering.variant import choose_llvm
+from periscopy_sim.rendering.variant import choose_llvm, examine_variants
 
 # Small matrices on busy cores: OpenBLAS's threads would mostly wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -15,6 +13,14 @@ choose_llvm()  # some tests import Mitsuba first
 # A shell's background jobs ignore Ctrl-C, and so would the programs that tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def jit():
+    """Skip where only the scalar variant works: rendering would crawl, and warn that it does."""
+    reports = [report for report in examine_variants() if not report.name.startswith("scalar")]
+    if not any(report.works for report in reports):
+        pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
 @pytest.fixture

@@ -1,5 +1,3 @@
-"""The light transport as physics of deepinv: adjoint, noise, ambient light, projection."""
-
 import importlib
 import sys
 

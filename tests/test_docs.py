@@ -31,7 +31,6 @@ PAGES = [
 ]
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LIBRARIES = ("torch", "deepinv")
-INSTALL = re.compile(r"make [a-z-]+")
 
 
 @dataclass(frozen=True)
@@ -156,21 +155,21 @@ def test_commands_are_those_of_the_command_line(block, tmp_path, monkeypatch):
     assert seen
 
 
+LINKED = {
+    (page.parent / target).resolve()
+    for page in PAGES
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8"))
+}
+
+
 def test_links_lead_to_files():
-    for page in PAGES:
-        for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8")):
-            assert (page.parent / target).is_file(), f"{page.name}: {target}"
+    assert not [path for path in LINKED if not path.is_file()]
 
 
 def test_the_source_distribution_holds_what_pages_link_to_and_tests_read():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     included = set(project["tool"]["hatch"]["build"]["targets"]["sdist"]["include"])
-    linked = [
-        (page.parent / target).resolve()
-        for page in PAGES
-        for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text("utf-8"))
-    ]
-    needed = {path.relative_to(ROOT).parts[0] for path in (*PAGES, *linked)}
+    needed = {path.relative_to(ROOT).parts[0] for path in (*PAGES, *LINKED)}
     needed |= {"periscopy_sim", "scenes", "experiments", "tests", "Makefile"}
     assert {f"/{name}" for name in needed} <= included
 

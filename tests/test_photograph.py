@@ -1,5 +1,3 @@
-"""A photograph carries its mask and monitor-off photographs, checked once."""
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,5 +1,3 @@
-"""What the script of the release asks of wheel and sdist is what the sources hold."""
-
 import importlib.util
 import io
 import tarfile

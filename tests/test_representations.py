@@ -1,5 +1,3 @@
-"""What Python prints of public things: one line of sizes and numbers, never arrays."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,4 @@
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,34 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.scenario import EmissionProfile, Scenario, SceneDocument, rises, wall_frame
+from periscopy_sim.scenario import EmissionProfile, rises, wall_frame
 
 
 def hemisphere(count, seed=0):
     directions = np.random.default_rng(seed).normal(size=(3, count))
     directions[2] = np.abs(directions[2])
     return directions
-
-
-def make_scenario(rows=2, columns=3, **changes):
-    patches = rows * columns
-    values = {
-        "document": SceneDocument(Path("room.xml")),
-        "photograph_shape": (4, 5),
-        "hidden_shape": (rows, columns),
-        "wall_points": np.zeros((20, 3)),
-        "wall_normals": np.zeros((20, 3)),
-        "wall_reflectance": None,
-        "channel_gain": np.ones(3),
-        "patch_centers": np.zeros((patches, 3)),
-        "patch_normals": np.zeros((patches, 3)),
-        "patch_across": np.tile([2.0, 0, 0], (patches, 1)),
-        "patch_up": np.tile([0, 0, 3.0], (patches, 1)),
-        "mirrored": False,
-        "emission": None,
-        "occluders": (),
-    }
-    return Scenario(**(values | changes))
 
 
 def field(rows=3, columns=4):

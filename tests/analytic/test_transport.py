@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 from periscopy_sim.analytic.area_transport import analytic_transport
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import EmissionProfile, Occluder, Scenario, SceneDocument
+from tests.irradiance import polygon_irradiance
 
-ROOT = Path(__file__).parents[2]
 D = 1.03
-FINE = (40, 43)
 LCD = EmissionProfile(18, 1)
 LAMBERTIAN = EmissionProfile(0, 0)
 PLACES = ("wall_points", "patch_centers")
@@ -142,17 +141,6 @@ def tilt_monitor(scenario, degrees):
     )
 
 
-def lambert_irradiance(point, normal, corners):
-    """Irradiance of unit radiance from a polygon, by Lambert's contour formula."""
-    rays = corners - point
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    total = 0.0
-    for a, b in zip(rays, np.roll(rays, -1, axis=0), strict=True):
-        across = np.cross(a, b)
-        total += np.arccos(a @ b) * (across @ normal) / np.linalg.norm(across)
-    return abs(total) / 2
-
-
 @pytest.mark.parametrize("degrees", [0, 25])
 def test_an_unoccluded_lambertian_monitor_matches_lamberts_contour_formula(degrees):
     scenario = tilt_monitor(make_scenario(film=(3, 4), emission=LAMBERTIAN), degrees)
@@ -161,7 +149,7 @@ def test_an_unoccluded_lambertian_monitor_matches_lamberts_contour_formula(degre
         for j, center in enumerate(scenario.patch_centers):
             across, up = scenario.patch_across[j] / 2, scenario.patch_up[j] / 2
             corners = center + np.array([-across - up, across - up, across + up, up - across])
-            irradiance = lambert_irradiance(point, scenario.wall_normals[i], corners)
+            irradiance = polygon_irradiance(point, scenario.wall_normals[i], corners)
             assert A[i, j] == pytest.approx(0.8 / np.pi * irradiance, rel=1e-4)
 
 

@@ -1,5 +1,3 @@
-"""A small chair whose numbers are wrong, and levels of its photographs."""
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +11,6 @@ from periscopy_sim.calibration.level import ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.variant import is_vectorized, use_variant
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -23,14 +20,6 @@ SIZE = {"resolution": str(SIDE)}
 ERRORS = {"occluder_dx": 0.005, "occluder_dz": 0.005, "monitor_turn": 0.5}
 TRUTH = {"occluder_dx": 0.004, "occluder_dz": -0.006, "monitor_turn": 0.3}
 AMBIENT = np.ones((SIDE, SIDE, 1)) * np.array([1, 0.9, 0.8])
-
-
-@pytest.fixture
-def jit() -> None:
-    """Skip where only the scalar variant works."""
-    use_variant()
-    if not is_vectorized():
-        pytest.skip("needs LLVM or CUDA")
 
 
 @pytest.fixture

@@ -1,5 +1,3 @@
-"""Copies of scene files at other values."""
-
 from pathlib import Path
 from xml.dom import minidom
 

@@ -1,5 +1,3 @@
-"""The objective of photographs, and its derivatives."""
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

@@ -1,5 +1,3 @@
-"""A scene's transport matrix in some pixels, and its derivatives."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""What a scene declares of its parameters and their errors."""
-
 from pathlib import Path
 
 import numpy as np

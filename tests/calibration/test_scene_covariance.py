@@ -1,5 +1,3 @@
-"""The covariance that a calibrated scene carries."""
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""When a calibration is doubted."""
-
 from types import SimpleNamespace
 from typing import Any
 

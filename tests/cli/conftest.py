@@ -1,5 +1,3 @@
-"""Run the command line in this process, in a folder of its own; small inputs for it."""
-
 import json
 import re
 import sys
@@ -13,8 +11,6 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim import cli
 from periscopy_sim.analytic import point_light
-from periscopy_sim.rendering.variant import examine_variants
-from periscopy_sim.shipped import find_scene
 
 TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")  # make rich draw anywhere
 
@@ -36,14 +32,6 @@ class Outcome:
     @property
     def err(self):
         return STAGE.sub("", self.told)
-
-
-@pytest.fixture(scope="session")
-def jit():
-    """Skip where only the scalar variant works: rendering would crawl, and warn that it does."""
-    reports = [report for report in examine_variants() if not report.name.startswith("scalar")]
-    if not any(report.works for report in reports):
-        pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
 @pytest.fixture(autouse=True)
@@ -112,22 +100,6 @@ def refused(periscopy, tmp_path):
 
 
 @pytest.fixture
-def edited_scene(tmp_path):
-    """Write a chair scene with parts of its XML replaced; return its path."""
-
-    def write(*replacements):
-        xml = find_scene("chair").read_text()
-        for old, new in replacements:
-            assert old in xml
-            xml = xml.replace(old, new)
-        (tmp_path / "edited.xml").write_text(xml)
-        # The whole path: Mitsuba looks for relative ones where the process started.
-        return str(tmp_path / "edited.xml")
-
-    return write
-
-
-@pytest.fixture
 def few_lights(monkeypatch):
     """Model ambient light by 3 x 3 x 3 lights, 2 m apart: 512 take longer than all the rest."""
     grid = point_light.paper_grid
@@ -140,8 +112,6 @@ def few_paths(monkeypatch):
     monkeypatch.setattr("periscopy_sim.rendering.ambient.background.RAYS", 16)
     monkeypatch.setattr("periscopy_sim.rendering.ambient.background.DIRECT_SAMPLES", 16)
 
-
-# -- a small scene and its photographs -----------------------------------------------------------
 
 TINY = ("--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 

@@ -1,8 +1,4 @@
 import json
-import signal
-import subprocess
-import sys
-import time
 
 import pytest
 import yaml
@@ -96,22 +92,3 @@ def test_lists_of_samples_are_read(text, expected):
 @pytest.mark.parametrize("arguments", [["--out", "d.zarr"], ["none.yaml", "--out", "d.zarr"]])
 def test_missing_configuration_is_refused(refused, arguments):
     assert ".yaml" in refused("dataset", *arguments)
-
-
-def test_interrupt_is_one_line_and_the_same_command_goes_on(succeeds, configuration, tmp_path):
-    configuration(count=3000, samples_per_geometry=3000)
-    command = [sys.executable, "-m", "periscopy_sim", "dataset", "config.yaml", "--out", "d.zarr"]
-    run = subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    marks = tmp_path / "d.zarr/making/finished"
-    while not list(marks.glob("[0-9]*.json")) and run.poll() is None:
-        time.sleep(0.01)
-    run.send_signal(signal.SIGINT)
-    out, err = run.communicate(timeout=60)
-    assert (run.returncode, out) == (130, "")
-    assert all(line.startswith("periscopy: ") for line in err.splitlines()), err
-    done = len(list(marks.glob("[0-9]*.json")))
-    assert 0 < done < 1000
-    configuration(count=3 * done + 3, samples_per_geometry=3000)
-    assert succeeds("dataset", "config.yaml", "--out", "d.zarr").startswith("wrote d.zarr: 3 ")

@@ -1,5 +1,3 @@
-"""`periscopy design`: points fail by name, runs go on, the best scene is written."""
-
 import csv
 import json
 import xml.etree.ElementTree as ET

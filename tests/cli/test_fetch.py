@@ -1,5 +1,3 @@
-"""`periscopy fetch` without a network."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +27,6 @@ def test_no_network_is_one_line(periscopy):
     outcome = periscopy("fetch", "saunders2019-chair", "--out", "out")
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1 and "saunders2019" in outcome.told
-
-
-def test_unknown_set_is_one_line(refused):
-    assert "saunders2019-chair" in refused("fetch", "saunders-chair", "--out", "out")
 
 
 def test_folder_holds_captures_and_what_reconstruct_reads(succeeds, tmp_path, monkeypatch):

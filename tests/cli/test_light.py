@@ -1,5 +1,3 @@
-"""The light that commands model: A from files, with bounces, within memory; B of any source."""
-
 import json
 from functools import partial
 from types import SimpleNamespace
@@ -10,7 +8,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import Model
-from periscopy_sim.cli.session import Session, check_memory
+from periscopy_sim.cli.session import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import memory
 from periscopy_sim.rendering.transport import bounced
@@ -19,9 +17,6 @@ from periscopy_sim.storage.transport_matrix import read_transport
 pytestmark = pytest.mark.usefixtures("jit")
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
-
-
-# -- transport matrices --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -40,13 +35,6 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(
     assert (resolved.model, resolved.samples) == (model, samples)
 
 
-@pytest.fixture
-def session(scenario):
-    session = Session("chair", "4x5", ["resolution=24"])
-    session.scenario = scenario
-    return session
-
-
 def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
     succeeds("transport", "chair", *TINY, "-D", "occluder_dx=0.01", "--out", "A.npy")
     np.save(tmp_path / "y.npy", np.ones((24, 24)))
@@ -62,9 +50,6 @@ def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch)
     monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
-
-
-# -- light that bounces --------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -96,9 +81,6 @@ def test_bounces_are_direct_all_or_a_number():
     for text in ("0", "-1", "2.5", "none", "", "1e3", "9" * 5000):
         with pytest.raises(PeriscopyError, match="--bounces"):
             Light(bounces=text)
-
-
-# -- what ambient light may be made of -----------------------------------------------------------
 
 
 @pytest.fixture

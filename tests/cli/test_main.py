@@ -1,5 +1,3 @@
-"""The command line as a whole: help, errors in one line, interrupts, broken pipes."""
-
 import os
 import subprocess
 import sys
@@ -39,9 +37,6 @@ def run(*command, **environment):
     )
 
 
-# -- help ----------------------------------------------------------------------------------------
-
-
 def test_help_lists_every_command_in_whole_lines(succeeds, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     listed = succeeds("--help").partition("─ Start ")[2].splitlines()
@@ -75,20 +70,6 @@ def test_shell_completes_commands_and_methods(words, completions):
         COMP_CWORD=str(len(line.split(" ")) - 1),
     )
     assert set(ended.stdout.split()) == completions and ended.stderr == ""
-
-
-def test_help_needs_no_renderer_and_no_solver():
-    """They take four times as long to import as the rest."""
-    heavy = {"mitsuba", "numba", "scipy", "matplotlib"}
-    code = (
-        "import sys; from typer.main import get_command; from periscopy_sim import cli; "
-        "parser = get_command(cli.app); [parser.get_command(None, n) for n in cli.MODULES]; "
-        f"sys.exit(bool({heavy} & set(sys.modules)))"
-    )
-    assert run("-c", code).returncode == 0
-
-
-# -- errors --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -134,8 +115,6 @@ def test_place_that_cannot_be_written_is_refused_before_anything_is_read(monkeyp
     ):
         assert "file" in refused(*command)
 
-
-# -- interrupts, pipes, terminals ----------------------------------------------------------------
 
 INTERRUPT = "exec('signal.raise_signal(signal.SIGINT)')"
 BEFORE = f"""

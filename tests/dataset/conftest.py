@@ -1,7 +1,4 @@
-"""Small data sets."""
-
 import pytest
-import yaml
 
 from periscopy_sim.dataset.configuration import Configuration
 from periscopy_sim.rendering.transport import bounced
@@ -47,15 +44,3 @@ def doubtful(configured, monkeypatch):
         count=30, light={"kind": "bounced", "samples": 4},
         scenes=[{"scene": "bright_room", "parameters": {"resolution": 12}}],
     )  # fmt: skip
-
-
-@pytest.fixture
-def configuration_file(tmp_path):
-    """Return a function that writes a small configuration, with changes."""
-
-    def write(name="config.yaml", **changes):
-        file = tmp_path / name
-        file.write_text(yaml.safe_dump({**ENTRIES, **changes}))
-        return file
-
-    return write

@@ -1,5 +1,3 @@
-"""Data sets made, stopped, damaged, shared among workers: always the same bytes."""
-
 import shutil
 import threading
 
@@ -13,14 +11,7 @@ from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
-
-
-def contents(path):
-    return {
-        str(file.relative_to(path)): file.read_bytes()
-        for file in sorted(path.rglob("*"))
-        if file.is_file() and file.name != ".lock"
-    }
+from tests.contents import contents
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,3 @@
-"""What photographs are made of, put together again from the parts that are kept."""
-
 from functools import partial
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The gallery's scripts: titled, listed, written with public names alone, and right."""
-
 import ast
 import json
 import re

@@ -1,5 +1,3 @@
-"""What Sphinx makes of the pages: every public name, every link, nothing from elsewhere."""
-
 import importlib.util
 import re
 import tomllib

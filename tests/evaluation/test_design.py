@@ -1,5 +1,3 @@
-"""Designs: the bound by its definition, what must not change it, and the table of points."""
-
 import numpy as np
 import pytest
 

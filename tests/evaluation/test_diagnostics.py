@@ -43,16 +43,10 @@ def test_condition_number_is_the_ratio_of_singular_values(shape):
     assert condition_number(single) == pytest.approx(expected, rel=1e-9)
 
 
-def difference_matrix(rows, columns):
-    """D on a photograph vectorized by columns, and the permutation from row-major order."""
-    pixels = rows * columns
-    D = np.eye(pixels, k=1) - np.eye(pixels)
-    D[-1, -1] = 1
-    permutation = np.zeros((pixels, pixels))
-    for i in range(rows):
-        for j in range(columns):
-            permutation[j * rows + i, i * columns + j] = 1
-    return D @ permutation
+def difference_matrix():
+    """D of a photograph, column after column."""
+    by_columns = np.eye(M).reshape(*FILM, M).transpose(1, 0, 2).reshape(M, M)
+    return np.vstack([by_columns[1:] - by_columns[:-1], by_columns[-1]])
 
 
 @pytest.mark.parametrize("degrees", [(10.0, 70.0), (0.5, 89.9), (30.0, 30.0)])
@@ -88,7 +82,7 @@ def test_background_at_an_angle_costs_one_over_its_squared_sine(degrees):
 def test_condition_numbers_are_those_of_a_and_of_its_differences():
     A = transport()
     result = diagnose(A, backgrounds(), FILM, HIDDEN)
-    D = difference_matrix(*FILM)
+    D = difference_matrix()
     assert result.condition_A == pytest.approx(np.linalg.cond(A), rel=1e-9)
     assert result.condition_DA == pytest.approx(np.linalg.cond(D @ A), rel=1e-9)
 
@@ -101,8 +95,7 @@ def test_mask_leaves_out_rows_of_a_b_and_the_differences():
         np.where(used[:, None], A, np.nan), np.where(used[:, None], B, np.nan), FILM, HIDDEN,
         mask=mask, rank_tolerance=1e-6,
     )  # fmt: skip
-    by_columns = np.eye(M).reshape(*FILM, M).transpose(1, 0, 2).reshape(M, M)
-    D = np.vstack([by_columns[1:] - by_columns[:-1], by_columns[-1]])
+    D = difference_matrix()
     D = D[~D[:, ~used].any(axis=1)]
     assert found.condition_A == pytest.approx(np.linalg.cond(A[used]), rel=1e-9)
     assert found.condition_DA == pytest.approx(np.linalg.cond(D @ A), rel=1e-9)

@@ -301,15 +301,3 @@ class Returning:
 def test_image_that_breaks_the_promise_is_refused(image, message):
     with pytest.raises(ValueError, match=message):
         image_by(Returning(image), photograph(), (2, 3))
-
-
-def test_looking_up_a_method_loads_no_renderer():
-    code = (
-        "import sys; from periscopy_sim.evaluation import methods, sweep; "
-        "methods.find_method('differencing'); "
-        "print(*{'mitsuba', 'distributed', 'xarray', 'zarr', 'matplotlib'} & set(sys.modules))"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2]
-    )
-    assert (ended.stdout, ended.stderr) == ("\n", "")

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
+from tests.contents import contents
 
 RNG = np.random.default_rng(5)
 SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))
@@ -45,22 +46,11 @@ def sweep_of(**changes):
     return replace(base, **changes)
 
 
-def contents(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A complete sweep: its folder and results."""
     folder = tmp_path_factory.mktemp("done")
     return folder, run_sweep(sweep_of(), folder)
-
-
-# -- what is measured ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sbr", [0.1, 1, 10])
@@ -121,9 +111,6 @@ def test_pixels_under_the_mask_change_no_measurement():
     spoilt = sweep_of(mask=MASK, signal=signal, backgrounds={"sun": light})
     expected = sweep_of(mask=MASK).photograph("sun", 1, 0)
     assert np.array_equal(spoilt.photograph("sun", 1, 0), expected)
-
-
-# -- what is kept --------------------------------------------------------------------------------
 
 
 def test_results_are_labelled_and_are_what_the_methods_give(done):
@@ -209,9 +196,6 @@ def test_method_that_fails_fails_alone(tmp_path):
 def test_impossible_sweep_is_rejected(changes, name):
     with pytest.raises(PeriscopyError, match=name):
         sweep_of(**changes)
-
-
-# -- going on ------------------------------------------------------------------------------------
 
 
 def test_complete_sweep_is_not_done_again(done):

@@ -1,5 +1,3 @@
-"""What the tests of the experiments share: figures are drawn by thorough tests alone."""
-
 import pytest
 
 

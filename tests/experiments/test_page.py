@@ -1,5 +1,3 @@
-"""Pages: every experiment loads, a stopped run goes on, and one that fails fails alone."""
-
 import json
 from pathlib import Path
 

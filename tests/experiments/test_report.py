@@ -1,5 +1,3 @@
-"""Sections as files and as one page: nothing is lost, loaded from outside or taken for markup."""
-
 import base64
 from html.parser import HTMLParser
 

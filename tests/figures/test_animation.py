@@ -1,5 +1,3 @@
-"""Animated pictures and contact sheets."""
-
 import json
 from itertools import pairwise
 
@@ -76,9 +74,6 @@ def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_pat
     _, durations, picture = draw(tmp_path / "a.png", moments, rate)
     assert durations == pytest.approx([1000 / rate] * 3, abs=0.6)
     assert picture.info["loop"] == 0 and METADATA.items() <= picture.info.items()
-
-
-# -- the contact sheet ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("count", "most"), [(1, 8), (2, 2), (7, 8), (8, 8), (9, 8), (1000, 8)])

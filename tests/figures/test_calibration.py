@@ -1,5 +1,3 @@
-"""The picture of a calibration: residuals in percent, and parameters over the ruler's errors."""
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

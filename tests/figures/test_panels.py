@@ -1,12 +1,9 @@
-"""Panels side by side, maps with their bars, and the map of a photograph's residual."""
-
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_rgb
 
 from periscopy_sim.figures.panels import (
-    displayable,
     draw_certainty,
     draw_maps,
     draw_panels,
@@ -18,28 +15,6 @@ from periscopy_sim.model.residual import Residual
 from tests.figures.conftest import covers, read
 
 METADATA = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
-
-
-def gradient_image(rows=6, columns=8):
-    return np.linspace(0, 1, rows * columns * 3).reshape(rows, columns, 3)
-
-
-def test_displayable_shows_the_brightest_half_percent_white_and_negatives_black():
-    image = np.arange(-100.0, 900.0).reshape(10, -1, 1)[:, :99].repeat(3, axis=2)
-    level = np.sort(image[..., 0].ravel())[int(0.995 * 989)]
-    shown = displayable(image)
-    assert shown.dtype == np.float64
-    np.testing.assert_array_equal(shown[image < 0], 0)
-    assert 0.002 < np.mean(shown == 1) < 0.008
-    middle = (image > 0) & (image < 0.9 * level)
-    np.testing.assert_allclose(shown[middle], image[middle] / level, rtol=2e-3)
-
-
-def test_displayable_keeps_colours_by_one_factor():
-    image = gradient_image() * [1.0, 0.5, 0.1]
-    shown = displayable(image, white=2.0)
-    np.testing.assert_allclose(shown, image / 2)
-    np.testing.assert_allclose(displayable(1e-9 * image), displayable(image))
 
 
 def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):

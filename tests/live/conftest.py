@@ -1,5 +1,3 @@
-"""What the tests of the live laboratory share: a plate's scene, at sizes that take moments."""
-
 import pytest
 
 from periscopy_sim.live.level import Choice, Level

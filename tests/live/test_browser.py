@@ -1,5 +1,3 @@
-"""The page in a browser: handles are dragged, what is chosen changes the pictures."""
-
 import shutil
 import time
 

@@ -1,5 +1,3 @@
-"""What is wanted, and when, by levels that stand in for those that compute."""
-
 import threading
 import time
 from dataclasses import dataclass

@@ -1,5 +1,3 @@
-"""Photographs with the monitor off are columns of B, in every method, with the noise they bring."""
-
 from functools import partial
 
 import numpy as np

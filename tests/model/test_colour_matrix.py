@@ -1,5 +1,3 @@
-"""Colour matrices: what they are, and what methods make of photographs that they mixed."""
-
 import numpy as np
 import pytest
 

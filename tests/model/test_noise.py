@@ -1,5 +1,3 @@
-"""White noise from differences of neighbouring pixels."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Masks: what is left out is left out of A, B and the photograph, by whatever method."""
-
 from functools import partial
 
 import numpy as np
@@ -85,9 +83,6 @@ def test_what_is_used_must_be_finite(method):
     y[tuple(np.argwhere(MASK)[7])] = np.nan
     with pytest.raises(ValueError, match="must be finite"):
         ALL[method](A, B, mask=MASK).reconstruct(y)
-
-
-# -- one row left --------------------------------------------------------------------------------
 
 
 # -- what is refused -----------------------------------------------------------------------------

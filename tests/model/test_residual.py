@@ -1,5 +1,3 @@
-"""The residual of a photograph, its share in percent, and what it says of the scene."""
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -156,8 +156,6 @@ def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, nois
     assert np.corrcoef(actual, expected)[0, 1] > 0.15
 
 
-# -- errors of the scene --------------------------------------------------------------------------
-
 CHANGES = 0.3 * RNG.standard_normal((2, 400, N)).astype(np.float32)
 
 

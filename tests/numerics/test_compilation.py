@@ -1,5 +1,3 @@
-"""Loops compile also where no folder takes numba's cache."""
-
 import numpy as np
 from numba.core import caching
 

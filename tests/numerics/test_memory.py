@@ -1,5 +1,3 @@
-"""How much memory can be had."""
-
 import psutil
 
 from periscopy_sim.numerics import memory

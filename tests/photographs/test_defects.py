@@ -1,5 +1,3 @@
-"""Defective pixels planted in photographs are found, and what is sound is left alone."""
-
 from math import erfc, sqrt
 from pathlib import Path
 
@@ -36,9 +34,6 @@ def photograph(wall="lamp", noise=0.01, seed=0):
 def counts(values, *rest):
     found = defective_pixels(values, *rest)
     return [int(kind.sum()) for kind in (found.saturated, found.dead, found.hot)]
-
-
-# -- what is sound -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("wall", WALLS)
@@ -107,8 +102,6 @@ def test_real_photograph_is_sound_whatever_black_level_is_subtracted():
     for top in (63, 255, 4095, 65_535):
         assert counts(np.round(top / y.max() * y)) == [0, 0, 0]
 
-
-# -- what is defective ---------------------------------------------------------------------------
 
 PLACES = [(0, 0), (0, 40), (17, 109), (50, 3), (50, 60), (89, 109)]
 
@@ -220,9 +213,6 @@ def test_a_sensors_full_well_is_found(read_noise):
     assert exposure.saturated.max() > 300
     assert found.saturated.sum() > 0.4 * exposure.saturated.max()
     assert not found.dead.any() and not found.hot.any()
-
-
-# -- masks and forms -----------------------------------------------------------------------------
 
 
 def test_what_is_masked_or_not_finite_is_left_aside():

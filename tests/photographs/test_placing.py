@@ -1,5 +1,3 @@
-"""Films in photographs that are the film's own picture, enlarged and moved."""
-
 import numpy as np
 import pytest
 

@@ -145,9 +145,6 @@ def test_a_mirror_image_is_refused():
         fit_view(marks, SIZE)
 
 
-# -- tags ----------------------------------------------------------------------------------------
-
-
 def tags_of(centers, angles, size=0.06, noise=0.0, seed=0, **view):
     unit = size * np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
     corners = []

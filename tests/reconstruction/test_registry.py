@@ -1,5 +1,3 @@
-"""The registry of methods says what the classes are."""
-
 import inspect
 from dataclasses import dataclass
 

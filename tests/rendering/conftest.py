@@ -1,5 +1,3 @@
-"""What the rendering tests share: the variant, small scenes, and a test of equal means."""
-
 import os
 import subprocess
 import sys

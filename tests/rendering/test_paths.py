@@ -8,7 +8,6 @@ from periscopy_sim.rendering.ambient.irradiance import rows_of
 from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers
 
 SEEDS, RAYS = range(24), 1 << 14
-MANY = 1 << 16
 ORIGINS, PARTS = 16, (32, 96)
 COUNT = ORIGINS * sum(PARTS)
 LATER = 2 * DIMENSIONS + 3

@@ -1,8 +1,4 @@
-"""Photographs and masks in every format, and what is neither."""
-
 import struct
-import subprocess
-import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 
@@ -241,16 +237,6 @@ def test_a_value_that_stands_for_none_is_refused(tmp_path):
     tifffile.imwrite(tmp_path / "y.tif", LIGHT, photometric="rgb", extratags=nodata)
     with pytest.raises(PhotographError, match="GDAL_NODATA"):
         read(tmp_path / "y.tif")
-
-
-def test_import_brings_in_no_decoder():
-    script = (
-        "import sys, periscopy_sim.storage.sequences, periscopy_sim.storage.outputs.provenance\n"
-        "heavy = {'mitsuba', 'scipy', 'OpenEXR', 'tifffile', 'PIL', 'png', 'zarr', 'yaml'}\n"
-        "print(*heavy & set(sys.modules))"
-    )
-    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert run.stdout.strip() == ""
 
 
 def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):

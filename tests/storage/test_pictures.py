@@ -49,19 +49,13 @@ def test_area_average_is_exact_up_and_down(shape):
     assert np.allclose(area_average(LIGHT, shape), brute_force_average(LIGHT, shape), rtol=1e-13)
 
 
-def save_16_bit_png(path, values, **options):
-    with path.open("wb") as stream:
-        writer = png.Writer(values.shape[1], values.shape[0], bitdepth=16, **options)
-        writer.write(stream, values.reshape(len(values), -1).tolist())
-
-
 def test_integer_pictures_are_gamma_encoded(tmp_path):
     codes8 = (LIGHT * 255).astype(np.uint8)
     codes16 = (LIGHT * 65535).astype(np.uint16)
     Image.fromarray(codes8).save(tmp_path / "8.png")
     Image.fromarray(codes8).save(tmp_path / "8.tif", compression="tiff_lzw")
     tifffile.imwrite(tmp_path / "16.tif", codes16, photometric="rgb")
-    save_16_bit_png(tmp_path / "16.png", codes16, greyscale=False)
+    png.from_array(codes16.reshape(8, -1), "RGB;16").save(tmp_path / "16.png")
     for name, encoded in [
         ("8.png", codes8 / 255),
         ("8.tif", codes8 / 255),

@@ -1,5 +1,3 @@
-"""Published photographs from a server on this machine: whole, cut, damaged, not there."""
-
 import hashlib
 import io
 import re
@@ -18,6 +16,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import published
 from periscopy_sim.storage.formats.srgb import srgb_encode
+from tests.contents import contents
 
 TRUTH = np.random.default_rng(0).uniform(0.1, 1, (29, 36, 3))
 FRAME = "TestPosD11Video/frame_0.mat"
@@ -79,14 +78,6 @@ def server(monkeypatch, tmp_path):
     http.shutdown()
     http.server_close()
     thread.join()
-
-
-def contents(folder):
-    return {
-        file.relative_to(folder).as_posix(): file.read_bytes()
-        for file in folder.rglob("*")
-        if file.is_file()
-    }
 
 
 def test_set_is_downloaded_once(server):

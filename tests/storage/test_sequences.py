@@ -1,5 +1,3 @@
-"""Sequences of photographs in every form, and what the hidden scene showed meanwhile."""
-
 import os
 import tracemalloc
 
@@ -66,16 +64,10 @@ def test_names_sort_as_people_count(tmp_path):
     assert [v[0, 0, 0] for v in read(tmp_path)] == [names.index(name) + 1 for name in expected]
 
 
-def save_16_bit_png(path, counts):
-    with path.open("wb") as stream:
-        writer = png.Writer(SHAPE[1], SHAPE[0], greyscale=False, bitdepth=16)
-        writer.write(stream, counts.reshape(SHAPE[0], -1).tolist())
-
-
 FORMATS = {
     "exr": lambda path, counts: write_exr(path, counts, {}),
     "npz": lambda path, counts: np.savez(path, photograph=counts),
-    "png": save_16_bit_png,
+    "png": lambda path, counts: png.from_array(counts.reshape(6, -1), "RGB;16").save(path),
     "TIF": lambda path, counts: tifffile.imwrite(path, counts, photometric="rgb"),
 }
 
@@ -230,8 +222,6 @@ def test_pickles_are_never_loaded(tmp_path):
             read(tmp_path / name)
     assert not (tmp_path / "sprung").exists()
 
-
-# -- what was hidden -----------------------------------------------------------------------------
 
 PATCHES = (2, 3)
 SENT = RNG.integers(0, 256, (4, 4, 6, 3)).astype(np.uint8)

@@ -1,5 +1,3 @@
-"""A square rectangle before the wall, to be cut into cells, and the same scene without it."""
-
 from dataclasses import replace
 
 import numpy as np

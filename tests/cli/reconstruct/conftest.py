@@ -1,5 +1,3 @@
-"""A hidden image, its photograph and ambient light, for tests of `reconstruct`."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""The published photograph, where it is at hand."""
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Scenes that may be wrong: by --uncertain, and as a calibration left them."""
-
 import json
 
 import numpy as np

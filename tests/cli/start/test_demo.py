@@ -1,5 +1,3 @@
-"""The demo, and the tutorial's files in a folder of the user's."""
-
 import json
 import shlex
 

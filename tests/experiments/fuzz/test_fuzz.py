@@ -1,5 +1,3 @@
-"""Every reader on sound and damaged files: it returns finite values or one line."""
-
 import sys
 
 import pytest

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.irradiance import polygon_irradiance
+
 mi = pytest.importorskip("mitsuba")
 pytestmark = pytest.mark.skipif(
     "llvm_ad_rgb" not in mi.variants(), reason="the stand-ins are rendered with LLVM"
@@ -31,17 +33,6 @@ def world_of(modules, name, folder, film, **changes):
     for file, build in laboratory.meshes.items():
         build().export(folder / "meshes" / f"{file}.ply")
     return render.World(laboratory, folder, film)
-
-
-def polygon_irradiance(point, normal, corners):
-    """Lambert's formula for the irradiance of a uniform polygon of radiance 1, all of it above."""
-    to = corners - point
-    to /= np.linalg.norm(to, axis=1, keepdims=True)
-    total = np.zeros(3)
-    for a, b in zip(to, np.roll(to, -1, axis=0), strict=True):
-        cross = np.cross(a, b)
-        total += np.arccos(np.clip(a @ b, -1, 1)) * cross / np.linalg.norm(cross)
-    return abs(total @ normal) / 2
 
 
 def test_straight_light_of_a_rectangle_is_lamberts_closed_form(modules):

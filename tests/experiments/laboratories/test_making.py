@@ -1,5 +1,3 @@
-"""What stand-ins are made of: the wall's paint, the camera, the ruler, and the truth kept apart."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""A stand-in's files, made small: light kept, noise as asked, geometry against the scene's own."""
-
 import csv
 from dataclasses import replace
 

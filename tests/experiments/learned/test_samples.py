@@ -1,5 +1,3 @@
-"""Samples: a ruler's errors are the declared ones, and the truth stands where the image does."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Training: its error is the metrics', it learns, and it goes on as if it had not been stopped."""
-
 import json
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Figures of the paper, run on a scene of few pixels and ambient light of far lamps."""
-
 import importlib
 
 import numpy as np
@@ -54,9 +52,7 @@ def test_a_figure_is_made_from_a_tiny_scene(name, tmp_path):
 
 SBRS = np.array(fig4.SBRS)
 LIGHTS = [f"{name}{flip}" for name in ("a", "b") for flip in ("", " up-down")]
-BOUND = {"bound": list(1 / SBRS), "P y": list(2 / SBRS)}
 FLAT = np.full(len(SBRS), 0.04)
-STEEP = 0.01 * (SBRS[-1] / SBRS) ** 0.5
 
 
 def results(**errors):

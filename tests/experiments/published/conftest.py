@@ -1,5 +1,3 @@
-"""A rendered stand-in for the published data set: its folders, names and fields, in small."""
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -109,9 +107,6 @@ def published():
     """What makes such a data set, and the numbers that it was made with."""
     return SimpleNamespace(
         save_capture=save_capture,
-        RenderedSet=RenderedSet,
-        HIDDEN=HIDDEN,
-        PHOTOGRAPH=PHOTOGRAPH,
         COUNTS=COUNTS,
         NOISE=NOISE,
         PAINT=PAINT,

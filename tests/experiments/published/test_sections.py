@@ -1,5 +1,3 @@
-"""Every section of the page, on a rendered stand-in of which all is known."""
-
 import re
 
 import numpy as np

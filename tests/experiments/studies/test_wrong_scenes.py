@@ -1,5 +1,3 @@
-"""The suite of wrong scenes: what is drawn, what is counted, and a draw from end to end."""
-
 from dataclasses import replace
 
 import numpy as np

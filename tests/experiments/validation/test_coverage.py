@@ -1,5 +1,3 @@
-"""The kinds of images and the numbers of the table of standard errors."""
-
 from types import SimpleNamespace
 
 import numpy as np

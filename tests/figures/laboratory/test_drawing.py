@@ -1,5 +1,3 @@
-"""What a drawing shows, read off the finished figure."""
-
 from itertools import pairwise
 
 import numpy as np

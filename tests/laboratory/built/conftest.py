@@ -1,5 +1,3 @@
-"""Measurements in parts, the scene that Mitsuba builds of them, and trigonometry beside it."""
-
 import numpy as np
 import pytest
 

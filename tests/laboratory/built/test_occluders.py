@@ -1,5 +1,3 @@
-"""Occluders as they are measured, what stands on another, and meshes of one's own."""
-
 import struct
 
 import numpy as np

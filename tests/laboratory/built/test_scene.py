@@ -1,5 +1,3 @@
-"""Scenes of whole laboratories: one comes of it, or one line says why none does."""
-
 import re
 
 import numpy as np

@@ -24,18 +24,6 @@ A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
 FAINT = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.02)
 
 
-def difference_matrix():
-    """The D of [15] as a matrix."""
-    rows, columns = PHOTOGRAPH
-    order = [i * columns + j for j in range(columns) for i in range(rows)]
-    D = np.zeros((M, M))
-    for k in range(M):
-        D[k, order[k]] = -1 if k + 1 < M else 1
-        if k + 1 < M:
-            D[k, order[k + 1]] = 1
-    return D
-
-
 def photograph_of(image, noise=0.0, seed=0, A=A):
     """A f + noise, (rows, columns, 3); noise relative to the mean signal."""
     signal = A @ image.reshape(N, 3)
@@ -58,7 +46,7 @@ def relative_error(value, truth):
 def test_differencing_minimizes_eq_2_with_the_weight_it_reports(minimizer):
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
     result = differencing(tolerance=1e-6).solve(y)
-    D = difference_matrix()
+    D = published_d(PHOTOGRAPH)
     unit = np.linalg.norm(D @ A)
     for c in range(3):
         Dy, λ = D @ y.reshape(M, 3)[:, c], result.weight[c]
@@ -77,7 +65,7 @@ def test_noiseless_photograph_gives_the_hidden_image(stop):
 
 def test_weight_is_tv_weight_standard_deviations_of_the_noise_in_the_gram_form():
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=3e-3)
-    DA, Dy = (difference_matrix() @ v for v in (A, y.reshape(M, 3)))
+    DA, Dy = (published_d(PHOTOGRAPH) @ v for v in (A, y.reshape(M, 3)))
     _, squares, _, _ = np.linalg.lstsq(DA, Dy)
     noise = np.sqrt(squares / (len(DA) - N))
     result = differencing(tv_weight=1.7).solve(y)
@@ -89,7 +77,7 @@ def test_with_wrapping_a_constant_background_enters_by_the_last_pixel_alone():
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3)
     method = differencing(tv_weight=0.0)
     change = method.reconstruct(y + 5.0) - method.reconstruct(y)
-    expected = 5 * np.linalg.pinv(difference_matrix() @ A)[:, -1]
+    expected = 5 * np.linalg.pinv(published_d(PHOTOGRAPH) @ A)[:, -1]
     assert np.linalg.norm(expected) > 0.1
     np.testing.assert_allclose(change[..., 0].ravel(), expected, rtol=1e-6)
 

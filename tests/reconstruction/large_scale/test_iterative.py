@@ -9,7 +9,6 @@ from periscopy_sim.reconstruction.preconditioned.preconditioner import form_prec
 
 PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
 M, N = 420, 30
-GAIN = np.array([1.2, 1.0, 0.8])
 
 
 def transport(seed=0):

@@ -1,5 +1,3 @@
-"""A small scene whose photographs a network refines, in dense algebra."""
-
 from dataclasses import dataclass
 
 import numpy as np

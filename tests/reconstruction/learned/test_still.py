@@ -1,5 +1,3 @@
-"""The method by its name, with the weights that ship with the package."""
-
 import sys
 
 import numpy as np

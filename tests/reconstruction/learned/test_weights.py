@@ -1,5 +1,3 @@
-"""Weights: kept whole, and refused by name and hash where they are not, or of another scene."""
-
 import json
 import sys
 

@@ -280,9 +280,6 @@ def test_settings_out_of_range_are_rejected(wrong):
         NoiseAware(A, B, **{"hidden_shape": HIDDEN, **wrong})
 
 
-# -- corrections ----------------------------------------------------------------------------------
-
-
 class Twice:
     """A correction that asks for two first images and halves the photograph."""
 

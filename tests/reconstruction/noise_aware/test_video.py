@@ -67,9 +67,6 @@ def brute_force(*problem):
     return f.reshape(*HIDDEN, 3)
 
 
-# -- what a frame is -----------------------------------------------------------------------------
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("l1_weight", [1.0, 3.0])
 def test_frame_minimizes_the_objective_with_the_distance_to_the_frame_before(exact, l1_weight):
@@ -141,9 +138,6 @@ def test_coupling_lowers_the_error_in_motion_and_more_at_rest(still):
     assert ratios[1] < ratios[0]
 
 
-# -- one at a time, many at once -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("coupling", ["l1", "none"])
 def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(still, coupling, monkeypatch):
     monkeypatch.setattr(noise_aware_video, "BATCH", 2)
@@ -163,9 +157,6 @@ def test_iterations_that_start_from_the_minimum_stay_there(exact, scale, penalty
     stayed, _ = exact.recover(brighter, few, split)
     assert distance(stayed.image, scale * minimum.image) < 1e-4
     assert distance(exact.recover(brighter, few)[0].image, scale * minimum.image) > 1e-2
-
-
-# -- light that changes --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e12])
@@ -200,9 +191,6 @@ def test_cut_is_followed(still):
         errors.append(distance(video.next_frame(y + NOISE * draw), after))
         stills.append(distance(still.reconstruct(y + NOISE * draw), after))
     assert np.mean(errors) < 1.5 * np.mean(stills)
-
-
-# -- what is refused -----------------------------------------------------------------------------
 
 
 def test_rejected_photograph_leaves_the_video_as_it_was(still):

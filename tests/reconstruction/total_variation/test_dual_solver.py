@@ -1,5 +1,3 @@
-"""Convergence and starts of the denoising, seen through its callers."""
-
 import numpy as np
 import pytest
 

@@ -50,9 +50,6 @@ def temporal(g, weight, w):
     return f, np.sqrt(found.gap * (((f - g) ** 2).sum() + weight * variation(f, w))) + 1e-9
 
 
-# -- total variation with an l1 term -------------------------------------------------------------
-
-
 @few
 @given(g=images, weight=weights, l1_weight=weights, seed=seeds)
 def test_l1_prox_is_non_expansive(g, weight, l1_weight, seed):
@@ -86,9 +83,6 @@ def test_l1_prox_is_no_worse_than_any_other_image(g, weight, l1_weight, seed):
     assert objective(f) <= (1 + 1e-9) * min(map(objective, others)) + error**2
 
 
-# -- total variation over time -------------------------------------------------------------------
-
-
 @few
 @given(g=videos, weight=weights, w=ties, seed=seeds)
 def test_temporal_prox_is_non_expansive(g, weight, w, seed):
@@ -114,9 +108,6 @@ def test_temporal_prox_is_no_worse_than_any_other_video(g, weight, w, seed):
     f, error = temporal(g, weight, w)
     others = [g, np.full_like(g, g.mean()), f + 0.1 * noise(g.shape, seed)]
     assert objective(f) <= (1 + 1e-9) * min(map(objective, others)) + error**2
-
-
-# -- repair --------------------------------------------------------------------------------------
 
 
 @few

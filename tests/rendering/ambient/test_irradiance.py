@@ -4,6 +4,7 @@ import pytest
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.scenario import pixel_edges
+from tests.irradiance import polygon_irradiance
 from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
@@ -37,17 +38,6 @@ def same_at_each_point(same_mean):
             same_mean(a[:, point : point + 1], b[:, point : point + 1])
 
     return check
-
-
-def polygon_irradiance(point, normal, corners):
-    """Irradiance by a Lambertian polygon of radiance 1 wholly above the horizon (Lambert)."""
-    rays = corners - point
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    following = np.roll(rays, -1, axis=0)
-    angle = np.arccos(np.sum(rays * following, axis=1))
-    edge = np.cross(rays, following)
-    edge /= np.linalg.norm(edge, axis=1, keepdims=True)
-    return abs(angle @ (edge @ normal)) / 2
 
 
 def shape(name, transform, reflectance="0", inside=""):
@@ -96,8 +86,6 @@ def test_even_sky_gives_pi_times_its_radiance(room, same_mean):
     found = direct(room.write(sky, monitor=""), on_wall(3, 0.1), 1024)
     same_mean(found, np.broadcast_to(np.pi * np.array([1.0, 2, 4]), found.shape))
 
-
-# -- light that has bounced ----------------------------------------------------------------------
 
 FLOOR = shape("floor", '<scale value="0.8"/><translate x="0.7" y="0.2" z="-0.2"/>', "0.7, 0.5, 0.2")
 LEFT = '<scale value="0.8"/><rotate y="1" angle="90"/><translate x="0" y="0.2" z="0.3"/>'

@@ -60,8 +60,6 @@ def test_names_are_filled_in_longest_first_but_for_an_escaped_dollar(tmp_path):
     assert read_document(path).defaults == {"a": "1", "ab": r"2\1", "c": r"2\11-1"}
 
 
-# -- which files, held against Mitsuba -------------------------------------------------------------
-
 FOLDERS = [".", "m", "m/n", "parts", "parts/m"]
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"

@@ -1,5 +1,3 @@
-"""Scenes as arrays, shipped ones too, whatever frame and unit a user describes them in."""
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -24,9 +22,6 @@ def test_two_sided_wall_is_seen_from_behind(room):
     seen = room.load(wall=two_sided)
     np.testing.assert_allclose(seen.wall_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
     np.testing.assert_allclose(seen.wall_reflectance, 0.5, rtol=1e-6)
-
-
-# -- the wall as the camera sees it ----------------------------------------------------------------
 
 
 def test_orthographic_pixels_see_a_regular_grid_with_row_0_on_top(room):
@@ -62,9 +57,6 @@ def test_perspective_pixels_see_what_a_pinhole_sees(room):
             hit = origin + ray * (1 - origin[1]) / ray[1]
             index = 7 * row + column
             np.testing.assert_allclose(seen.wall_points[index], hit, atol=3e-6)
-
-
-# -- the hidden patches ----------------------------------------------------------------------------
 
 
 def test_patches_run_from_a_viewers_upper_left(room):
@@ -119,9 +111,6 @@ def test_curved_mesh_is_cut_into_patches_along_its_curve(room, flip, mirrored):
     towards_axis = np.array([0.2, 0.5]) - seen.patch_centers[:, :2]
     assert np.all(np.sum(seen.patch_normals[:, :2] * towards_axis, axis=1) > 0.499 * np.cos(0.026))
     assert np.all(seen.patch_across[:, 0] < 0)
-
-
-# -- occluders -------------------------------------------------------------------------------------
 
 
 def test_shapes_without_ids_are_occluders_of_their_own(room):

@@ -1,5 +1,3 @@
-"""Meshes that Mitsuba does not read, written by hand; meshes without area or volume."""
-
 import json
 import struct
 import traceback
@@ -133,9 +131,6 @@ def test_texture_coordinates_of_a_glb_file_run_upwards(mesh_file):
     assert read_mesh(mesh_file("glb", glb())).texture_coordinates is None
 
 
-# -- refusals ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", FORMS)
 def test_file_cut_short_anywhere_is_refused(mesh_file, form):
     content = CONTENTS[form]
@@ -239,8 +234,6 @@ def test_no_mesh_of_mitsubas_outlives_its_refusal(tmp_path, content):
     held = [value for frame in frames for value in frame.f_locals.values()]
     assert not any(type(value).__module__.startswith("mitsuba") for value in held)
 
-
-# -- in a scene ----------------------------------------------------------------------------------
 
 SHAPE = '<shape type="{}" id="tent"><string name="filename" value="{}"/></shape>'
 

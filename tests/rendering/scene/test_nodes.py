@@ -1,5 +1,3 @@
-"""What is read of a scene's nodes, and their edits: an image, a dark room, averaged pixels."""
-
 import numpy as np
 import pytest
 
@@ -19,9 +17,6 @@ from periscopy_sim.scenario import EmissionProfile
 def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile):
     nodes = SceneNodes(room.write(monitor=room.monitor(emitter)))
     assert nodes.emission_profile() == profile
-
-
-# -- what the monitor shows ----------------------------------------------------------------------
 
 
 def seen_on_monitor(scene, uv_from_viewer):
@@ -62,9 +57,6 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
     nodes.show(image, mirrored=False)
     seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
-
-
-# -- the film ------------------------------------------------------------------------------------
 
 
 def render(nodes, film_size=None):

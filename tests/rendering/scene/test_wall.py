@@ -1,5 +1,3 @@
-"""The wall that the camera sees: its points, its paint, and relief that changes nothing."""
-
 import numpy as np
 import pytest
 

@@ -40,9 +40,6 @@ def block_sum(array, down, across):
     return blocks.sum(axis=(-3, -1))
 
 
-# -- values ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("exponents", [(18, 1), (0, 0)])
 def test_entry_is_the_closed_form_integral_in_absolute_scale(room, exponents):
     seen = room.load(monitor=room.monitor(room.lcd(*exponents)), hidden=(2, 3))
@@ -123,9 +120,6 @@ def test_object_half_a_millimetre_before_the_monitor_hides_its_patch_alone(room)
     A = render_transport(room.load(cover, hidden=(2, 3)), strata="midpoint", samples=1)
     assert not A[:, 0].any()
     np.testing.assert_array_equal(A[:, 1:], bare[:, 1:])
-
-
-# -- samples ---------------------------------------------------------------------------------------
 
 
 def test_samples_of_a_patch_are_the_middles_of_its_strata(shipped):

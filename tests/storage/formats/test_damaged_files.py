@@ -23,12 +23,6 @@ def save_tiled_exr(path):
         file.write(str(path))
 
 
-def save_16_bit_png(path):
-    with path.open("wb") as stream:
-        writer = png.Writer(SHAPE[1], SHAPE[0], greyscale=False, bitdepth=16)
-        writer.write(stream, COUNTS.reshape(SHAPE[0], -1).tolist())
-
-
 def save_tiff(path, values, **options):
     tifffile.imwrite(path, values, photometric="rgb", **options)
 
@@ -39,7 +33,7 @@ WRITERS = {
     "npy": lambda path: np.save(path, LIGHT),
     "npz": lambda path: np.savez(path, photograph=LIGHT),
     "compressed npz": lambda path: np.savez_compressed(path, photograph=LIGHT),
-    "16-bit png": save_16_bit_png,
+    "16-bit png": lambda path: png.from_array(COUNTS.reshape(6, -1), "RGB;16").save(path),
     "8-bit png": lambda path: Image.fromarray(CODES).save(path),
     "jpg": lambda path: Image.fromarray(CODES).save(path),
     "16-bit tif": lambda path: save_tiff(path, COUNTS),

@@ -1,5 +1,3 @@
-"""Every format of the table gives one and the same photograph."""
-
 import numpy as np
 import OpenEXR
 import png
@@ -18,10 +16,6 @@ LIGHT = np.stack([0.2 + 0.8 * U, 0.9 - 0.5 * V, 0.3 + 0.3 * U * V], axis=2).asty
 """Each corner and each channel differs, so that no turn and no swap gives the same picture."""
 DEEP = np.rint(65535 * LIGHT).astype(np.uint16)
 ENCODED = np.rint(255 * (1.055 * LIGHT ** (1 / 2.4) - 0.055)).astype(np.uint8)  # sRGB
-
-
-def write_png(path):
-    png.from_array(DEEP.reshape(SHAPE[0], -1), "RGB;16").save(path)
 
 
 def write_exr(path):
@@ -47,7 +41,11 @@ WRITERS = {  # by format, and how far a value of 1 may be off
     "EXR": (write_exr, "y.exr", 0),
     "NPY": (lambda path: np.save(path, LIGHT), "y.npy", 0),
     "NPZ": (lambda path: np.savez(path, photograph=LIGHT), "y.npz", 0),
-    "PNG": (write_png, "y.png", 1 / 65535),
+    "PNG": (
+        lambda path: png.from_array(DEEP.reshape(SHAPE[0], -1), "RGB;16").save(path),
+        "y.png",
+        1 / 65535,
+    ),
     "TIFF": (lambda path: tifffile.imwrite(path, LIGHT, photometric="rgb"), "y.tif", 0),
     "JPEG": (
         lambda path: Image.fromarray(ENCODED).save(path, quality=100, subsampling=0),

@@ -1,5 +1,3 @@
-"""A store that no crash can spoil, laid out as a small data set."""
-
 import json
 
 import numpy as np
@@ -9,6 +7,7 @@ from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
+from tests.contents import contents
 
 SIZES = {
     "block": 3,
@@ -51,13 +50,6 @@ def filled(path, count=7):
     for number in made.missing():
         made.write(number, block(number))
     return made
-
-
-def contents(path):
-    return {
-        str(file.relative_to(path)): file.read_bytes()
-        for file in sorted(path.rglob("*")) if file.is_file()
-    }  # fmt: skip
 
 
 def test_blocks_are_read_as_written_and_the_last_is_cut_short(tmp_path):
