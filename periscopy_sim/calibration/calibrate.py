@@ -17,6 +17,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
@@ -114,8 +115,13 @@ def calibrate(
     document = scenario.document
     errors = free_parameters(document, free, uncertain or {})
     if uncertain is None:
-        declared = declared_errors(document).items()
-        uncertain = {name: error for name, error in declared if error > 0 and name not in errors}
+        known = declared_errors(document)
+        if calibrated := scene_covariance(document):
+            pairs = zip(calibrated.names, calibrated.errors.tolist(), strict=True)
+            known |= {n: e for n, e in pairs if n not in calibrated.changed(document)}
+        uncertain = {
+            name: error for name, error in known.items() if error > 0 and name not in errors
+        }
     names = tuple(errors)
     centers = ruled_values(document, names)
     held = uncertain_parameters(document, names, uncertain)

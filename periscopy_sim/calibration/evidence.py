@@ -231,7 +231,7 @@ def smoothness(shape: tuple[int, int], image: Array | None = None) -> Array:
     weights = np.ones(D.shape[0])
     if image is not None:
         edges = np.sum((D @ image.reshape(-1, 3)) ** 2, axis=1)
-        weights = (edges + FLAT**2 * np.mean(image**2)) ** -0.5
+        weights = (edges + FLAT**2 * (np.mean(image**2) or 1.0)) ** -0.5
         weights /= weights.mean()
     K: Array = D.T @ (weights[:, None] * D.toarray())
     K[np.diag_indices_from(K)] += BRIGHTNESS

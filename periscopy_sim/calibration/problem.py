@@ -120,7 +120,7 @@ class CalibrationProblem:
         return self._level(0.0, self._smooth)
 
     def fine(self) -> ResolutionLevel:
-        """Return the level on which a search ends."""
+        """Return the level of fine descents."""
         return self._level(PIXELS_A_PATCH, SharpImages(self._hidden))
 
     def joint(self) -> ResolutionLevel:

@@ -45,7 +45,15 @@ class Parameter:
     @property
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
-        return self.trusted and self.standard_error**2 < LEARNED * self.ruler_error**2
+        return self._beats_ruler(self.standard_error)
+
+    @property
+    def determined_alone(self) -> bool:
+        """The same in a scene that is otherwise right."""
+        return self._beats_ruler(self.statistical_error)
+
+    def _beats_ruler(self, error: float) -> bool:
+        return self.trusted and error**2 < LEARNED * self.ruler_error**2
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ Visit = Callable[[Look], None]
 
 
 def fine_cooling(photographs: int) -> list[float]:
-    """Return the temperatures of a fine descent on so many photographs, hottest first."""
+    """Return the temperatures of fine descents and the last one, of so many photographs."""
     count = int(np.ceil(np.log2(HOTTEST * photographs))) + 1
     return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
 
@@ -105,7 +105,7 @@ def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Levels of the same photographs: `coarse` to begin on, `fine` to end on."""
+    """Levels of the same photographs: `coarse` to begin on, then `fine`, then its `with_edges`."""
 
     coarse: ResolutionLevel
     fine: ResolutionLevel
@@ -168,7 +168,8 @@ class Search:
         """
         for temperature in cooling:
             colder = descend(level, look, temperature, partial(self.visit, stage))
-            if temperature < cooling[0] and is_significant(colder.penalty, len(look.point)):
+            is_hottest = temperature == fine_cooling(level.photographs)[0]
+            if not is_hottest and is_significant(colder.penalty, len(look.point)):
                 break
             look = colder
         return look

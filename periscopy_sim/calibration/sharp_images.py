@@ -122,7 +122,7 @@ class SharpExplanation(Explanation):
         """
         beyond, gram = np.empty_like(motion), self.columns.T @ self.columns
         for k, image in enumerate(self.images):
-            λ = 2 * image.size / _variation(image)
+            λ = 2 * image.size / (_variation(image) or 1.0)  # of a black image nothing is lit
             stiffness = curvature_of_total_variation(image, λ).toarray()
             for c, values in enumerate(image.reshape(-1, 3).T, 3 * k):
                 lit = values > DARK * image.max()

@@ -70,7 +70,9 @@ def calibrate(
     if silhouette is None:
         find_parameters(inputs, out, free, uncertain or [])
     elif free or uncertain:
-        raise SceneError("--silhouette finds a form, and all numbers stay; leave out --free")
+        raise SceneError(
+            "--silhouette finds a form, and all numbers stay; leave out --free and --uncertain"
+        )
     else:
         find_silhouette(inputs, out, silhouette, cells)
 
@@ -152,7 +154,7 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     inputs.spare(*outputs)
     document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
-    named = "" if uncertain == ["none"] else ",".join(uncertain)
+    named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
     start_values(document, list(free_parameters(document, freed, errors or {})))
     with ExitStack() as stack:
@@ -294,13 +296,16 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         )
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
-        source = "by the photograph" if p.determined else "by the ruler"
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
+        source = "by the photograph" if p.determined else "by the ruler"
+        if p.determined_alone and not p.determined:
+            alone = with_error(p.value, p.statistical_error).partition(" ")[2]
+            source = f"by the photograph, {alone} if the fixed numbers are right"
         trust = source if p.trusted else "not to be trusted"
         say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
     if held := result.uncertain.names:
         names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
-        say(f"standard errors include those of the fixed parameters: {names}")
+        say(f"standard errors include those of fixed numbers ({names}); --uncertain none does not")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is None:
         say(sentence("any_place"))

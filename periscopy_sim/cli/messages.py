@@ -21,8 +21,8 @@ SENTENCES = {
         "(one standard error), which no photograph of an unknown image shows"
     ),
     "does_not_fit": (
-        "the scene does not fit: no hidden image explains {unexplained_by_any:.3g} % of the "
-        "photograph, where noise alone would leave {noise_alone:.3g} %. Measure or calibrate the "
+        "the scene does not fit: any hidden image leaves {unexplained_by_any:.3g} % of the "
+        "photograph unexplained, noise alone {noise_alone:.3g} %. Measure or calibrate the "
         "scene (periscopy calibrate), mask what is not bare wall (--mask), add a photograph with "
         "the monitor off (--monitor-off), export linear values, give as many patches as the "
         "picture has (--hidden), or, where rays render A, take more of them (--samples 256)"

@@ -19,8 +19,9 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
     Parameters
     ----------
     path
-        An NPY file, a JSON file of three rows, or a text file of three lines of three numbers,
-        separated by commas. Or a camera's raw file, which states the matrix for sRGB primaries.
+        An NPY file, a JSON file of three rows or of a calibration, or a text file of three lines of
+        three numbers, separated by commas. Or a camera's raw file, which states the matrix for sRGB
+        primaries.
 
     Raises
     ------
@@ -34,7 +35,8 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         if path.suffix == ".npy":
             return ColourMatrix(np.load(path, allow_pickle=False))
         if path.suffix == ".json":
-            return ColourMatrix(np.array(json.loads(path.read_text("utf-8"))))
+            held = json.loads(path.read_text("utf-8"))
+            return ColourMatrix(np.array(held["colour_matrix"] if isinstance(held, dict) else held))
         return ColourMatrix(np.loadtxt(path, delimiter=",", encoding="utf-8-sig"))
 
 

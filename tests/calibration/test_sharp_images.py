@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from periscopy_sim.calibration.evidence import smoothness
 from periscopy_sim.calibration.sharp_images import SharpImages
 
 Array = NDArray[np.float64]
@@ -76,3 +77,13 @@ def test_a_channel_without_light_is_explained(wall: tuple[Array, Array, Array]) 
     y = y[:, :3].copy()
     y[:, 1] = 0
     assert np.isfinite(SharpImages(SHAPE).explain(A, Q, y).evidence)
+
+
+def test_ambient_light_alone_has_a_black_image(wall: tuple[Array, Array, Array]) -> None:
+    """Nothing of it is lit, so that no image can follow a motion, and it has no edges."""
+    A, Q, _ = wall
+    explanation = SharpImages(SHAPE).explain(A, Q, Q @ np.ones((Q.shape[1], 3)))
+    (image,) = explanation.images
+    motion = np.ones((1, len(A), 3))
+    np.testing.assert_allclose(explanation.beyond_image(motion), motion, rtol=1e-6)
+    np.testing.assert_allclose(smoothness(SHAPE, np.zeros_like(image)), smoothness(SHAPE))

@@ -169,10 +169,17 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
     return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
 
 
+XYZ_FROM_SRGB = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+"""IEC 61966-2-1."""
+
+
 def raw_colours(path: Path) -> NDArray[np.float64]:
     """Read the matrix, (3, 3), from sRGB primaries to the counts of a camera's raw file.
 
-    LibRaw inverts it with rows of sum 1, and has the inverse sums as the gains for daylight.
+    LibRaw has it from XYZ where it knows the camera. Of other files, as most DNG, it inverts what
+    they state, with rows of sum 1, and has the inverse sums as the gains for daylight.
     """
     import rawpy  # as above
 
@@ -180,8 +187,12 @@ def raw_colours(path: Path) -> NDArray[np.float64]:
         f"{path}: states no colours of its camera; give a matrix of 3 x 3 numbers"
     )
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
+        from_xyz = np.asarray(raw.rgb_xyz_matrix[:3], np.float64)
+        if raw.num_colors == 3 and from_xyz.any():
+            return np.asarray(from_xyz @ XYZ_FROM_SRGB, np.float64)
         balanced, gains = raw.color_matrix[:, :3], np.array(raw.daylight_whitebalance[:3])
-        if raw.num_colors != 3 or np.allclose(balanced, np.eye(3)) or not gains.all():
+        stated = balanced.any() and not np.allclose(balanced, np.eye(3)) and gains.all()
+        if raw.num_colors != 3 or not stated:
             raise unknown
         return np.asarray(np.linalg.inv(balanced) / gains[:, np.newaxis], np.float64)
 

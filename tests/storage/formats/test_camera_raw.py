@@ -1,5 +1,8 @@
 """Camera raw files, written here as DNG: LibRaw reads them as it reads a camera's."""
 
+from contextlib import nullcontext
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import tifffile
@@ -100,12 +103,17 @@ def test_noise_stays_white(tmp_path):
         assert channel.std() == pytest.approx(deviation, rel=0.03)
 
 
-def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path):
+def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path, monkeypatch):
     """Of a Nikon D3, from XYZ, as dcraw's table `adobe_coeff` has them, and sRGB's own."""
     camera = 8139, -2171, -663, -8747, 16541, 2295, -1925, 2008, 8093
     srgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    M = read_colour_matrix(write_dng(tmp_path / "y.dng", colours=camera)).matrix
-    np.testing.assert_allclose(M, np.reshape(camera, (3, 3)) / 1e4 @ srgb, atol=1e-3)
+    expected = np.reshape(camera, (3, 3)) / 1e4 @ srgb
+    file = write_dng(tmp_path / "y.dng", colours=camera)
+    np.testing.assert_allclose(read_colour_matrix(file).matrix, expected, atol=1e-3)
+    known = np.vstack([np.reshape(camera, (3, 3)) / 1e4, np.zeros((1, 3))])
+    raw = SimpleNamespace(num_colors=3, rgb_xyz_matrix=known, color_matrix=np.zeros((3, 4)))
+    monkeypatch.setattr("rawpy.imread", lambda _: nullcontext(raw))  # as of a Sony's ARW
+    np.testing.assert_allclose(read_colour_matrix(file).matrix, expected, atol=1e-4)
 
 
 def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
