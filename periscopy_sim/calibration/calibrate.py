@@ -189,7 +189,7 @@ class _Path:
 
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
         coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
-        followed = 3 if problem.has_unknown_images else 2
+        followed = 4 if problem.has_unknown_images else 2
         colder = len(fine_cooling(len(problem.photographs))) / 2
         self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)
         self._count, self._progress = len(problem.names), progress

@@ -6,9 +6,9 @@ Visual Reconstruction, 1987). What the photographs leave open stays where the pr
 descents with centres that are drawn from the prior end in different places that explain the
 photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
 2014). Two fine descents follow, whose images are nonnegative and have few edges: from the end of
-the prior itself and from the best of the other ends. They find the right valley, but not its
-bottom: the likeliest image of few edges goes with a scene whose light it need not follow. So the
-last descent integrates over all images that have the edges of the one found.
+the prior itself and from the best of the other ends. They find a valley, but not its bottom: the
+likeliest image of few edges goes with a scene that is biased. So each ends in a last descent, which
+integrates over all images that have the edges of the one found.
 """
 
 from __future__ import annotations
@@ -133,24 +133,26 @@ class Search:
         return [own.point, *others[:1]]
 
     def best(self, starts: Sequence[Array]) -> tuple[ResolutionLevel, Look]:
-        """Return the best look that fine descents lead to, and its level."""
+        """Return the best look that descents from some points lead to, and its level."""
+        (level, best), *others = map(self._end, starts)
+        for other_level, other in others:
+            # Where photographs cannot tell, the end that is likelier before them is kept.
+            hottest = max(best.temperature, other.temperature)
+            gain = best.objective_at(hottest) - other.objective_at(hottest)
+            if is_significant(gain, len(best.point)):
+                level, best = other_level, other
+        return level, best
+
+    def _end(self, start: Array) -> tuple[ResolutionLevel, Look]:
+        """Return the end of a fine descent and a last one, and its level."""
         cooling = fine_cooling(self.fine.photographs)
         hot = [each for each in cooling if each >= COLDEST * self.fine.photographs]
-        best: Look | None = None
-        for start in starts:
-            look = self.fine.look(self.fine.candidate(start), cooling[0])
-            look = self._cooled(self.fine, 1, look, hot)
-            # Where photographs cannot tell, the end that is likelier before them is kept.
-            hottest = max(look.temperature, best.temperature) if best else look.temperature
-            if best is None or is_significant(
-                best.objective_at(hottest) - look.objective_at(hottest), len(start)
-            ):
-                best = look
-        assert best is not None
-        level = self.fine.with_edges(best)
-        last = level.look(level.candidate(best.point), best.temperature)
-        colder = [each for each in cooling if each <= best.temperature]
-        return level, self._cooled(level, 2, last, colder)
+        found = self.fine.look(self.fine.candidate(start), cooling[0])
+        found = self._cooled(self.fine, 1, found, hot)
+        level = self.fine.with_edges(found)
+        look = level.look(level.candidate(found.point), found.temperature)
+        colder = [each for each in cooling if each <= found.temperature]
+        return level, self._cooled(level, 2, look, colder)
 
     def _coarse_end(self, level: ResolutionLevel) -> Look:
         look = level.look(level.candidate(level.center))
