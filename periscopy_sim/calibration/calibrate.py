@@ -10,14 +10,12 @@ from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
-    declared_errors,
     free_parameters,
     ruled_values,
     uncertain_parameters,
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
@@ -114,14 +112,6 @@ def calibrate(
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document
     errors = free_parameters(document, free, uncertain or {})
-    if uncertain is None:
-        known = declared_errors(document)
-        if calibrated := scene_covariance(document):
-            pairs = zip(calibrated.names, calibrated.errors.tolist(), strict=True)
-            known |= {n: e for n, e in pairs if n not in calibrated.changed(document)}
-        uncertain = {
-            name: error for name, error in known.items() if error > 0 and name not in errors
-        }
     names = tuple(errors)
     centers = ruled_values(document, names)
     held = uncertain_parameters(document, names, uncertain)

@@ -23,12 +23,22 @@ class UncertainParameters:
 
 
 def uncertain_parameters(
-    document: SceneDocument, free: Sequence[str], errors: Mapping[str, float]
+    document: SceneDocument, free: Sequence[str], errors: Mapping[str, float] | None
 ) -> UncertainParameters:
     """Return uncertain parameters of a scene by their standard errors; `free` are others.
 
+    None are all others whose error is known: by a calibration that the scene carries, or a ruler.
     A SceneError says that one is not declared, no finite number, free, or its error not positive.
     """
+    if errors is None:
+        known, carried = declared_errors(document), scene_covariance(document)
+        if carried is not None:
+            pairs, changed = (
+                zip(carried.names, carried.errors, strict=True),
+                carried.changed(document),
+            )
+            known |= {name: float(error) for name, error in pairs if name not in changed}
+        errors = {name: error for name, error in known.items() if error > 0 and name not in free}
     names = tuple(errors)
     for name in names:
         if name in free:

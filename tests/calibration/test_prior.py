@@ -10,9 +10,10 @@ from periscopy_sim.calibration.prior import (
     start_values,
     uncertain_parameters,
 )
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scenario import CALIBRATED, SceneDocument
 from periscopy_sim.shipped import find_scene
 
 CHAIR = find_scene("chair")
@@ -55,6 +56,16 @@ def test_uncertain_parameters_stay_at_their_defaults_or_as_given() -> None:
     assert held.names == tuple(errors)
     np.testing.assert_array_equal(held.values, [-1.5, 1])
     np.testing.assert_array_equal(held.standard_errors, [2, 0.03])
+
+
+def test_what_is_not_free_is_uncertain_as_calibrated_or_else_as_measured(tmp_path: Path) -> None:
+    one, error = np.array([0.5]), np.array([[1e-6]])
+    text = SceneCovariance(("x",), one, error, True, one).text()
+    errors = [(f"{name}_error", 0.01) for name in "xyz"]
+    document = scene(tmp_path, *((n, 0.5) for n in "xyz"), *errors, (CALIBRATED, text))
+    held = uncertain_parameters(document, ("z",), None)
+    assert held.names == ("x", "y")
+    np.testing.assert_allclose(held.standard_errors, [1e-3, 0.01])
 
 
 def scene(
