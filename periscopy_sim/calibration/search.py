@@ -151,8 +151,7 @@ class Search:
         found = self._cooled(self.fine, 1, found, hot)
         level = self.fine.with_edges(found)
         look = level.look(level.candidate(found.point), found.temperature)
-        colder = [each for each in cooling if each <= found.temperature]
-        return level, self._cooled(level, 2, look, colder)
+        return level, self._cooled(level, 2, look, [T for T in cooling if look.temperature >= T])
 
     def _coarse_end(self, level: ResolutionLevel) -> Look:
         look = level.look(level.candidate(level.center))

@@ -34,26 +34,21 @@ class SpectralBasis:
         nothing = np.zeros(coefficients.shape, np.float32)
         return filter_rows(nothing, self.rows, nothing, coefficients.astype(np.float32))
 
-    def solver(self, weights: Array, ρ: float, data: Array, weak: float) -> "Solver":
-        """Return what solves the equations of three channels for many g.
-
-        The weights w are (3, 1), or (3, N) of each pattern, ρ is positive and the data d_k are
-        (3, N). Patterns of w λ_k below the part `weak` of ρ are summed only when asked to.
-        """
-        return Solver(self, weights * self.curvatures, ρ, data, weak)
-
 
 class Solver:
-    """The equations of one photograph, for any g; see `SpectralBasis.solver`.
+    """The equations of three channels of one photograph, for any g.
 
+    The weights w are (3, 1), or (3, N) of each pattern, ρ is positive and the data d_k are (3, N).
+    Patterns of w λ_k below the part `weak` of ρ are summed only when asked to.
     Where w λ_k ≪ ρ, as for most patterns, their sum in the second form of f hardly depends on g:
     that of an earlier g nearby then serves as well. Without such patterns the first form is taken,
     in which no digits cancel.
     """
 
     def __init__(
-        self, patterns: SpectralBasis, curvature: Array, ρ: float, data: Array, weak: float
+        self, patterns: SpectralBasis, weights: Array, ρ: float, data: Array, weak: float
     ) -> None:
+        curvature = weights * patterns.curvatures
         edge = int(np.searchsorted(curvature.max(axis=0), weak * ρ))
         gain = (-curvature if edge else ρ) / (curvature + ρ)
         offset = data / (curvature + ρ)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.spectral_basis import InverseLaplacian, SpectralBasis, laplacian
+from periscopy_sim.model.spectral_basis import InverseLaplacian, Solver, SpectralBasis, laplacian
 
 HIDDEN = (4, 5)
 RNG = np.random.default_rng(0)
@@ -24,7 +24,7 @@ def dense(ρ, data, g):
 
 def solver(ρ, data, weak):
     patterns = SpectralBasis(GRAM, HIDDEN)
-    return patterns.solver(WEIGHTS[:, None], ρ, data @ patterns.rows.T, weak)
+    return Solver(patterns, WEIGHTS[:, None], ρ, data @ patterns.rows.T, weak)
 
 
 @pytest.mark.parametrize("weak", [0.0, 0.01, 1.0, 1e12])

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.fit import Evidence
-from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.model.spectral_basis import Solver, SpectralBasis
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered
 
@@ -280,7 +280,7 @@ class Objective:
             return Minimum(np.zeros((len(p), *self.hidden_shape), np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
-        solve = self.basis.solver(p[:, None], ρ, data, WEAK)
+        solve = Solver(self.basis, p[:, None], ρ, data, WEAK)
         V = V.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:

@@ -169,10 +169,9 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
     return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
 
 
-XYZ_FROM_SRGB = np.array(
+XYZ_FROM_SRGB = np.array(  # IEC 61966-2-1
     [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
 )
-"""IEC 61966-2-1."""
 
 
 def raw_colours(path: Path) -> NDArray[np.float64]:
