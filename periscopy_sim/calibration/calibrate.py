@@ -136,7 +136,8 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
     search = Search(coarse, fine, seed, path.add)
-    level, end = search.best(search.starts() if problem.has_unknown_images else [fine.center])
+    shown = [fine.candidate(fine.center)]
+    level, end = search.best(search.starts() if problem.has_unknown_images else shown)
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
     values = np.append(fine.values(end.point), problem.uncertain.values)

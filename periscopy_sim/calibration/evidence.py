@@ -216,11 +216,11 @@ class SmoothImages:
 def smoothness(shape: tuple[int, int], image: Array | None = None) -> Array:
     """Return K for images of (R, C) patches, (R C, R C), row-major.
 
-    fᵀ K f = Σ w (difference of neighbours)² + ε ‖f‖², w = 1, or in proportion to 1/‖difference‖ of
-    an image, (R, C, 3): fᵀ K f is then near its total variation (Vogel, Oman, SIAM J. Sci. Comput.
-    17, 1996). Beyond the monitor all is dark: else an image moved until it touches the border would
-    be smoother than one that does not, and the evidence would favour a place whole patches from the
-    right one.
+    fᵀ K f = Σ w (difference of neighbours)² + ε ‖f‖², w = 1, or of an image, (R, C, 3), in
+    proportion to 1/√(‖difference‖² + `FLAT`² its mean square): fᵀ K f is then near its total
+    variation (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond the monitor all is dark: else an
+    image moved until it touches the border would be smoother than one that does not, and the
+    evidence would favour a place whole patches from the right one.
     """
     rows, columns = shape
     along = (

@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Look, ResolutionLevel
+from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
@@ -112,7 +112,7 @@ class Search:
     seed: int
     visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one, 2 at last
 
-    def starts(self) -> list[Array]:
+    def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the best other.
 
         A SceneError says that the prior's centre is no scene.
@@ -129,11 +129,11 @@ class Search:
             apart = end.point - own.point
             if apart @ own.curvature() @ apart > NEGLIGIBLE:
                 others.append(end.point)
-        others.sort(key=lambda point: self.fine.candidate(point).objective_at(1.0))
-        return [own.point, *others[:1]]
+        first, *rest = (self.fine.candidate(point) for point in (own.point, *others))
+        return [first, *sorted(rest, key=lambda each: each.objective_at(1.0))[:1]]
 
-    def best(self, starts: Sequence[Array]) -> tuple[ResolutionLevel, Look]:
-        """Return the best look that descents from some points lead to, and its level."""
+    def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
+        """Return the best look that descents from some fine candidates lead to, and its level."""
         (level, best), *others = map(self._end, starts)
         for other_level, other in others:
             # Where photographs cannot tell, the end that is likelier before them is kept.
@@ -143,11 +143,11 @@ class Search:
                 level, best = other_level, other
         return level, best
 
-    def _end(self, start: Array) -> tuple[ResolutionLevel, Look]:
+    def _end(self, start: Candidate) -> tuple[ResolutionLevel, Look]:
         """Return the end of a fine descent and a last one, and its level."""
         cooling = fine_cooling(self.fine.photographs)
         hot = [each for each in cooling if each >= COLDEST * self.fine.photographs]
-        found = self.fine.look(self.fine.candidate(start), cooling[0])
+        found = self.fine.look(start, cooling[0])
         found = self._cooled(self.fine, 1, found, hot)
         level = self.fine.with_edges(found)
         look = level.look(level.candidate(found.point), found.temperature)
@@ -167,10 +167,9 @@ class Search:
         Photographs that move the parameters farther than chance errs in measured values show
         something that the scene lacks: they count for less.
         """
-        for temperature in cooling:
-            colder = descend(level, look, temperature, partial(self.visit, stage))
-            is_hottest = temperature == fine_cooling(level.photographs)[0]
-            if not is_hottest and is_significant(colder.penalty, len(look.point)):
+        for T in cooling:
+            colder = descend(level, look, T, partial(self.visit, stage))
+            if T < HOTTEST * level.photographs and is_significant(colder.penalty, len(look.point)):
                 break
             look = colder
         return look

@@ -115,11 +115,11 @@ def test_images_of_the_assumed_covariance_err_by_as_much(τ, least):
     estimate = np.linalg.solve(H, h) / σ**2
     apart = estimate - np.linalg.solve(GRAM, h)
     misfits = (apart * (GRAM @ apart)).sum(axis=0).reshape(draws, 3).sum(axis=1) / σ**2
-    told = [standard_errors(GRAM, np.full(3, σ), flat, weight, m, N)[..., 0] for m in misfits]
-    variances = np.mean(np.square(told), axis=0).ravel()
+    stated = [standard_errors(GRAM, np.full(3, σ), flat, weight, m, N)[..., 0] for m in misfits]
+    variances = np.mean(np.square(stated), axis=0).ravel()
     squares = np.mean((estimate - f) ** 2, axis=1)
     # 600 draws: a square is off by √(2/600) = 6 %, their mean by less. Where the contrast is the
-    # prior's, it is told too large as often as a standard error is (half the spread of a normal).
+    # prior's, it is stated too large as often as a standard error is (half the spread of a normal).
     assert least < np.mean(squares / variances) < 1.05
     np.testing.assert_allclose(squares / variances, np.mean(squares / variances), rtol=0.25)
 
@@ -144,15 +144,15 @@ SPECKLE = np.random.default_rng(3).random((*HIDDEN, 3))
 @pytest.mark.parametrize("truth", [TRUTH, DOTS, SPECKLE], ids=["block", "dots", "speckle"])
 def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, noise):
     method = NoiseAware(BLURRED, hidden_shape=HIDDEN)
-    errors, told = [], []
+    errors, stated = [], []
     for seed in range(20):
         y = BLURRED @ truth.reshape(-1, 3)
         found = method.solve(y + noise * np.random.default_rng(seed).normal(size=y.shape))
         errors.append(found.image - truth)
-        told.append(method.standard_errors(found))
-    ratio = np.sqrt(np.mean((np.array(errors) / told) ** 2))
+        stated.append(method.standard_errors(found))
+    ratio = np.sqrt(np.mean((np.array(errors) / stated) ** 2))
     assert 0.3 < ratio < 1.2
-    actual, expected = (np.sqrt(np.mean(np.square(e), axis=0)).ravel() for e in (errors, told))
+    actual, expected = (np.sqrt(np.mean(np.square(e), axis=0)).ravel() for e in (errors, stated))
     assert np.corrcoef(actual, expected)[0, 1] > 0.15
 
 

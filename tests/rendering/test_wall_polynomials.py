@@ -87,14 +87,14 @@ def test_estimate_is_hardly_ever_worse_than_the_samples_and_knows_its_error(sigm
         np.stack([np.sin(9 * x), np.hypot(x - 0.4, y), np.exp(-30 * (x - y) ** 2)], axis=1),
     ]
     for field in fields:
-        errors, told = [], []
+        errors, stated = [], []
         for seed in range(8):
             found = best_fit(noisy(field, sigma, seed), every_pixel(SHAPE), SHAPE)
             errors.append(np.mean((found.replicas.mean(axis=0) - field) ** 2))
-            told.append(found.squared_error.mean())
+            stated.append(found.squared_error.mean())
         assert np.mean(errors) < 1.05 * sigma**2 / 8
-        # Told rather too large: a squared bias that seems negative counts as none.
-        assert 0.8 < np.mean(told) / np.mean(errors) < 4
+        # Stated rather too large: a squared bias that seems negative counts as none.
+        assert 0.8 < np.mean(stated) / np.mean(errors) < 4
 
 
 def stripes(shape):
