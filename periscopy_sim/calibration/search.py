@@ -169,7 +169,7 @@ class Search:
         """
         for T in cooling:
             colder = descend(level, look, T, partial(self.visit, stage))
-            if T < HOTTEST * level.photographs and is_significant(colder.penalty, len(look.point)):
+            if HOTTEST * level.photographs > T and is_significant(colder.penalty, len(look.point)):
                 break
             look = colder
         return look
