@@ -140,8 +140,8 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     level, end = search.best(search.starts() if problem.has_unknown_images else shown)
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
-    values = np.append(fine.values(end.point), problem.uncertain.values)
     whole = problem.joint()
+    values = np.append(fine.values(end.point), whole.centers[len(names) :])
     joint = whole.look(whole.candidate(np.append(values, gain)), κ)
     known = learned(joint, len(names))
     moved = is_significant(measured.objective_at(κ) - end.objective, known)

@@ -39,6 +39,7 @@ class MovingScene:
         The scene as it was loaded, with `finer` times the rows and columns of the photograph.
     names, errors
         (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
+        Two more scales are of numbers that move the monitor in its plane, by patches across and up.
     pixels
         (rows, columns) which pixels of the photograph are used.
     finer
@@ -56,9 +57,12 @@ class MovingScene:
 
         A SceneError says that the values make no scene.
         """
-        moved = self.scenario.at(**dict(zip(self.names, values.tolist(), strict=True)))
+        count = len(self.names)
+        moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
+        across, up = values[count:] if len(values) > count else (0.0, 0.0)
         return replace(
             moved,
+            patch_centers=moved.patch_centers + across * moved.patch_across + up * moved.patch_up,
             wall_points=self._of_pixels(moved.wall_points),
             wall_normals=self._of_pixels(moved.wall_normals),
             photograph_shape=(self.finer * int(self.pixels.sum()), self.finer),

@@ -147,7 +147,7 @@ def free_parameters(
             start_values(document, [name])
             raise SceneError(
                 f"scene '{document.path}' declares no error of '{name}'; give the standard "
-                "deviation of its measured value, such as "
+                f"deviation of its measured value: {name}=0.005, or in the scene "
                 f'<default name="{name}{RULER_ERROR}" value="0.005"/>'
             )
         errors[name] = declared[name] if error is None else float(error)

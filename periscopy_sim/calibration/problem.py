@@ -126,12 +126,13 @@ class CalibrationProblem:
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
-        Its images can follow a shift by a fraction of a patch, as an unknown image may.
+        Images of which none is known may stand a patch elsewhere: two last numbers move the
+        monitor so. Where the prior darkens an image, at its border, is no measurement of its place.
         """
         level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
-        names = (*self.names, *self.uncertain.names)
-        centers = np.append(self.centers, self.uncertain.values)
-        errors = np.append(self.errors, self.uncertain.standard_errors)
+        names, place = (*self.names, *self.uncertain.names), 0 if self.pictures else 2
+        centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(place)])
+        errors = np.concatenate([self.errors, self.uncertain.standard_errors, np.ones(place)])
         scene = replace(level.scene, names=names, errors=errors)
         return replace(level, scene=scene, centers=centers, errors=errors)
 

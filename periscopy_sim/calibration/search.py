@@ -72,8 +72,9 @@ def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visi
             damping = max(damping, DAMPING) * 10
         else:
             break
-        # Valleys are rough: the information nearby exceeds that over the valley.
-        while True:
+        # Valleys are rough: the information nearby exceeds that over the valley. A parabola that
+        # falls by more than two thirds of what its slope promises is lower still at twice the step.
+        while look.objective - candidate.objective_at(temperature) > -4 / 3 * look.downhill @ step:
             farther = level.candidate(look.point + 2 * step)
             if farther.objective_at(temperature) >= candidate.objective_at(temperature):
                 break

@@ -83,6 +83,14 @@ def test_an_unknown_picture_tells_the_scene_and_two_tell_more(small: Small) -> N
 
 
 @pytest.mark.usefixtures("quick")
+def test_an_unknown_picture_leaves_the_monitors_place_to_the_ruler(small: Small) -> None:
+    y, free = small.photograph(0), {"occluder_dz": 0.005, "monitor_dx": 0.005}
+    known, unknown = (calibrated(y, free=free, shown=s) for s in (small.pictures[:1], []))
+    assert known.parameters[1].determined_alone
+    assert not unknown.parameters[1].determined_alone and unknown.parameters[0].determined_alone
+
+
+@pytest.mark.usefixtures("quick")
 def test_units_masked_pixels_and_projected_light_change_nothing(small: Small) -> None:
     """The same seed gives the same result; masked pixels may hold anything."""
     y, shown = small.photograph(0), small.pictures[:1]
