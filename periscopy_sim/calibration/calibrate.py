@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, DRAWS, STEPS, Search, fine_cooling
+from periscopy_sim.calibration.search import COOLING, FOLLOWED, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -106,8 +106,7 @@ def calibrate(
     photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
-            f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
-            "each"
+            f"{len(photographs)} photographs of {len(shown)} shown pictures: give one of each"
         )
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document
@@ -136,8 +135,8 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
     search = Search(coarse, fine, seed, path.add)
-    shown = [fine.candidate(fine.center)]
-    level, end = search.best(search.starts() if problem.has_unknown_images else shown)
+    starts = search.starts() if problem.has_unknown_images else [fine.candidate(fine.center)]
+    level, end = search.best(starts)
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
     whole = problem.joint()
@@ -179,7 +178,7 @@ class _Path:
     """Points at which a search looks, of the coarse level, the fine one and the last."""
 
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
-        coarse = len(COOLING) * (DRAWS + 1) if problem.has_unknown_images else 0
+        coarse = len(COOLING) * (FOLLOWED + 1) if problem.has_unknown_images else 0
         followed = 4 if problem.has_unknown_images else 2
         colder = len(fine_cooling(len(problem.photographs))) / 2
         self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)

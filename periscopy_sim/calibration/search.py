@@ -1,14 +1,13 @@
 """The search for the point that explains photographs best: cooled descents from prior draws.
 
-A descent begins where the evidence counts for little, so that only what the photographs show beyond
-doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
-Visual Reconstruction, 1987). What the photographs leave open stays where the prior is centred. So
-descents with centres that are drawn from the prior end in different places that explain the
-photographs nearly as well (randomize, then optimize: Bardsley et al., SIAM J. Sci. Comput. 36,
-2014). Two fine descents follow, whose images are nonnegative and have few edges: from the end of
-the prior itself and from the best of the other ends. They find a valley, but not its bottom: the
-likeliest image of few edges goes with a scene that is biased. So each ends in a last descent, which
-integrates over all images that have the edges of the one found.
+The evidence has many valleys, because wrong scenes fit with other images. Most draws from the prior
+lie far up their slopes; those that explain most lie over the deepest valleys, and a few of them are
+followed. A descent begins where the evidence counts for little, so that only what the photographs
+show beyond doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake
+and Zisserman, Visual Reconstruction, 1987). Two fine descents follow, whose images are nonnegative
+and have few edges: from the end of the prior's centre and from the best of the other ends. They
+find a valley, but not its bottom, because the likeliest image of few edges goes with a biased
+scene. So each ends in a last descent, which integrates over all images that have its edges.
 """
 
 from __future__ import annotations
@@ -16,26 +15,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from heapq import nsmallest
 
 import numpy as np
 
 from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
-from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of a coarse descent, a photograph: colder starts end in the nearest minimum."""
 
 HOTTEST, COLDEST = 128.0, 8.0
-"""Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1,
-white noise's."""
+"""Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1."""
 
 STEPS = 2
 """Of a descent at each temperature."""
 
-DRAWS = 5
-"""Centres drawn from the prior, beside its own."""
+DRAWS, FOLLOWED = 64, 4
+"""Points drawn from the prior, and the best of them, from which coarse descents start beside its
+centre: of 30 draws for a plate the best 7 all led to the right valley, of the others 4 of 23."""
 
 DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
@@ -118,19 +117,15 @@ class Search:
 
         A SceneError says that the prior's centre is no scene.
         """
-        random = np.random.default_rng(self.seed)
-        own, others = self._coarse_end(self.coarse), []
-        for _ in range(DRAWS):
-            deviation = random.standard_normal(len(self.coarse.centers))
-            centers = self.coarse.centers + self.coarse.errors * deviation
-            try:
-                end = self._coarse_end(replace(self.coarse, centers=centers))
-            except SceneError:
-                continue
-            apart = end.point - own.point
-            if apart @ own.curvature() @ apart > NEGLIGIBLE:
-                others.append(end.point)
-        first, *rest = (self.fine.candidate(point) for point in (own.point, *others))
+        level, random = self.coarse, np.random.default_rng(self.seed)
+        deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
+        drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
+        scenes = (each for each in map(level.candidate, drawn) if each.explanations)
+        followed = nsmallest(FOLLOWED, scenes, key=lambda each: each.evidence)
+        own, *ends = map(self._coarse_end, [level.candidate(level.center), *followed])
+        steps = [end.point - own.point for end in ends]
+        apart = [step for step in steps if step @ own.curvature() @ step > NEGLIGIBLE]
+        first, *rest = (self.fine.candidate(own.point + step) for step in [0 * own.point, *apart])
         return [first, *sorted(rest, key=lambda each: each.objective_at(1.0))[:1]]
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
@@ -154,10 +149,10 @@ class Search:
         look = level.look(level.candidate(found.point), found.temperature)
         return level, self._cooled(level, 2, look, [T for T in cooling if look.temperature >= T])
 
-    def _coarse_end(self, level: ResolutionLevel) -> Look:
-        look = level.look(level.candidate(level.center))
+    def _coarse_end(self, start: Candidate) -> Look:
+        look, visit = self.coarse.look(start), partial(self.visit, 0)
         for temperature in COOLING:
-            look = descend(level, look, level.photographs * temperature, partial(self.visit, 0))
+            look = descend(self.coarse, look, self.coarse.photographs * temperature, visit)
         return look
 
     def _cooled(
