@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, FOLLOWED, STEPS, Search, fine_cooling
+from periscopy_sim.calibration.search import COOLING, FOLLOWED, KEPT, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -178,7 +178,7 @@ class _Path:
     """Points at which a search looks, of the coarse level, the fine one and the last."""
 
     def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
-        coarse = len(COOLING) * (FOLLOWED + 1) if problem.has_unknown_images else 0
+        coarse = FOLLOWED + KEPT * len(COOLING) if problem.has_unknown_images else 0
         followed = 4 if problem.has_unknown_images else 2
         colder = len(fine_cooling(len(problem.photographs))) / 2
         self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)

@@ -1,8 +1,8 @@
 """The search for the point that explains photographs best: cooled descents from prior draws.
 
-The evidence has many valleys, because wrong scenes fit with other images. Most draws from the prior
-lie far up their slopes; those that explain most lie over the deepest valleys, and a few of them are
-followed. A descent begins where the evidence counts for little, so that only what the photographs
+The evidence has many valleys, because wrong scenes fit with other images. Of many draws from the
+prior those that explain most are followed, and after a few steps the best of these. A descent
+begins where the evidence counts for little, so that only what the photographs
 show beyond doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake
 and Zisserman, Visual Reconstruction, 1987). Two fine descents follow, whose images are nonnegative
 and have few edges: from the end of the prior's centre and from the best of the other ends. They
@@ -23,8 +23,8 @@ from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.scenario import Array
 
-COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
-"""Temperatures of a coarse descent, a photograph: colder starts end in the nearest minimum."""
+COOLING = 30.0, 10.0, 3.0
+"""Temperatures of a coarse descent, a photograph: from 300 on it ends in the same valleys."""
 
 HOTTEST, COLDEST = 128.0, 8.0
 """Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1."""
@@ -32,9 +32,10 @@ HOTTEST, COLDEST = 128.0, 8.0
 STEPS = 2
 """Of a descent at each temperature."""
 
-DRAWS, FOLLOWED = 64, 4
-"""Points drawn from the prior, and the best of them, from which coarse descents start beside its
-centre: of 30 draws for a plate the best 7 all led to the right valley, of the others 4 of 23."""
+DRAWS, FOLLOWED, KEPT = 64, 12, 3
+"""Points drawn from the prior, the best of them, from which coarse descents start, and how many of
+these go on after the first temperature. For a plate the best 7 of 30 draws led to the right valley,
+of the others 4 of 23; for a sign 3 of the best 14, which were the best 3 after two steps."""
 
 DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
@@ -122,8 +123,8 @@ class Search:
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
         scenes = (each for each in map(level.candidate, drawn) if each.explanations)
         followed = nsmallest(FOLLOWED, scenes, key=lambda each: each.evidence)
-        own, *ends = map(self._coarse_end, [level.candidate(level.center), *followed])
-        steps = [end.point - own.point for end in ends]
+        (own,) = self._coarse_ends([level.candidate(level.center)])
+        steps = [end.point - own.point for end in self._coarse_ends(followed)]
         apart = [step for step in steps if step @ own.curvature() @ step > NEGLIGIBLE]
         first, *rest = (self.fine.candidate(own.point + step) for step in [0 * own.point, *apart])
         return [first, *sorted(rest, key=lambda each: each.objective_at(1.0))[:1]]
@@ -149,11 +150,13 @@ class Search:
         look = level.look(level.candidate(found.point), found.temperature)
         return level, self._cooled(level, 2, look, [T for T in cooling if look.temperature >= T])
 
-    def _coarse_end(self, start: Candidate) -> Look:
-        look, visit = self.coarse.look(start), partial(self.visit, 0)
+    def _coarse_ends(self, starts: Sequence[Candidate]) -> list[Look]:
+        level, visit = self.coarse, partial(self.visit, 0)
+        looks = [level.look(each) for each in starts]
         for temperature in COOLING:
-            look = descend(self.coarse, look, self.coarse.photographs * temperature, visit)
-        return look
+            looks = [descend(level, look, level.photographs * temperature, visit) for look in looks]
+            looks = nsmallest(KEPT, looks, key=lambda look: look.objective)
+        return looks
 
     def _cooled(
         self, level: ResolutionLevel, stage: int, look: Look, cooling: Sequence[float]

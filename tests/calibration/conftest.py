@@ -24,11 +24,11 @@ AMBIENT = np.ones((SIDE, SIDE, 1)) * np.array([1, 0.9, 0.8])
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Average A over no more than one point a pixel, and follow one of four draws."""
+    """Average A over no more than one point a pixel, and follow two of four draws."""
     monkeypatch.setattr(problem, "LARGEST", SIDE)
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
-    monkeypatch.setattr(search, "FOLLOWED", 1)
+    monkeypatch.setattr(search, "FOLLOWED", 2)
 
 
 def picture(seed: int) -> Array:
