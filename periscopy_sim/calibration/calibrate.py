@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, FOLLOWED, KEPT, STEPS, Search, fine_cooling
+from periscopy_sim.calibration.search import COOLING, DESCENTS, KEPT, STEPS, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -26,8 +26,6 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
-
-Report = Callable[[float], None]
 
 FINE_LOOK = 8
 """Times as long as a coarse look takes."""
@@ -45,7 +43,7 @@ def calibrate(
     backgrounds: Backgrounds | None = None,
     mask: NDArray[np.bool_] | None = None,
     seed: int = 0,
-    progress: Report | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Calibration:
     """Find the values of a scene's parameters that explain photographs best.
 
@@ -106,7 +104,7 @@ def calibrate(
     photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
-            f"{len(photographs)} photographs of {len(shown)} shown pictures: give one of each"
+            f"{len(shown)} shown pictures, {len(photographs)} photographs: give one of each picture"
         )
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document
@@ -130,7 +128,9 @@ def calibrate(
         return _calibrated(problem, seed, progress or (lambda _: None))
 
 
-def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Calibration:
+def _calibrated(
+    problem: CalibrationProblem, seed: int, progress: Callable[[float], None]
+) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress)
@@ -142,11 +142,11 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
     whole = problem.joint()
     values = np.append(fine.values(end.point), whole.centers[len(names) :])
     joint = whole.look(whole.candidate(np.append(values, gain)), κ)
-    known = learned(joint, len(names))
-    moved = is_significant(measured.objective_at(κ) - end.objective, known)
+    gained = measured.objective_at(κ) - end.objective
+    moved = is_significant(gained, learned(end, len(names)))
     best = end if moved else measured
     values = fine.values(best.point)
-    distances = (values - problem.centers) / problem.errors
+    distances, known = (values - problem.centers) / problem.errors, learned(joint, len(names))
     reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
     errors = standard_errors(problem, joint)
     columns = problem.centers, values, errors.statistical, errors.total, problem.errors
@@ -177,8 +177,8 @@ def _calibrated(problem: CalibrationProblem, seed: int, progress: Report) -> Cal
 class _Path:
     """Points at which a search looks, of the coarse level, the fine one and the last."""
 
-    def __init__(self, problem: CalibrationProblem, progress: Report) -> None:
-        coarse = FOLLOWED + KEPT * len(COOLING) if problem.has_unknown_images else 0
+    def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
+        coarse = DESCENTS + KEPT * len(COOLING) if problem.has_unknown_images else 0
         followed = 4 if problem.has_unknown_images else 2
         colder = len(fine_cooling(len(problem.photographs))) / 2
         self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)

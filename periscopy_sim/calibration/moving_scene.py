@@ -39,7 +39,7 @@ class MovingScene:
         The scene as it was loaded, with `finer` times the rows and columns of the photograph.
     names, errors
         (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
-        Two more scales are of numbers that move the monitor in its plane, by patches across and up.
+        Two more scales let two more values move the monitor in its plane, by patches across and up.
     pixels
         (rows, columns) which pixels of the photograph are used.
     finer
@@ -92,8 +92,8 @@ class MovingScene:
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
         try:
+            sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
             A = area_transport(scenario, self.finer)
             return A, area_derivatives(scenario, sides, self.finer, A)
         except ClosedFormError as error:
@@ -105,8 +105,10 @@ class MovingScene:
             moved = values.copy()
             moved[k] += step
             try:
-                return self.at(moved), step
-            except SceneError as error:
+                beside = self.at(moved)
+                require_areas(beside, self.finer)
+                return beside, step
+            except (SceneError, ClosedFormError) as error:
                 unphysical = error
         raise unphysical
 

@@ -126,13 +126,16 @@ class CalibrationProblem:
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
-        Images of which none is known may stand a patch elsewhere: two last numbers move the
-        monitor so. Where the prior darkens an image, at its border, is no measurement of its place.
+        Unknown images may stand anywhere on the monitor: the last two numbers move it. Else the
+        images' prior, which is dark beyond the border, would pretend to measure their place.
         """
         level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
-        names, place = (*self.names, *self.uncertain.names), 0 if self.pictures else 2
-        centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(place)])
-        errors = np.concatenate([self.errors, self.uncertain.standard_errors, np.ones(place)])
+        names, place = (
+            (*self.names, *self.uncertain.names),
+            () if self.pictures else self._hidden[::-1],
+        )
+        centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
+        errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)
         return replace(level, scene=scene, centers=centers, errors=errors)
 

@@ -2,12 +2,12 @@
 
 The evidence has many valleys, because wrong scenes fit with other images. Of many draws from the
 prior those that explain most are followed, and after a few steps the best of these. A descent
-begins where the evidence counts for little, so that only what the photographs
-show beyond doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake
-and Zisserman, Visual Reconstruction, 1987). Two fine descents follow, whose images are nonnegative
-and have few edges: from the end of the prior's centre and from the best of the other ends. They
-find a valley, but not its bottom, because the likeliest image of few edges goes with a biased
-scene. So each ends in a last descent, which integrates over all images that have its edges.
+begins where the evidence counts for little, so that only what the photographs show beyond doubt
+leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
+Visual Reconstruction, 1987). Two fine descents follow, whose images are nonnegative and have few
+edges: from the end of the prior's centre and from the best of the other ends. They find a valley,
+but not its bottom, because the likeliest image of few edges goes with a biased scene. So each ends
+in a last descent, which integrates over all images that have its edges.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ COOLING = 30.0, 10.0, 3.0
 HOTTEST, COLDEST = 128.0, 8.0
 """Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1."""
 
-STEPS = 2
-"""Of a descent at each temperature."""
+STEPS, TRIALS = 2, 4
+"""Of a descent at each temperature, and of a step, each shorter than the one before."""
 
-DRAWS, FOLLOWED, KEPT = 64, 12, 3
-"""Points drawn from the prior, the best of them, from which coarse descents start, and how many of
-these go on after the first temperature. For a plate the best 7 of 30 draws led to the right valley,
-of the others 4 of 23; for a sign 3 of the best 14, which were the best 3 after two steps."""
+DRAWS, DESCENTS, KEPT = 64, 12, 3
+"""Points drawn from the prior, the best of them, where coarse descents start, and how many go on
+after the first temperature: 3 of a sign's best 14 end well, and are the best 3 after two steps."""
 
 DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
@@ -43,11 +42,8 @@ DAMPING = 1e-3
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
 
-TRIALS = 4
-"""Steps tried, each shorter, before a point is called the best."""
-
 LONGEST = 3.0
-"""Of a step, in standard deviations of the prior."""
+"""Of a step before it is doubled, in standard deviations of the prior."""
 
 Visit = Callable[[Look], None]
 
@@ -122,18 +118,20 @@ class Search:
         deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
         scenes = (each for each in map(level.candidate, drawn) if each.explanations)
-        followed = nsmallest(FOLLOWED, scenes, key=lambda each: each.evidence)
+        starts = nsmallest(DESCENTS, scenes, key=lambda each: each.evidence)
         (own,) = self._coarse_ends([level.candidate(level.center)])
-        steps = [end.point - own.point for end in self._coarse_ends(followed)]
-        apart = [step for step in steps if step @ own.curvature() @ step > NEGLIGIBLE]
-        first, *rest = (self.fine.candidate(own.point + step) for step in [0 * own.point, *apart])
+        ends = [end.point for end in self._coarse_ends(starts)]
+        apart = [
+            p for p in ends if (p - own.point) @ own.curvature() @ (p - own.point) > NEGLIGIBLE
+        ]
+        first, *rest = map(self.fine.candidate, [own.point, *apart])
         return [first, *sorted(rest, key=lambda each: each.objective_at(1.0))[:1]]
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
         (level, best), *others = map(self._end, starts)
         for other_level, other in others:
-            # Where photographs cannot tell, the end that is likelier before them is kept.
+            # Where photographs cannot tell, the end of the prior's centre is kept.
             hottest = max(best.temperature, other.temperature)
             gain = best.objective_at(hottest) - other.objective_at(hottest)
             if is_significant(gain, len(best.point)):

@@ -19,7 +19,7 @@ more, and their images were worse by 10 dB."""
 def learned(look: Look, count: int) -> float:
     """Return how many of the first parameters the photographs determine, from 0 to `count`.
 
-    The trace of I (I + Λ)⁻¹, of the information and the prior's precision, the gain over the wall
+    The trace of I (I + Λ)⁻¹, of the information and the prior's precision, the look's other numbers
     unknown.
     """
     covariance = np.linalg.inv(look.curvature())[:count, :count]

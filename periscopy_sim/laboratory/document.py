@@ -100,10 +100,6 @@ TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal"
 """First words of the scene's own names; no occluder may be called so."""
 
 
-def _colour(given: Any) -> Any:
-    return given if isinstance(given, list | tuple) else [given] * 3
-
-
 def _name(given: str) -> str:
     is_taken = given in TAKEN or given.endswith("_error")
     if is_taken or not re.fullmatch("[a-z][a-z0-9_]{0,39}", given):
@@ -114,7 +110,10 @@ def _name(given: str) -> str:
 
 
 Share = Annotated[FiniteFloat, Field(gt=0, le=1)]
-Reflectance = Annotated[tuple[Share, Share, Share], BeforeValidator(_colour)]
+Reflectance = Annotated[
+    tuple[Share, Share, Share],
+    BeforeValidator(lambda given: given if isinstance(given, list | tuple) else [given] * 3),
+]
 Place = tuple[Length, Length, Length]
 """x, y, z."""
 OnWall = tuple[Length, Length]

@@ -28,7 +28,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(problem, "LARGEST", SIDE)
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
-    monkeypatch.setattr(search, "FOLLOWED", 2)
+    monkeypatch.setattr(search, "DESCENTS", 2)
 
 
 def picture(seed: int) -> Array:

@@ -45,9 +45,10 @@ def make_kernel(
         """Position in the unit square of sample number `index` of down x across strata."""
         row, column = index // across, index % across
         if jittered and (down > 1 or across > 1 or salt == 0):
-            jitter = _two_units(mi, _scrambled(mi, key, 2 * index + salt))
+            bits = _scrambled(mi, key, 2 * index + salt)
+            jitter = [(mi.Float(half) + 0.5) / (1 << 16) for half in (bits >> 16, bits & 0xFFFF)]
         else:
-            jitter = placed(row, down), placed(column, across)
+            jitter = [placed(row, down), placed(column, across)]
         return (mi.Float(row) + jitter[0]) / down, (mi.Float(column) + jitter[1]) / across
 
     def placed(index: Any, count: int) -> Any:
@@ -166,9 +167,3 @@ def _scrambled(mi: Any, key: Any, index: Any) -> Any:
     bits = (bits ^ (bits >> 16)) * mi.UInt32(0x7FEB352D)
     bits = (bits ^ (bits >> 15)) * mi.UInt32(0x846CA68B)
     return bits ^ (bits >> 16)
-
-
-def _two_units(mi: Any, bits: Any) -> tuple[Any, Any]:
-    """Turn 32 random bits into two floats in (0, 1)."""
-    halves = bits >> 16, bits & 0xFFFF
-    return tuple((mi.Float(half) + 0.5) * (1 / (1 << 16)) for half in halves)

@@ -1,0 +1,58 @@
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from periscopy_sim.calibration.level import Candidate, Look
+from periscopy_sim.calibration.search import Search, descend
+from periscopy_sim.errors import SceneError
+
+
+class Valleys:
+    """A level of one number: valleys of some depth and width; what is below -2 is no scene."""
+
+    photographs, centers, center, errors = 1, np.zeros(1), np.zeros(1), np.ones(1)
+    terms = np.empty((0, 1))
+    scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2)
+
+    def __init__(self, places: Sequence[float], bend: float = 1000.0, told: float = 1.0) -> None:
+        self.valleys = [(place, 500.0 * k) for k, place in enumerate(places)]
+        self.bend, self.told, self.asked = bend, told, 0
+
+    def values(self, point: Any) -> Any:
+        return point
+
+    def candidate(self, point: Any) -> Candidate:
+        self.asked += 1
+        evidence = min(self.bend * (point[0] - place) ** 2 - depth for place, depth in self.valleys)
+        explanations: Any = (SimpleNamespace(evidence=evidence),) if point[0] >= -2 else ()
+        return Candidate(point, explanations, float(point[0] ** 2))
+
+    def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
+        if not candidate.explanations:
+            raise SceneError("no scene")
+        point, there = candidate.point, candidate.point[0]
+        costs = [self.bend * (there - place) ** 2 - depth for place, depth in self.valleys]
+        slope = self.bend * (point - self.valleys[int(np.argmin(costs))][0])
+        told = np.array([[self.told * self.bend]])
+        shared = point, candidate.explanations, candidate.penalty
+        return Look(*shared, slope, point.copy(), told, np.ones(1), temperature)
+
+
+def test_fine_descents_start_at_the_priors_own_end_and_in_the_deepest_valley() -> None:
+    level: Any = Valleys([0.0, -1.7, 2.2])
+    own, other = Search(level, level, 0, lambda *_: None).starts()
+    assert own.point == pytest.approx(0, abs=0.1) and other.point == pytest.approx(2.2, abs=0.2)
+
+
+@pytest.mark.parametrize(("told", "asked"), [(1.0, 1), (1.4, 1), (1.6, 2), (3.5, 3)])
+def test_a_step_is_doubled_only_where_a_parabola_falls_on(told: float, asked: int) -> None:
+    """Information t times too large makes steps of 1/t: twice that is better if t exceeds 1.5."""
+    level: Any = Valleys([1.0], told=told)
+    start = level.look(level.candidate(np.zeros(1)))
+    level.asked = 0
+    steps: list[int] = []
+    descend(level, start, 1.0, lambda _: steps.append(level.asked))
+    assert steps[0] == asked
