@@ -35,6 +35,9 @@ RIDGE = 1e-8
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
 
+NOTHING_LEFT = "B explains all of A, as where no occluder casts a shadow, or pixels are few"
+
+
 class RowBlocks(Protocol):
     """A matrix that is known by blocks of consecutive rows."""
 
@@ -101,8 +104,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                     f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
                 )
         super().__init__(np.dtype(np.float64), A.shape)
-        self.A = A
-        self._gram = gram
+        self.A, self._gram = A, gram
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
         if len(self.Q) != A.shape[0]:
             raise ValueError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
@@ -115,7 +117,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             raise ValueError("A must be finite")
         self.squared_norm = squared_norm - float(np.vdot(self.QtA, self.QtA))
         if not self.squared_norm > ROUNDING * squared_norm:
-            raise ValueError("A with the backgrounds projected out is zero: B explains all of it")
+            raise ValueError(NOTHING_LEFT)
 
     def project_out(self, y: Image) -> Array:
         """Return photographs, (M, K), with range(Q) projected out: y − Q Qᵀ y."""
@@ -164,10 +166,11 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         """Return A⊥ᵀA⊥, (N, N), in one pass unless it is known."""
         if self._gram is not None:
             return self._gram.copy()
-        gram = -self.QtA.T @ self.QtA
-        for _, block in self._converted_blocks():
-            gram += block.T @ block
-        return np.asarray(gram)
+        gram = np.zeros((self.shape[1], self.shape[1]))
+        for rows, block in self._converted_blocks():
+            rest = block - self.Q[rows] @ self.QtA  # squared, it has no negative eigenvalue
+            gram += rest.T @ rest
+        return gram
 
     def strongest_eigenvectors(self, count: int) -> Eigenvectors:
         """Return the hidden images that the photograph shows best, by Lanczos iterations.

@@ -5,6 +5,7 @@ import pytest
 
 from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.model.transport_operator import TransportOperator
 
 HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
 M, N = 180, 12
@@ -56,6 +57,16 @@ def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
     smooth = fit.background[:3]
     np.testing.assert_allclose(unexplained_by(B[USED], smooth.T), 0, atol=1e-12)
     np.testing.assert_allclose(fit.operator @ np.eye(N), PROJECTED, atol=1e-6)
+
+
+def test_faint_shadow_has_no_negative_energy():
+    """Rounding of all the light must not make A⊥ᵀA⊥ of the faint shadow indefinite."""
+    rng = np.random.default_rng(1)
+    faint = B @ rng.random((3, N)) + 1e-4 * rng.random((M, 2)) @ rng.random((2, N))
+    fit = fitted(A=faint, off=None)
+    for gram in (fit.gram, TransportOperator(faint[USED], fit.background.T).gram()):
+        assert np.linalg.eigvalsh(gram).min() > -1e-12 * np.trace(gram)
+    assert np.isfinite(fit.operator.unexplained(GREY)).all()
 
 
 def test_all_ambient_light_is_projected_out_and_nothing_else(fit):

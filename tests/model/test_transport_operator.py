@@ -143,7 +143,7 @@ def test_a_matrix_with_nan_is_refused():
 
 def test_a_matrix_that_the_backgrounds_explain_is_refused():
     Q = basis()
-    with pytest.raises(ValueError, match="B explains all of it"):
+    with pytest.raises(ValueError, match="B explains all of A"):
         TransportOperator(Q @ np.ones((4, 6)), Q)
 
 

@@ -232,9 +232,11 @@ def test_a_hidden_image_is_what_its_png_declares(tmp_path, bits):
             assert np.allclose(read_hidden_image(path, (2, 2)), meant, rtol=1e-9), chunk
 
 
-def test_a_value_that_stands_for_none_is_refused(tmp_path):
-    nodata = [(42113, "s", 0, "-9999", True)]
-    tifffile.imwrite(tmp_path / "y.tif", LIGHT, photometric="rgb", extratags=nodata)
+@pytest.mark.parametrize("kind", [np.float32, np.uint8])
+def test_a_value_that_stands_for_none_is_refused(tmp_path, kind):
+    nodata = [(42113, "s", 0, "255", True)]
+    light = np.ones((*SHAPE, 3), kind)
+    tifffile.imwrite(tmp_path / "y.tif", light, photometric="rgb", extratags=nodata)
     with pytest.raises(PhotographError, match="GDAL_NODATA"):
         read(tmp_path / "y.tif")
 

@@ -20,7 +20,7 @@ from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
 FARTHEST = 1e3
-"""Distance from the origin over the diagonal of what the camera sees of the wall: there single
+"""Distance from the origin over the longer side of what the camera sees of the wall: there single
 precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograph."""
 
 MOST_PIXELS = 1 << 22
@@ -179,8 +179,7 @@ def _photograph_size(
     scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
 ) -> tuple[int, int]:
     """Return (rows, columns) as asked, or else of the film; reject too many, or too few."""
-    columns, rows = (int(n) for n in camera_of(scene).film().crop_size())
-    rows, columns = asked or (rows, columns)
+    columns, rows = map(int, asked[::-1] if asked else camera_of(scene).film().crop_size())
     if not 1 <= rows * columns <= MOST_PIXELS:
         raise SceneError(
             f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
@@ -229,15 +228,16 @@ def _patches(
 
 def _check_places(scenario: Scenario) -> None:
     """Check that single precision resolves the scene, and that some patch and some pixel face."""
-    everything = np.concatenate([scenario.wall_points, scenario.patch_centers])
-    far, size = np.abs(everything).max(), np.linalg.norm(np.ptp(scenario.wall_points, axis=0))
-    if far > FARTHEST * size > 0:
+    points, normals = scenario.wall_points, scenario.wall_normals
+    grid = points.reshape(*scenario.photograph_shape, 3)
+    sides = [np.ptp(grid, axis=axis).max() for axis in (0, 1) if grid.shape[axis] > 1]
+    far = np.abs(np.concatenate([points, scenario.patch_centers])).max()
+    if sides and (far > FARTHEST * max(sides) or 0 in sides):
         raise SceneError(
             f"scene '{scenario.path}': wall or monitor are {far:.3g} from the origin, and the "
-            f"camera sees {size:.3g} of the wall, which single precision does not resolve; move "
-            "all to the origin"
+            f"camera sees {max(sides):.3g} of the wall, which single precision does not resolve; "
+            "move all to the origin, or widen the camera's view"
         )
-    points, normals = scenario.wall_points, scenario.wall_normals
     for center, normal in zip(scenario.patch_centers, scenario.patch_normals, strict=True):
         way = center - points
         if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():

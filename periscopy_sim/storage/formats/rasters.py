@@ -57,14 +57,14 @@ def read_tiff(path: Path, key: str) -> Picture:
             raise _unread(path, f"a file of {count} pictures")
         if page.tags.valueof("Orientation", 1) != 1:
             raise _unread(path, "a turned picture")
+        if "GDAL_NODATA" in page.tags:
+            raise _unread(path, "a value that stands for none (GDAL_NODATA)")
         if not is_deep:
             return read_8_bits(path, key, "TIFF")
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
             raise _unread(path, page.photometric.name)
         if {*page.extrasamples} - {tifffile.EXTRASAMPLE.UNASSALPHA}:
             raise _unread(path, "a fourth channel other than straight alpha")
-        if "GDAL_NODATA" in page.tags:
-            raise _unread(path, "a value that stands for none (GDAL_NODATA)")
         # Deflate packs up to 1032 bytes in one: of more, tifffile would fill the memory.
         if not reaches_its_pixels(file, path) or series.nbytes > 1032 * path.stat().st_size:
             raise PhotographError(f"{path}: is cut short or damaged; save or copy it again")

@@ -177,6 +177,8 @@ def test_what_single_precision_does_not_resolve_is_refused(room):
     for place in ('x="1e4"', 'y="-1e6"', 'z="1e30"'):
         with pytest.raises(SceneError, match=r"origin|camera|scene"):
             framed(room, f"<translate {place}/>")
+    with pytest.raises(SceneError, match="camera"):
+        load_scenario(CHAIR, (1, 1), {"camera_stretch": 0})
 
 
 CHAIR = find_scene("chair")
