@@ -83,14 +83,6 @@ def test_noise_is_gaussian_of_the_stated_deviation(snr, scale):
     assert stats.kstest(z, "norm").pvalue > 1e-4
 
 
-def test_seed_alone_decides_the_noise():
-    signal = photographs()[0]
-    first = add_noise(signal, 30, 4)
-    np.random.default_rng(4).random(1000)
-    np.testing.assert_array_equal(add_noise(signal, 30, 4), first)
-    assert not np.isclose(add_noise(signal, 30, 5), first).any(axis=2).all()
-
-
 def test_root_mean_square_of_bright_single_precision_does_not_overflow():
     bright = np.full((2, 2, 3), 1e30, np.float32)
     noise = add_noise(bright, 40, 0) - bright

@@ -10,7 +10,6 @@ from periscopy_sim.figures.animation import (
     ENCODINGS,
     draw_animation,
     draw_contact_sheet,
-    evenly_chosen,
     require_encoder,
     side_by_side,
 )
@@ -74,14 +73,6 @@ def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_pat
     _, durations, picture = draw(tmp_path / "a.png", moments, rate)
     assert durations == pytest.approx([1000 / rate] * 3, abs=0.6)
     assert picture.info["loop"] == 0 and METADATA.items() <= picture.info.items()
-
-
-@pytest.mark.parametrize(("count", "most"), [(1, 8), (2, 2), (7, 8), (8, 8), (9, 8), (1000, 8)])
-def test_chosen_numbers_are_evenly_spread_from_first_to_last(count, most):
-    chosen = evenly_chosen(count, most)
-    assert len(chosen) == min(count, most) and chosen[0] == 0 and chosen[-1] == count - 1
-    gaps = np.diff(chosen)
-    assert gaps.size == 0 or (gaps.min() >= 1 and np.ptp(gaps) <= 1)
 
 
 def test_sheet_shows_rows_beneath_each_other_and_frames_in_order(tmp_path):

@@ -140,14 +140,6 @@ def test_image_smoothed_too_far_is_no_fault_of_the_scene():
     assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "unknown"
 
 
-@pytest.mark.parametrize("name", METHODS_OF_LIGHT)
-def test_unit_of_the_photograph_does_not_matter(name):
-    one, other = (residual(unit * photograph(), name)[0] for unit in (1, 1e9))
-    assert other.unexplained == pytest.approx(one.unexplained, rel=1e-3)
-    assert other.noise_alone == pytest.approx(one.noise_alone, rel=1e-4)
-    assert other.diagnosis == one.diagnosis
-
-
 class Stripes:
     """A correction that knows of stripes on the wall."""
 

@@ -41,16 +41,6 @@ def test_the_three_views_have_one_scale(figure, panels):
     assert figure.get_size_inches()[0] * figure.dpi == 1600
 
 
-def test_views_line_up_as_a_draughtsman_has_it(panels):
-    wall, side, plan = (panels[title] for title in TITLES)
-    assert wall.get_xlim() == plan.get_xlim() and wall.get_ylim() == side.get_ylim()
-    assert plan.get_ylim() == side.get_xlim()
-    assert wall.get_position().x0 == pytest.approx(plan.get_position().x0)
-    assert wall.get_position().y0 == pytest.approx(side.get_position().y0)
-    assert [ax.get_xlabel() for ax in (wall, side, plan)] == ["x / m", "y / m", "x / m"]
-    assert [ax.get_ylabel() for ax in (wall, side, plan)] == ["z / m", "z / m", "y / m"]
-
-
 def lines_of(ax, colour):
     return [line for line in ax.lines if to_rgba(line.get_color()) == to_rgba(colour)]
 

@@ -53,22 +53,6 @@ def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(expli
 
 
 @explicit_or_factored
-@pytest.mark.parametrize("scale", [1e3, 1e-6])
-def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(explicit, scale):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
-    speckled = penumbrae.two_halves(HIDDEN)
-    speckled[2, 1] = 0.0
-    y = photograph_of(speckled, noise=1e-3, background=2.0)
-    expected, scaled = periscope.solve(y), periscope.solve(scale * y)
-    assert np.all(expected.weight > 0) and expected.threshold > 0
-    assert not np.array_equal(expected.image, expected.denoised)
-    for field in fields(Reconstruction):
-        before, after = getattr(expected, field.name), getattr(scaled, field.name)
-        unit = 1 if field.name == "share" else scale  # a ratio has none
-        assert relative_error(after, unit * before) < (1e-5 if explicit else 1e-8), field.name
-
-
-@explicit_or_factored
 def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
     periscope = Periscope(
         A, B, hidden_shape=HIDDEN, rank_tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
