@@ -16,13 +16,11 @@ class Valleys:
     photographs, centers, center, errors = 1, np.zeros(1), np.zeros(1), np.ones(1)
     terms = np.empty((0, 1))
     scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2)
+    values = staticmethod(lambda point: point)
 
     def __init__(self, places: Sequence[float], bend: float = 1000.0, told: float = 1.0) -> None:
         self.valleys = [(place, 500.0 * k) for k, place in enumerate(places)]
         self.bend, self.told, self.asked = bend, told, 0
-
-    def values(self, point: Any) -> Any:
-        return point
 
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
