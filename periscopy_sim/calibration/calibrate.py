@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, DESCENTS, KEPT, STEPS, Search, fine_cooling
+from periscopy_sim.calibration.search import COOLING, DESCENTS, KEPT, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -28,7 +28,7 @@ from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
 
 FINE_LOOK = 8
-"""Times as long as a coarse look takes."""
+"""Times as long as a coarse temperature takes."""
 
 
 def calibrate(
@@ -175,18 +175,17 @@ def _calibrated(
 
 
 class _Path:
-    """Points at which a search looks, of the coarse level, the fine one and the last."""
+    """Where a search's temperatures end, on the coarse level, the fine one and the last."""
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
-        coarse = DESCENTS + KEPT * len(COOLING) if problem.has_unknown_images else 0
-        followed = 4 if problem.has_unknown_images else 2
-        colder = len(fine_cooling(len(problem.photographs))) / 2
-        self._expected = STEPS * (coarse + FINE_LOOK * followed * colder)
+        fine = FINE_LOOK * (len(fine_cooling(len(problem.photographs))) + 1)
+        coarse = DESCENTS + KEPT * (len(COOLING) - 1) + len(COOLING)
+        self._expected = coarse + 2 * fine if problem.has_unknown_images else fine
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [])
 
     def add(self, level: int, look: Look) -> None:
-        """Add a look at the coarse level, 0, the fine, 1, or the last, 2; report how far it is."""
+        """Add a temperature's end at the coarse level, 0, the fine, 1, or the last, 2."""
         self._points[level].append((look.point[: self._count], look.evidence))
         coarse, *fine = map(len, self._points)
         looks = coarse + FINE_LOOK * sum(fine)

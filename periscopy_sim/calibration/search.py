@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from heapq import nsmallest
 
 import numpy as np
@@ -45,8 +44,6 @@ NEGLIGIBLE = 0.5
 LONGEST = 3.0
 """Of a step before it is doubled, in standard deviations of the prior."""
 
-Visit = Callable[[Look], None]
-
 
 def fine_cooling(photographs: int) -> list[float]:
     """Return the temperatures of fine descents and the last one, of so many photographs."""
@@ -54,7 +51,7 @@ def fine_cooling(photographs: int) -> list[float]:
     return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
 
 
-def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visit) -> Look:
+def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
     """Return the look after at most `STEPS` steps of Levenberg and Marquardt's method."""
     look, damping = replace(start, temperature=temperature), DAMPING
     for _ in range(STEPS):
@@ -77,7 +74,6 @@ def descend(level: ResolutionLevel, start: Look, temperature: float, visit: Visi
             step, candidate = 2 * step, farther
         gain, damping = look.objective - candidate.objective_at(temperature), damping / 5
         look = level.look(candidate, temperature)
-        visit(look)
         if gain < NEGLIGIBLE:
             break
     return look
@@ -107,7 +103,7 @@ class Search:
     coarse: ResolutionLevel
     fine: ResolutionLevel
     seed: int
-    visit: Callable[[int, Look], None]  # with 0 at the coarse level, 1 at the fine one, 2 at last
+    visit: Callable[[int, Look], None]  # after each temperature: 0 coarse, 1 fine, 2 at last
 
     def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the best other.
@@ -148,11 +144,16 @@ class Search:
         look = level.look(level.candidate(found.point), found.temperature)
         return level, self._cooled(level, 2, look, [T for T in cooling if look.temperature >= T])
 
+    def _descended(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
+        look = descend(level, look, T)
+        self.visit(stage, look)
+        return look
+
     def _coarse_ends(self, starts: Sequence[Candidate]) -> list[Look]:
-        level, visit = self.coarse, partial(self.visit, 0)
-        looks = [level.look(each) for each in starts]
+        looks = [self.coarse.look(each) for each in starts]
         for temperature in COOLING:
-            looks = [descend(level, look, level.photographs * temperature, visit) for look in looks]
+            T = self.coarse.photographs * temperature
+            looks = [self._descended(self.coarse, 0, look, T) for look in looks]
             looks = nsmallest(KEPT, looks, key=lambda look: look.objective)
         return looks
 
@@ -165,7 +166,7 @@ class Search:
         something that the scene lacks: they count for less.
         """
         for T in cooling:
-            colder = descend(level, look, T, partial(self.visit, stage))
+            colder = self._descended(level, stage, look, T)
             if HOTTEST * level.photographs > T and is_significant(colder.penalty, len(look.point)):
                 break
             look = colder

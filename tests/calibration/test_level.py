@@ -32,7 +32,7 @@ def test_a_newton_step_gains_what_it_promises(small: Small) -> None:
     level = small.level(shown=1)
     end = level.look(level.candidate(level.center))
     for _ in range(3):
-        end = descend(level, end, 1.0, lambda _: None)
+        end = descend(level, end, 1.0)
     values = level.values(end.point)
     np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.errors))
     away = end.point + 2 / np.sqrt(np.diag(end.curvature()))
