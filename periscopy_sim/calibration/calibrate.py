@@ -179,7 +179,7 @@ class _Path:
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
         fine = FINE_LOOK * (len(fine_cooling(len(problem.photographs))) + 1)
-        coarse = DESCENTS + KEPT * (len(COOLING) - 1) + len(COOLING)
+        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
         self._expected = coarse + 2 * fine if problem.has_unknown_images else fine
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [])

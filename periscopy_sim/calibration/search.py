@@ -22,8 +22,9 @@ from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.scenario import Array
 
-COOLING = 30.0, 10.0, 3.0
-"""Temperatures of a coarse descent, a photograph: from 300 on it ends in the same valleys."""
+COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
+"""Temperatures of the coarse descent from the prior's centre, a photograph; draws start at the
+third: two steps there tell good ones, and at 300 none."""
 
 HOTTEST, COLDEST = 128.0, 8.0
 """Temperatures, a photograph, between which fine descents halve it; the last one goes on to 1."""
@@ -115,8 +116,8 @@ class Search:
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
         scenes = (each for each in map(level.candidate, drawn) if each.explanations)
         starts = nsmallest(DESCENTS, scenes, key=lambda each: each.evidence)
-        (own,) = self._coarse_ends([level.candidate(level.center)])
-        ends = [end.point for end in self._coarse_ends(starts)]
+        (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
+        ends = [end.point for end in self._coarse_ends(starts, COOLING[2:])]
         apart = [
             p for p in ends if (p - own.point) @ own.curvature() @ (p - own.point) > NEGLIGIBLE
         ]
@@ -149,9 +150,9 @@ class Search:
         self.visit(stage, look)
         return look
 
-    def _coarse_ends(self, starts: Sequence[Candidate]) -> list[Look]:
+    def _coarse_ends(self, starts: list[Candidate], cooling: Sequence[float]) -> list[Look]:
         looks = [self.coarse.look(each) for each in starts]
-        for temperature in COOLING:
+        for temperature in cooling:
             T = self.coarse.photographs * temperature
             looks = [self._descended(self.coarse, 0, look, T) for look in looks]
             looks = nsmallest(KEPT, looks, key=lambda look: look.objective)
