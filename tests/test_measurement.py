@@ -74,6 +74,8 @@ def test_photograph_without_a_positive_mean_is_refused(level):
 def test_noise_is_gaussian_of_the_stated_deviation(snr, scale):
     signal = scale * photographs(shape=(60, 60, 3))[0]
     noise = add_noise(signal, snr, 7) - signal
+    np.testing.assert_array_equal(add_noise(signal, snr, 7) - signal, noise)
+    assert (add_noise(signal, snr, 8) - signal != noise).mean() > 0.9
     root_mean_square = (sum(float(v) ** 2 for v in signal.flat) / signal.size) ** 0.5
     z = noise.ravel() / (10 ** (-snr / 20) * root_mean_square)
     # Each of the three fails by chance once in 10,000 seeds.

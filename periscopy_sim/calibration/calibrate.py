@@ -27,7 +27,7 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
 
-FINE_LOOK = 8
+FINE_TEMPERATURE = 8
 """Times as long as a coarse temperature takes."""
 
 
@@ -142,8 +142,8 @@ def _calibrated(
     whole = problem.joint()
     values = np.append(fine.values(end.point), whole.centers[len(names) :])
     joint = whole.look(whole.candidate(np.append(values, gain)), κ)
-    gained = measured.objective_at(κ) - end.objective
-    moved = is_significant(gained, learned(end, len(names)))
+    improvement = measured.objective_at(κ) - end.objective
+    moved = is_significant(improvement, learned(end, len(names)))
     best = end if moved else measured
     values = fine.values(best.point)
     distances, known = (values - problem.centers) / problem.errors, learned(joint, len(names))
@@ -178,7 +178,7 @@ class _Path:
     """Where a search's temperatures end, on the coarse level, the fine one and the last."""
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
-        fine = FINE_LOOK * (len(fine_cooling(len(problem.photographs))) + 1)
+        fine = FINE_TEMPERATURE * (len(fine_cooling(len(problem.photographs))) + 1)
         coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
         self._expected = coarse + 2 * fine if problem.has_unknown_images else fine
         self._count, self._progress = len(problem.names), progress
@@ -188,8 +188,8 @@ class _Path:
         """Add a temperature's end at the coarse level, 0, the fine, 1, or the last, 2."""
         self._points[level].append((look.point[: self._count], look.evidence))
         coarse, *fine = map(len, self._points)
-        looks = coarse + FINE_LOOK * sum(fine)
-        self._progress(min(0.99, looks / self._expected))
+        done = coarse + FINE_TEMPERATURE * sum(fine)
+        self._progress(min(0.99, done / self._expected))
 
     def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
         """Return the points by level, with how many rows and columns of it have a pixel."""

@@ -39,7 +39,7 @@ class MovingScene:
         The scene as it was loaded, with `finer` times the rows and columns of the photograph.
     names, errors
         (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
-        Two more scales let two more values move the monitor in its plane, by patches across and up.
+        Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
     pixels
         (rows, columns) which pixels of the photograph are used.
     finer

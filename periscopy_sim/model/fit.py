@@ -20,7 +20,7 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
 
 PRECISION = 3e-5
-"""Relative precision of A by areas (1.5e-5 of the plate's); A by rays has less."""
+"""Relative precision of A by areas (1.5e-5 for the plate); A by rays has less."""
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""

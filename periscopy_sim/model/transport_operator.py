@@ -34,7 +34,6 @@ LARGEST_GRAM = 5e10
 RIDGE = 1e-8
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
-
 NOTHING_LEFT = "B explains all of A, as where no occluder casts a shadow, or pixels are few"
 
 

@@ -13,7 +13,6 @@ import typer
 from experiments.page import Page
 
 ROOT = Path(__file__).parents[2]
-RUNNABLE = 'if __name__ == "__main__":'
 WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
 # Made for pages, or by runs; the changelog names commands of earlier versions.
 NOT_OURS = {".venv", "out", ".git", "build", "repository", "gallery", "CHANGELOG.md"}
@@ -97,16 +96,3 @@ def test_a_command_that_a_file_names_can_be_typed(file, module, arguments):
             assert word in options, f"{file}: `{module}` has no {word}"
         if word == "--only" and "..." not in value:
             assert set(value.split(",")) <= names, f"{file}: {module} has no {value}"
-
-
-def test_each_module_that_runs_says_how():
-    for file in sorted((ROOT / "experiments").rglob("*.py")):
-        text = file.read_text("utf-8")
-        if RUNNABLE not in text:
-            continue
-        parts = file.relative_to(ROOT).with_suffix("").parts
-        module = ".".join(parts[:-1] if parts[-1] == "__main__" else parts)
-        docstring = text.split('"""')[1]
-        named = {name for name, _ in mentions(docstring)}
-        if module != "experiments.fuzz.worker":  # it is run by another process alone
-            assert module in named, f"{file}: its docstring does not say how to run it"
