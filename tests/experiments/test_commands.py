@@ -13,6 +13,7 @@ import typer
 from experiments.page import Page
 
 ROOT = Path(__file__).parents[2]
+RUNNABLE = 'if __name__ == "__main__":'
 WRITTEN_BY = ("*.py", "*.md", "*.toml", "Makefile")
 # Made for pages, or by runs; the changelog names commands of earlier versions.
 NOT_OURS = {".venv", "out", ".git", "build", "repository", "gallery", "CHANGELOG.md"}
