@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.level import Look, ResolutionLevel
+from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -16,7 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, DESCENTS, KEPT, Search, fine_cooling
+from periscopy_sim.calibration.search import COOLING, DESCENTS, DRAWS, KEPT, Search, fine_cooling
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -27,8 +27,8 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
 
-FINE_TEMPERATURE = 8
-"""Times as long as a coarse temperature takes."""
+WEIGHTS = 0.2, 1, 8, 8
+"""Of a draw and a coarse, a fine and a last temperature: the seconds that they take, about."""
 
 
 def calibrate(
@@ -161,7 +161,7 @@ def _calibrated(
         uncertain=problem.uncertain,
         moves=errors.moves,
         correlation=errors.correlation,
-        path=path.visited((coarse, fine, level)),
+        path=path.visited((coarse, coarse, fine, level)),
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
@@ -175,24 +175,23 @@ def _calibrated(
 
 
 class _Path:
-    """Where a search's temperatures end, on the coarse level, the fine one and the last."""
+    """A search's draws, and where its coarse, fine and last temperatures end."""
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
-        fine = FINE_TEMPERATURE * (len(fine_cooling(len(problem.photographs))) + 1)
-        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+        fine = WEIGHTS[2] * (len(fine_cooling(len(problem.photographs))) + 1)
+        coarse = WEIGHTS[0] * DRAWS + DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
         self._expected = coarse + 2 * fine if problem.has_unknown_images else fine
         self._count, self._progress = len(problem.names), progress
-        self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [])
+        self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [], [])
 
-    def add(self, level: int, look: Look) -> None:
-        """Add a temperature's end at the coarse level, 0, the fine, 1, or the last, 2."""
-        self._points[level].append((look.point[: self._count], look.evidence))
-        coarse, *fine = map(len, self._points)
-        done = coarse + FINE_TEMPERATURE * sum(fine)
+    def add(self, stage: int, candidate: Candidate) -> None:
+        """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
+        self._points[stage].append((candidate.point[: self._count], candidate.evidence))
+        done = sum(w * len(points) for w, points in zip(WEIGHTS, self._points, strict=True))
         self._progress(min(0.99, done / self._expected))
 
     def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
-        """Return the points by level, with how many rows and columns of it have a pixel."""
+        """Return the points by stage, with how many rows and columns of it have a pixel."""
         return tuple(
             Visited(
                 (int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())),

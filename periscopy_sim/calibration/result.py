@@ -58,7 +58,7 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Visited:
-    """Points at which the temperatures of a level's descents ended, in order."""
+    """Draws, or points at which the temperatures of a level's descents ended, in order."""
 
     photograph_shape: tuple[int, int]  # rows and columns of the pixels used
     hidden_shape: tuple[int, int]  # of the images
@@ -82,7 +82,7 @@ class Calibration:
     correlation
         (P, P) of the free parameters' standard errors.
     path
-        Where the search's descents ended at each temperature, coarse to fine.
+        The search's draws, and where its descents ended at each temperature, coarse to fine.
     noise_before, noise
         (C,) standard deviation of the residual over the root mean square of the photographs, at the
         start and at the end, for each channel of each photograph.

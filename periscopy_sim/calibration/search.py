@@ -12,7 +12,7 @@ in a last descent, which integrates over all images that have its edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import nsmallest
 
@@ -104,7 +104,7 @@ class Search:
     coarse: ResolutionLevel
     fine: ResolutionLevel
     seed: int
-    visit: Callable[[int, Look], None]  # after each temperature: 0 coarse, 1 fine, 2 at last
+    visit: Callable[[int, Candidate], None]  # a draw, 0; an end: coarse 1, fine 2, last 3
 
     def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the best other.
@@ -114,15 +114,18 @@ class Search:
         level, random = self.coarse, np.random.default_rng(self.seed)
         deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        scenes = (each for each in map(level.candidate, drawn) if each.explanations)
-        starts = nsmallest(DESCENTS, scenes, key=lambda each: each.evidence)
+        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.evidence)
         (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
-        ends = [end.point for end in self._coarse_ends(starts, COOLING[2:])]
-        apart = [
-            p for p in ends if (p - own.point) @ own.curvature() @ (p - own.point) > NEGLIGIBLE
-        ]
+        steps = [end.point - own.point for end in self._coarse_ends(starts, COOLING[2:])]
+        apart = [own.point + s for s in steps if s @ own.curvature() @ s > NEGLIGIBLE]
         first, *others = map(self.fine.candidate, [own.point, *apart])
         return [first, *nsmallest(1, others, key=lambda each: each.objective_at(1.0))]
+
+    def _scenes(self, points: Array) -> Iterator[Candidate]:
+        for candidate in map(self.coarse.candidate, points):
+            if candidate.explanations:
+                self.visit(0, candidate)
+                yield candidate
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
@@ -140,10 +143,10 @@ class Search:
         cooling = fine_cooling(self.fine.photographs)
         hot = [each for each in cooling if each >= COLDEST * self.fine.photographs]
         found = self.fine.look(start, cooling[0])
-        found = self._cooled(self.fine, 1, found, hot)
+        found = self._cooled(self.fine, 2, found, hot)
         level = self.fine.with_edges(found)
         look = level.look(level.candidate(found.point), found.temperature)
-        return level, self._cooled(level, 2, look, [T for T in cooling if look.temperature >= T])
+        return level, self._cooled(level, 3, look, [T for T in cooling if look.temperature >= T])
 
     def _descended(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
         look = descend(level, look, T)
@@ -152,9 +155,8 @@ class Search:
 
     def _coarse_ends(self, starts: list[Candidate], cooling: Sequence[float]) -> list[Look]:
         looks = [self.coarse.look(each) for each in starts]
-        for temperature in cooling:
-            T = self.coarse.photographs * temperature
-            looks = [self._descended(self.coarse, 0, look, T) for look in looks]
+        for T in self.coarse.photographs * np.array(cooling):
+            looks = [self._descended(self.coarse, 1, look, T) for look in looks]
             looks = nsmallest(KEPT, looks, key=lambda look: look.objective)
         return looks
 
