@@ -16,7 +16,15 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import COOLING, DESCENTS, DRAWS, KEPT, Search, fine_cooling
+from periscopy_sim.calibration.search import (
+    COOLING,
+    DESCENTS,
+    DRAWS,
+    FOLLOWED,
+    KEPT,
+    Search,
+    fine_cooling,
+)
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -178,9 +186,11 @@ class _Path:
     """A search's draws, and where its coarse, fine and last temperatures end."""
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
-        fine = WEIGHTS[2] * (len(fine_cooling(len(problem.photographs))) + 1)
-        coarse = WEIGHTS[0] * DRAWS + DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
-        self._expected = coarse + 2 * fine if problem.has_unknown_images else fine
+        last = WEIGHTS[3] * (len(fine_cooling(len(problem.photographs))) - len(FOLLOWED) + 1)
+        draws = WEIGHTS[0] * DRAWS + DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+        fine = WEIGHTS[2] * (KEPT + 1 + sum(FOLLOWED[:-1]))
+        unknown = problem.has_unknown_images
+        self._expected = draws + fine + 2 * last if unknown else WEIGHTS[2] * len(FOLLOWED) + last
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [], [])
 

@@ -17,9 +17,14 @@ class Valleys:
     scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2)
     values = staticmethod(lambda point: point)
 
-    def __init__(self, places: Sequence[float], bend: float = 1000.0, told: float = 1.0) -> None:
-        self.valleys = [(place, 500.0 * k) for k, place in enumerate(places)]
+    def __init__(
+        self, places: Sequence[float], bend: float = 1000.0, told: float = 1.0, depth: float = 500.0
+    ) -> None:
+        self.valleys = [(place, depth * k) for k, place in enumerate(places)]
         self.bend, self.told, self.asked, self.looked = bend, told, 0, [0]
+
+    def with_edges(self, _: Candidate) -> "Valleys":
+        return self
 
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
@@ -37,10 +42,20 @@ class Valleys:
         return Look(*shared, slope, point.copy(), told, np.ones(1), temperature)
 
 
-def test_fine_descents_start_at_the_priors_own_end_and_in_the_deepest_valley() -> None:
+def test_fine_descents_start_once_in_each_valley_first_in_the_priors_own() -> None:
     level: Any = Valleys([0.0, 1.6])
     own, other = Search(level, level, 0, lambda *_: None).starts()
     assert own.point == pytest.approx(0, abs=0.1) and other.point == pytest.approx(1.6, abs=0.1)
+
+
+@pytest.mark.parametrize(("depth", "found"), [(300.0, 1.6), (4.0, 0.0)])
+def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, found: float) -> None:
+    """Also where its descent starts higher than another."""
+    level: Any = Valleys([0.0, 0.8, 1.6], depth=depth)
+    starts = [level.candidate(np.array([place])) for place in (0.0, 0.8, 1.03)]
+    assert starts[2].evidence > starts[1].evidence
+    _, best = Search(level, level, 0, lambda *_: None).best(starts)
+    assert best.point == pytest.approx(found, abs=0.1)
 
 
 @pytest.mark.parametrize(("told", "asked"), [(1.0, 1), (1.4, 1), (1.6, 2), (3.5, 3)])
