@@ -16,15 +16,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter, Visited
-from periscopy_sim.calibration.search import (
-    COOLING,
-    DESCENTS,
-    DRAWS,
-    FOLLOWED,
-    KEPT,
-    Search,
-    fine_cooling,
-)
+from periscopy_sim.calibration.search import Search, expected_stages
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
@@ -169,7 +161,7 @@ def _calibrated(
         uncertain=problem.uncertain,
         moves=errors.moves,
         correlation=errors.correlation,
-        path=path.visited((coarse, coarse, fine, level)),
+        path=path.visited(),
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
@@ -186,11 +178,8 @@ class _Path:
     """A search's draws, and where its coarse, fine and last temperatures end."""
 
     def __init__(self, problem: CalibrationProblem, progress: Callable[[float], None]) -> None:
-        last = WEIGHTS[3] * (len(fine_cooling(len(problem.photographs))) - len(FOLLOWED) + 1)
-        draws = WEIGHTS[0] * DRAWS + DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
-        fine = WEIGHTS[2] * (KEPT + 1 + sum(FOLLOWED[:-1]))
-        unknown = problem.has_unknown_images
-        self._expected = draws + fine + 2 * last if unknown else WEIGHTS[2] * len(FOLLOWED) + last
+        stages = expected_stages(len(problem.photographs), problem.has_unknown_images)
+        self._expected = np.dot(WEIGHTS, stages)
         self._count, self._progress = len(problem.names), progress
         self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [], [])
 
@@ -200,17 +189,12 @@ class _Path:
         done = sum(w * len(points) for w, points in zip(WEIGHTS, self._points, strict=True))
         self._progress(min(0.99, done / self._expected))
 
-    def visited(self, levels: Sequence[ResolutionLevel]) -> tuple[Visited, ...]:
-        """Return the points by stage, with how many rows and columns of it have a pixel."""
+    def visited(self) -> tuple[Visited, ...]:
+        """Return what was added, by stage."""
+        stages = (zip(*points, strict=True) if points else ([], []) for points in self._points)
         return tuple(
-            Visited(
-                (int(pixels.any(axis=1).sum()), int(pixels.any(axis=0).sum())),
-                level.scene.scenario.hidden_shape,
-                np.array([point for point, _ in points]).reshape(-1, self._count),
-                np.array([evidence for _, evidence in points]),
-            )
-            for level, points in zip(levels, self._points, strict=True)
-            for pixels in (level.scene.pixels,)
+            Visited(np.reshape(values, (-1, self._count)), np.array(evidence))
+            for values, evidence in stages
         )
 
 

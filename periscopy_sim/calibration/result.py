@@ -60,8 +60,6 @@ class Parameter:
 class Visited:
     """Draws, or points at which the temperatures of a level's descents ended, in order."""
 
-    photograph_shape: tuple[int, int]  # rows and columns of the pixels used
-    hidden_shape: tuple[int, int]  # of the images
     values: Array  # (K, P) of the parameters
     evidence: Array  # (K,)
 

@@ -56,6 +56,15 @@ def fine_cooling(photographs: int) -> list[float]:
     return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
 
 
+def expected_stages(photographs: int, unknown: bool) -> tuple[int, int, int, int]:
+    """Return how many draws, coarse, fine and last temperatures there are at most."""
+    last = len(fine_cooling(photographs)) - len(FOLLOWED) + 1
+    if not unknown:
+        return 0, 0, len(FOLLOWED), last
+    coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+    return DRAWS, coarse, KEPT + 1 + sum(FOLLOWED[:-1]), 2 * last
+
+
 def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
     """Return the look after at most `STEPS` steps of Levenberg and Marquardt's method."""
     look, damping = replace(start, temperature=temperature), DAMPING
