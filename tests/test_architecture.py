@@ -154,7 +154,7 @@ FORBIDDEN = [
     ("periscopy_sim.scenario", "from .storage.formats.exr import read_exr"),
     ("periscopy_sim.scenario", "if x:\n    import periscopy_sim.measurement as m"),
     ("periscopy_sim.errors", "from periscopy_sim import scenario"),
-    ("periscopy_sim.numerics.threads", "from ..errors import x\nfrom .. import scenario"),
+    ("periscopy_sim.numerics.machine", "from ..errors import x\nfrom .. import scenario"),
     ("periscopy_sim.rendering.photograph", "from ..storage import photographs"),
     ("periscopy_sim.evaluation.metrics", "def f():\n    from periscopy_sim import cli"),
     ("periscopy_sim.storage.formats.rasters", "import_module('periscopy_sim.cli.demo')"),
@@ -162,7 +162,7 @@ FORBIDDEN = [
 ]
 ALLOWED = [
     ("periscopy_sim.reconstruction.method", "import numpy\nfrom . import observation"),
-    ("periscopy_sim.reconstruction.method", "from ..numerics import threads"),
+    ("periscopy_sim.reconstruction.method", "from ..numerics import machine"),
     ("periscopy_sim.analytic.transport", "from periscopy_sim import errors, scenario"),
     ("periscopy_sim.cli.demo", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
     ("periscopy_sim.figures.panels", "from ..storage.formats.decoding import srgb_encode"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.errors import ClosedFormError
-from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.numerics.machine import in_parallel, ranges
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 RELIEF = 1e-4

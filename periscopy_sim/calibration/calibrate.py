@@ -15,7 +15,7 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
-from periscopy_sim.calibration.result import Calibration, Parameter, Visited
+from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import Search, expected_stages
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
@@ -161,7 +161,7 @@ def _calibrated(
         uncertain=problem.uncertain,
         moves=errors.moves,
         correlation=errors.correlation,
-        path=path.visited(),
+        path=path.stages,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
@@ -181,21 +181,19 @@ class _Path:
         stages = expected_stages(len(problem.photographs), problem.has_unknown_images)
         self._expected = np.dot(WEIGHTS, stages)
         self._count, self._progress = len(problem.names), progress
-        self._points: tuple[list[tuple[Array, float]], ...] = ([], [], [], [])
+        self._rows: tuple[list[Array], ...] = ([], [], [], [])
 
     def add(self, stage: int, candidate: Candidate) -> None:
         """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
-        self._points[stage].append((candidate.point[: self._count], candidate.evidence))
-        done = sum(w * len(points) for w, points in zip(WEIGHTS, self._points, strict=True))
+        values = candidate.point[: self._count]
+        self._rows[stage].append(np.append(values, candidate.evidence))
+        done = sum(w * len(rows) for w, rows in zip(WEIGHTS, self._rows, strict=True))
         self._progress(min(0.99, done / self._expected))
 
-    def visited(self) -> tuple[Visited, ...]:
-        """Return what was added, by stage."""
-        stages = (zip(*points, strict=True) if points else ([], []) for points in self._points)
-        return tuple(
-            Visited(np.reshape(values, (-1, self._count)), np.array(evidence))
-            for values, evidence in stages
-        )
+    @property
+    def stages(self) -> tuple[Array, ...]:
+        """What was added, see `Calibration.path`."""
+        return tuple(np.reshape(rows, (-1, self._count + 1)) for rows in self._rows)
 
 
 def _colour_matrix(look: Look) -> Array:

@@ -130,10 +130,8 @@ class CalibrationProblem:
         images' prior, which is dark beyond the border, would pretend to measure their place.
         """
         level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
-        names, place = (
-            (*self.names, *self.uncertain.names),
-            () if self.pictures else self._hidden[::-1],
-        )
+        names = (*self.names, *self.uncertain.names)
+        place = () if self.pictures else self._hidden[::-1]
         centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)

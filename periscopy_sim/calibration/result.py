@@ -57,14 +57,6 @@ class Parameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Visited:
-    """Draws, or points at which the temperatures of a level's descents ended, in order."""
-
-    values: Array  # (K, P) of the parameters
-    evidence: Array  # (K,)
-
-
-@dataclass(frozen=True, eq=False)
 class Calibration:
     """Parameters that explain a photograph.
 
@@ -80,7 +72,8 @@ class Calibration:
     correlation
         (P, P) of the free parameters' standard errors.
     path
-        The search's draws, and where its descents ended at each temperature, coarse to fine.
+        (K, P + 1) values and evidence of the draws, and where coarse, fine and last descents ended
+        at each temperature.
     noise_before, noise
         (C,) standard deviation of the residual over the root mean square of the photographs, at the
         start and at the end, for each channel of each photograph.
@@ -106,7 +99,7 @@ class Calibration:
     uncertain: UncertainParameters
     moves: Array
     correlation: Array
-    path: tuple[Visited, ...]
+    path: tuple[Array, ...]
     noise_before: Array
     noise: Array
     residual_before: Array
@@ -134,9 +127,8 @@ class Calibration:
     @property
     def unexplained(self) -> tuple[float, float]:
         """Root mean square of `noise_before` and of `noise`."""
-        before, after = (
-            float(np.sqrt(np.mean(noise**2))) for noise in (self.noise_before, self.noise)
-        )
+        noises = self.noise_before, self.noise
+        before, after = (float(np.sqrt(np.mean(noise**2))) for noise in noises)
         return before, after
 
     @property

@@ -90,9 +90,7 @@ DOUBTED = (
 )
 """What to do with a silhouette that is not to be trusted."""
 
-PARAMETER = (
-    "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
-)  # fmt: skip
+PARAMETER = "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
 SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence"
 """What the JSON files have of a `Parameter` and of a `Silhouette`, under its own name."""
 
@@ -170,9 +168,8 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         inputs.write(json, calibration_record(result))
-        units = document.units
-        draw_calibration(png, files["photograph"][0], result, units, session.metadata)
-    say_calibration(result, units)
+        draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
+    say_calibration(result, document.units)
     say_written(*outputs)
     if result.doubts:
         warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
@@ -194,10 +191,9 @@ def _write_copy(
         write_copy(session.scenario.document, values, staged, remark)
         load_scenario(staged, session.size)
     except SceneError as error:
-        why = str(error).replace(str(staged), str(out))
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
-            f"beside the scene ({why})"
+            f"beside the scene ({str(error).replace(str(staged), str(out))})"
         ) from None
 
 
@@ -260,7 +256,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "overdispersion": result.overdispersion,
         "gain": {"least": result.gain.min(), "largest": result.gain.max()},
         "colour_matrix": result.colour_matrix,
-        "path": [vars(visited) for visited in result.path],
+        "path": [{"values": rows[:, :-1], "evidence": rows[:, -1]} for rows in result.path],
     }
 
 

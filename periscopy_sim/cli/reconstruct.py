@@ -66,9 +66,8 @@ def reconstruct(
         light = light.resolved(session.scenario, method)
         wall = session.wall(photo, mask, monitor_off)
         known = None if truth is None else session.hidden_image(truth)
-        moved = None
-        if counts_errors and uncertain != "none":
-            moved = _uncertain_transport(session, named)
+        counts = counts_errors and uncertain != "none"
+        moved = _uncertain_transport(session, named) if counts else None
         fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
         with (
             session.timed("reconstruct"),

@@ -17,7 +17,7 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
-from periscopy_sim.numerics import Array, memory
+from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -54,7 +54,7 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
     pixels, patches = scenario.transport_shape
     bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
     # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
-    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, memory.available_memory()
+    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, machine.available_memory()
     if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "

@@ -20,7 +20,7 @@ from periscopy_sim.dataset.samples import (
     scenario_of,
 )
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.numerics.threads import ahead
+from periscopy_sim.numerics.machine import ahead
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance

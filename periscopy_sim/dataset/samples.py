@@ -30,8 +30,8 @@ from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import times_rows
-from periscopy_sim.numerics.threads import in_parallel
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs

@@ -59,7 +59,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     parameters = calibration.parameters
     rows = np.arange(len(parameters))
     starts, errors = np.array([(p.start, p.ruler_error) for p in parameters]).T
-    path = (np.concatenate([each.values for each in calibration.path[-2:]]) - starts) / errors
+    path = (np.concatenate(calibration.path[-2:])[:, :-1] - starts) / errors
     ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
     ax.axvline(0, color="black", linewidth=0.8)
     search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}

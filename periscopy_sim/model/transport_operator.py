@@ -20,7 +20,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.threads import in_parallel
+from periscopy_sim.numerics.machine import in_parallel
 
 PARTS = 16
 """Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""

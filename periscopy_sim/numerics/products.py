@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled_reordered
-from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.numerics.machine import in_parallel, ranges
 
 Array = NDArray[Any]
 

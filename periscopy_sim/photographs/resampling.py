@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.numerics.threads import in_parallel, ranges
+from periscopy_sim.numerics.machine import in_parallel, ranges
 from periscopy_sim.scenario import Array
 
 SLIVER = 1e-6

@@ -10,7 +10,7 @@ from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.session import check_memory
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.numerics import memory
+from periscopy_sim.numerics import machine
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.storage.transport_matrix import read_transport
 
@@ -47,7 +47,7 @@ def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
 
 @pytest.mark.parametrize("method", ["", "noise-aware", "iterative", "mine.py:Mine"])
 def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
-    monkeypatch.setattr(memory, "available_memory", lambda: 8 * 10**9)
+    monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.result import Calibration, Parameter, Visited
+from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.figures.calibration import draw_calibration
 from tests.figures.conftest import read
 
@@ -26,7 +26,7 @@ def calibration(doubts: tuple[str, ...] = ()) -> Calibration:
         uncertain=UncertainParameters((), np.zeros(0), np.zeros(0)),
         moves=np.zeros((2, 0)),
         correlation=np.eye(2),
-        path=(Visited(DESCENT, np.zeros(3)),),
+        path=(np.pad(DESCENT, ((0, 0), (0, 1))),),
         noise_before=np.full(3, 0.0289),
         noise=np.full(3, 0.01),
         residual_before=residuals[0],

@@ -1,4 +1,4 @@
-"""Independent pieces of work on threads, for compiled functions that release the GIL."""
+"""The machine: its cores, threads for functions that release the GIL, and its memory."""
 
 import os
 import threading
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -17,9 +18,8 @@ _here = threading.local()  # of a worker, which waiting for others could make wa
 
 def core_count() -> int:
     """Count the processor cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    has_affinity = hasattr(os, "sched_getaffinity")
+    return len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
 
 
 def in_parallel(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -65,10 +65,33 @@ def ranges(count: int, parts_per_core: int = 4) -> list[tuple[int, int]]:
 
 
 @cache
-def _executor(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
+def _executor(process: int) -> ThreadPoolExecutor:
     """Return the threads of a process; after a fork the child starts its own."""
-    return ThreadPoolExecutor(core_count(), "periscopy", initializer=_mark_as_worker)
+    mark = _here, "process", process
+    return ThreadPoolExecutor(core_count(), "periscopy", initializer=setattr, initargs=mark)
 
 
-def _mark_as_worker() -> None:
-    _here.process = os.getpid()
+def available_memory() -> int | None:
+    """Return how many bytes can be had now, no more than a container may have; None if unknown."""
+    known = [_of_machine(), _of_container()]
+    return min((size for size in known if size is not None), default=None)
+
+
+def _of_machine() -> int | None:
+    try:
+        lines = Path("/proc/meminfo").read_text("ascii").splitlines()
+        return 1024 * int(dict(line.split(":") for line in lines)["MemAvailable"].split()[0])
+    except (KeyError, ValueError, OSError):  # of Linux alone
+        return None
+
+
+def _of_container(folder: Path = Path("/sys/fs/cgroup")) -> int | None:
+    """Return what cgroups (version 2) leave, without what their cache could give back."""
+    try:
+        limit, used, statistics = (
+            (folder / f"memory.{name}").read_text("ascii") for name in ("max", "current", "stat")
+        )
+        cached = dict(map(str.split, statistics.splitlines())).get("inactive_file", 0)
+        return int(limit) - int(used) + int(cached)
+    except (ValueError, OSError):  # no container, or no limit
+        return None

@@ -5,21 +5,22 @@ import threading
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
-from periscopy_sim.numerics import threads
-from periscopy_sim.numerics.threads import core_count, in_parallel, ranges
+from periscopy_sim.numerics import machine
+from periscopy_sim.numerics.machine import core_count, in_parallel, ranges
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def four_cores(monkeypatch):
-    monkeypatch.setattr(threads, "core_count", lambda: 4)
-    threads._executor.cache_clear()
+    monkeypatch.setattr(machine, "core_count", lambda: 4)
+    machine._executor.cache_clear()
     yield
-    threads._executor(os.getpid()).shutdown()
-    threads._executor.cache_clear()
+    machine._executor(os.getpid()).shutdown()
+    machine._executor.cache_clear()
 
 
 @pytest.mark.usefixtures("four_cores")
@@ -58,7 +59,7 @@ def test_cores_are_those_that_the_process_may_use():
     if not hasattr(os, "sched_getaffinity"):
         pytest.skip("this system has no processor affinity")
     script = (
-        "import os; from periscopy_sim.numerics.threads import core_count; "
+        "import os; from periscopy_sim.numerics.machine import core_count; "
         "os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); print(core_count())"
     )
     result = subprocess.run(
@@ -73,21 +74,21 @@ def test_a_forked_process_starts_threads_of_its_own():
     # Also from one of the threads, which in the child is the only one.
     script = """
 import os, signal, sys, warnings
-from periscopy_sim.numerics import threads
+from periscopy_sim.numerics import machine
 warnings.simplefilter("ignore")  # newer Pythons discourage forking with threads
-threads.core_count = lambda: 2
+machine.core_count = lambda: 2
 square = lambda x: x * x
-assert threads.in_parallel(square, range(9)) == [x * x for x in range(9)]
+assert machine.in_parallel(square, range(9)) == [x * x for x in range(9)]
 def forked(_):
     child = os.fork()
     if child == 0:
         signal.alarm(20)
-        here = threads.threading.current_thread()
-        works = threads.in_parallel(square, range(9)) == [x * x for x in range(9)]
-        workers = threads.in_parallel(lambda _: threads.threading.current_thread(), range(9))
+        here = machine.threading.current_thread()
+        works = machine.in_parallel(square, range(9)) == [x * x for x in range(9)]
+        workers = machine.in_parallel(lambda _: machine.threading.current_thread(), range(9))
         os._exit(0 if works and here not in workers else 3)
     return os.waitpid(child, 0)[1]
-statuses = [forked(0), *threads.in_parallel(forked, range(2))]
+statuses = [forked(0), *machine.in_parallel(forked, range(2))]
 print(statuses)
 """
     result = subprocess.run(
@@ -114,13 +115,13 @@ def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
 
 @pytest.mark.parametrize("count", [0, 1, 3, 50])
 def test_results_computed_ahead_come_in_order(count):
-    assert list(threads.ahead(lambda k: k * k, range(count))) == [k * k for k in range(count)]
+    assert list(machine.ahead(lambda k: k * k, range(count))) == [k * k for k in range(count)]
 
 
 @pytest.mark.usefixtures("four_cores")
 def test_only_a_few_are_computed_ahead_of_who_takes_them():
     called = []
-    results = threads.ahead(called.append, range(100))
+    results = machine.ahead(called.append, range(100))
     next(results)
     time.sleep(0.05)
     assert len(called) <= 6  # four threads' worth, one more, and the one that followed
@@ -130,7 +131,12 @@ def test_only_a_few_are_computed_ahead_of_who_takes_them():
 
 
 def test_error_comes_in_the_place_of_its_result():
-    results = threads.ahead(lambda k: 1 // (k - 2), range(5))
+    results = machine.ahead(lambda k: 1 // (k - 2), range(5))
     assert [next(results), next(results)] == [-1, -1]
     with pytest.raises(ZeroDivisionError):
         next(results)
+
+
+def test_available_memory_is_what_the_machine_or_its_container_leaves():
+    available = machine.available_memory()
+    assert 0 < available <= 1.05 * psutil.virtual_memory().available + 2**28
