@@ -192,7 +192,7 @@ class _Path:
 
     @property
     def stages(self) -> tuple[Array, ...]:
-        """What was added, see `Calibration.path`."""
+        """The rows of `Calibration.path`."""
         return tuple(np.reshape(rows, (-1, self._count + 1)) for rows in self._rows)
 
 

@@ -72,8 +72,8 @@ class Calibration:
     correlation
         (P, P) of the free parameters' standard errors.
     path
-        (K, P + 1) values and evidence of the draws, and where coarse, fine and last descents ended
-        at each temperature.
+        (J, P + 1) each: values and evidence of the draws, and of where the coarse, the fine and the
+        last descents ended at each temperature.
     noise_before, noise
         (C,) standard deviation of the residual over the root mean square of the photographs, at the
         start and at the end, for each channel of each photograph.
