@@ -60,7 +60,7 @@ def calibrate(
     """Correct a scene's measured values from photographs of its wall.
 
     The search starts from the values in the scene file, or those of -D, and weighs them by their
-    standard errors. NAME.json lists the estimates, their standard errors and each step. A result
+    standard errors. NAME.json lists the estimates, their standard errors and the search. A result
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
