@@ -12,17 +12,13 @@ import pytest
 from periscopy_sim.rendering.scene.load import camera_of, load_scenario, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, is_vectorized, use_variant
-from periscopy_sim.shipped import find_scene
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 AMBIENT = SCENES / "ambient"
 IN_SUN = ["high_sun", "low_sun", "snow"]
 BEHIND_WINDOWS = ["window_left", "window_right"]
-REALISTIC = [
-    *("high_sun", "low_sun", "overcast", "window_left", "window_right"),
-    *("ceiling_panels", "desk_lamps", "corridor"),
-]
-NAMES = [*REALISTIC, "stained_glass", "snow"]
+NAMES = [*REALISTIC, *ADVERSARIAL]
 PIXELS = 32
 
 

@@ -143,15 +143,6 @@ def test_a_second_calibration_starts_from_the_measured_values(small: Small, tmp_
     assert [p.start for p in found.parameters] == [0.001]
 
 
-@pytest.mark.usefixtures("quick")
-def test_progress_may_interrupt(small: Small) -> None:
-    def interrupt(_: float) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        calibrated(small.photograph(0), progress=interrupt)
-
-
 @pytest.mark.parametrize(
     ("options", "name"),
     [

@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from copy import copy
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ class Valleys:
 
     photographs, centers, center, errors = 1, np.zeros(1), np.zeros(1), np.ones(1)
     terms = np.empty((0, 1))
+    sharper = 1.0  # at the last level
     scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2)
     values = staticmethod(lambda point: point)
 
@@ -24,7 +26,9 @@ class Valleys:
         self.bend, self.told, self.asked, self.looked = bend, told, 0, [0]
 
     def with_edges(self, _: Candidate) -> "Valleys":
-        return self
+        edges = copy(self)
+        edges.bend *= self.sharper
+        return edges
 
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
@@ -56,6 +60,20 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     assert starts[2].evidence > starts[1].evidence
     _, best = Search(level, level, 0, lambda *_: None).best(starts)
     assert best.point == pytest.approx(found, abs=0.1)
+
+
+@pytest.mark.parametrize(("sharper", "last", "coldest"), [(1.0, 2.0, 4.0), (100.0, 8.0, 8.0)])
+def test_nothing_follows_a_descent_that_leaves_the_prior(
+    sharper: float, last: float, coldest: float
+) -> None:
+    """From 2 on, and from 8 on where images have edges, a valley 10 errors away is too far."""
+    level: Any = Valleys([10.0], bend=1.0)
+    level.sharper = sharper
+    visited: list[Any] = []
+    search = Search(level, level, 0, lambda *visit: visited.append(visit))
+    _, best = search.best([level.candidate(np.zeros(1))])
+    assert (visited[-1][0], visited[-1][1].temperature) == (3, last)
+    assert best.temperature == coldest
 
 
 @pytest.mark.parametrize(("told", "asked"), [(1.0, 1), (1.4, 1), (1.6, 2), (3.5, 3)])
