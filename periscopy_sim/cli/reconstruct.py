@@ -165,7 +165,7 @@ def _compare(
             ("reconstruction", metrics.gain_matched(image, truth)),
         ],
         caption=f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
-        f"{best.psnr:.1f} dB after the best shift, too",
+        f"{best.psnr:.1f} dB after the best shift",
         metadata=session.metadata,
     )
     return {

@@ -64,18 +64,19 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ax.axvline(0, color="black", linewidth=0.8)
     search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}
     ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
-    kinds = ("by the photograph", OKABE_ITO[1], True), ("by the ruler", "0.55", False)
+    rest = "by the ruler" if calibration.trusted else "not to be trusted"
+    kinds = ("by the photograph", OKABE_ITO[1], True), (rest, "0.55", False)
     for label, colour, determined in kinds:
         kept = [k for k in rows if parameters[k].determined == determined]
         ax.errorbar(
-            [(p.value - p.start) / p.ruler_error for p in (parameters[k] for k in kept)],
+            [(parameters[k].value - starts[k]) / errors[k] for k in kept],
             kept,
             xerr=[parameters[k].standard_error / errors[k] for k in kept],
             fmt="o",
             color=colour,
             markersize=4,
             capsize=2,
-            label=f"value ± standard error, {label}",
+            label=f"value ± standard error, {label}" if kept else None,
         )
     values = [with_error(p.value, p.standard_error, units.get(p.name, "")) for p in parameters]
     names = [f"{p.name} = {value}" for p, value in zip(parameters, values, strict=True)]

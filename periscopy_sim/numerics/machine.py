@@ -67,8 +67,7 @@ def ranges(count: int, parts_per_core: int = 4) -> list[tuple[int, int]]:
 @cache
 def _executor(process: int) -> ThreadPoolExecutor:
     """Return the threads of a process; after a fork the child starts its own."""
-    mark = _here, "process", process
-    return ThreadPoolExecutor(core_count(), "periscopy", initializer=setattr, initargs=mark)
+    return ThreadPoolExecutor(core_count(), "periscopy", setattr, (_here, "process", process))
 
 
 def available_memory() -> int | None:
