@@ -38,8 +38,8 @@ DRAWS, DESCENTS, KEPT = 64, 12, 3
 after the first temperature: of a sign's best 14, 3 end well, and are the best 3 after two steps."""
 
 SURVIVORS = 3, 2, 2, 2, 2
-"""How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. Where one
-was chosen before the hottest, a shelf of `wrong_scenes` lost 18.7 dB; now it loses 0.2."""
+"""How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of
+`wrong_scenes` loses 0.2 dB, and 18.7 if its rival is chosen before the first fine descent."""
 
 DAMPING = 1e-3
 """The first of a descent: fraction of the information that is added to it."""
