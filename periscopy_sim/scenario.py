@@ -94,9 +94,8 @@ class SceneDocument:
 
     def undeclared(self, name: str) -> SceneError:
         """Return the error of a parameter that is not declared, with what may be meant."""
-        known = {each: text for each, text in self.defaults.items() if each != CALIBRATED}
-        listed = ", ".join(f"{each} (default {text})" for each, text in known.items())
-        meant = did_you_mean(name, known) or f"it declares {listed or 'none'}"
+        known = [each for each in self.defaults if each != CALIBRATED and each not in self.errors]
+        meant = did_you_mean(name, self.defaults) or f"it declares {', '.join(known) or 'none'}"
         return SceneError(f"scene '{self.path}' declares no parameter '{name}'; {meant}")
 
 

@@ -104,7 +104,7 @@ def calibrate(
     photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
-            f"{len(shown)} shown pictures, {len(photographs)} photographs: give one of each picture"
+            f"{len(shown)} shown pictures, photographs: {len(photographs)}; give one of each picture"
         )
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document

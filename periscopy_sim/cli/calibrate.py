@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -56,6 +58,7 @@ def calibrate(
     cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
     monitor_off: arguments.MonitorOffOption = None,
     mask: arguments.MaskOption = None,
+    colour_matrix: arguments.ColourMatrixOption = None,
 ) -> None:
     """Correct a scene's measured values from photographs of its wall.
 
@@ -64,7 +67,10 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask)
+    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
+    if shown and colours is not None:
+        raise PhotographError("--shown pictures tell the colour matrix; leave out --colour-matrix")
+    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask, colours)
     if silhouette is None and cells is not None:
         raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     if silhouette is None:
@@ -104,6 +110,7 @@ class Inputs:
     shown: list[str]
     monitor_off: list[Path]
     mask: Path | None
+    colours: ps.ColourMatrix | None
 
     def spare(self, *outputs: Path) -> None:
         """Raise an error if an output would replace one of the files."""
@@ -114,8 +121,9 @@ class Inputs:
         session = self.session
         wall = session.wall(self.photos[0], self.mask, self.monitor_off)
         others = [session.photograph(file, wall.mask).values for file in self.photos[1:]]
+        unmixed = self.colours.unmix if self.colours else np.asarray
         return {
-            "photograph": [wall.values, *others],
+            "photograph": [unmixed(values) for values in (wall.values, *others)],
             "scene": session.path,
             "hidden": session.size,
             "shown": [session.hidden_image(name) for name in self.shown],
@@ -140,6 +148,8 @@ class Inputs:
             "seconds": session.timed.seconds,
             "provenance": session.provenance,
         }
+        if self.colours:
+            summary["colour_matrix"] = self.colours.matrix
         write_json(path, summary)
 
 

@@ -276,7 +276,8 @@ def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     try:
         return {name: float(error) if error else None for name, error in given.items()}
     except ValueError:
-        raise PeriscopyError(f"{flag} {text}: write NAME or NAME=ERROR, by comma") from None
+        form = "NAME or NAME=0.005, by comma, without units"
+        raise PeriscopyError(f"{flag} {text}: write {form}") from None
 
 
 def known_errors(text: str, document: SceneDocument) -> dict[str, float]:

@@ -31,13 +31,9 @@ class ColourMatrix:
 
     def __post_init__(self) -> None:
         values = np.asarray(self.matrix)
-        if values.shape != (3, 3) or values.dtype.kind not in "iuf":
-            raise ValueError(
-                f"a colour matrix is 3 x 3 real numbers, not of shape {values.shape} and type "
-                f"{values.dtype}"
-            )
-        if not np.isfinite(values).all():
-            raise ValueError("a colour matrix must be finite")
+        real = values.shape == (3, 3) and values.dtype.kind in "iuf"
+        if not real or not np.isfinite(values).all():
+            raise ValueError(f"a colour matrix is 3 x 3 finite real numbers, not {values.tolist()}")
         if np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
                 "two primaries look alike to the camera: the colour matrix is nearly singular"
@@ -47,3 +43,7 @@ class ColourMatrix:
     def mix(self, light: Image) -> Array:
         """Return light in the camera's channels, (..., 3), from light in the primaries."""
         return np.asarray(light @ self.matrix.T, np.float64)
+
+    def unmix(self, light: Image) -> Array:
+        """Return light in the primaries, (..., 3), from light in the camera's channels."""
+        return np.asarray(light @ np.linalg.inv(self.matrix).T, np.float64)

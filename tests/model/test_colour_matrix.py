@@ -42,6 +42,7 @@ def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
 def test_light_is_mixed_by_the_matrix():
     colours = ColourMatrix(M)
     np.testing.assert_allclose(colours.mix(TRUTH)[3], M @ TRUTH[3])
+    np.testing.assert_allclose(colours.unmix(colours.mix(TRUTH)), TRUTH)
 
 
 @pytest.mark.parametrize(

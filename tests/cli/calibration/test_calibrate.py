@@ -14,6 +14,7 @@ pytestmark = pytest.mark.usefixtures("jit")
 SCENE = ("--scene", "chair", "-D", "resolution=32", "--hidden", "6x7")
 MOVED = {"occluder_dx": 0.007, "occluder_dz": -0.006}
 FREE = ("--free", ",".join(MOVED))
+MIXING = np.array([[1, -0.8, 0], [0, 1, -0.8], [-0.8, 0, 1]])
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +28,13 @@ def signals():
 
 @pytest.fixture
 def photograph(signals, tmp_path):
-    """The first, under ambient light, as y.npy."""
+    """The first, under ambient light, in another camera's channels, as y.npy."""
     scenario = ps.load_scenario("chair", (6, 7), {"resolution": 32})
     ambient = ps.point_light_backgrounds(scenario)[:, 40].reshape(32, 32, 1)
     off = np.tile(ambient / ambient.mean(), 3)
-    np.save(tmp_path / "y.npy", ps.add_noise(ps.composite(signals[0], off, 0.5), 60, 3))
+    clean = ps.composite(signals[0], off, 0.5)
+    np.save(tmp_path / "y.npy", ps.add_noise(ps.ColourMatrix(MIXING).mix(clean), 60, 3))
+    np.save(tmp_path / "M.npy", MIXING)
     np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
 
 
@@ -39,18 +42,19 @@ def photograph(signals, tmp_path):
 def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     outcome = periscopy(
         "calibrate", "y.npy", *SCENE, *FREE, "--monitor-off", "off.npy", "--out", "new/found.xml",
-        "--uncertain", "monitor_dx=0.005",
+        "--uncertain", "monitor_dx=0.005", "--colour-matrix", "M.npy",
     )  # fmt: skip
     assert (outcome.code, outcome.err) == (0, "")
     assert all(name in outcome.out for name in ("found.xml", "found.json", *MOVED))
     record = json.loads((tmp_path / "new/found.json").read_text())
     assert record["backgrounds"] == ["off.npy"]
+    assert record["colour_matrix"] == MIXING.tolist()
     assert record["trusted"] and record["better_than_start"]
     for name, truth in MOVED.items():
         parameter = record["parameters"][name]
         assert parameter["value"] == pytest.approx(truth, abs=1.5e-3)
         assert parameter["ruler_error"] == 0.005 and parameter["determined"]
-    assert max(record["unexplained"]) < min(record["unexplained_before"])
+    assert max(record["unexplained"]) < min(0.0025, *record["unexplained_before"])
     with Image.open(tmp_path / "new/found.png") as picture:
         assert picture.info["command"].startswith("periscopy calibrate")
     defaults = {
@@ -85,6 +89,7 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
         ((*FREE, "--out", "found.json"), ".xml"),
         ((*FREE, "--shown", "mushroom", "--shown", "mushroom"), "shown pictures"),
         ((*FREE, "--cells", "4x4"), "--cells"),
+        ((*FREE, "--shown", "mushroom", "--colour-matrix", "M.npy"), "--colour-matrix"),
     ],
 )
 @pytest.mark.usefixtures("photograph")
