@@ -1,7 +1,8 @@
 """Draw the pictures of the front page: `python docs/front_page.py CAPTURE.npz`.
 
 `schematic.png` is the shipped chair scene, by the geometry that `periscopy draw` shows; `real.png`
-is a published capture, of `periscopy fetch saunders2019-chair`, and its reconstruction.
+is a published capture, of `periscopy fetch saunders2019-chair`, its reconstruction, and another by
+the scene and the colours that are calibrated with the picture known.
 """
 
 from __future__ import annotations
@@ -111,18 +112,23 @@ def _polygon(points: Any, face: str, edge: str, depth: float, width: float = 0.8
 
 def draw_real(path: Path, capture: Path) -> None:
     """Draw what the monitor showed, the photograph, and what the default method makes of it."""
-    scene = ps.load_scenario("chair", (29, 36))
-    A, B = ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
-    photograph = ps.read_photograph(capture, scene.photograph_shape).values
-    truth = ps.read_hidden_image(capture, scene.hidden_shape)
-    image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(photograph)
-    shifted = ps.registered(image, truth)
-    print(f"{ps.psnr(image, truth):.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")
-    pictures = {
-        "shown by the monitor": truth,
-        "photograph": photograph / photograph.max(),
-        "reconstruction": image / np.percentile(image, 99.5),
-    }
+    shape = 29, 36
+    ruler = ps.load_scenario("chair", shape)
+    photograph = ps.read_photograph(capture, ruler.photograph_shape).values
+    truth = ps.read_hidden_image(capture, shape)
+    known = ps.calibrate(photograph, "chair", shape, shown=[truth])
+    pictures = {"shown by the monitor": truth, "photograph": photograph / photograph.max()}
+    for title, scene, colours in (
+        ("reconstruction", ruler, None),
+        ("calibrated by this picture", ruler.at(**known.values), known.colour_matrix),
+    ):
+        A, B = ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
+        mixing = None if colours is None else ps.ColourMatrix(colours)
+        method = ps.NoiseAware.for_scene(scene, A, B, colour_matrix=mixing)
+        image = method.reconstruct(photograph)
+        shifted = ps.registered(image, truth)
+        print(f"{ps.psnr(image, truth):.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")
+        pictures[title] = image / np.percentile(image, 99.5)
     panels = [(title, np.clip(each, 0, 1)) for title, each in pictures.items()]
     draw_panels(path, panels, caption=CREDIT)
 
