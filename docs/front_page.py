@@ -111,20 +111,23 @@ def _polygon(points: Any, face: str, edge: str, depth: float, width: float = 0.8
 
 
 def draw_real(path: Path, capture: Path) -> None:
-    """Draw what the monitor showed, the photograph, and what the default method makes of it."""
+    """Draw a picture, its photograph, and what the default method makes of it by two scenes."""
     shape = 29, 36
     ruler = ps.load_scenario("chair", shape)
     photograph = ps.read_photograph(capture, ruler.photograph_shape).values
     truth = ps.read_hidden_image(capture, shape)
-    known = ps.calibrate(photograph, "chair", shape, shown=[truth])
+    calibration = ps.calibrate(photograph, "chair", shape, shown=[truth])
     pictures = {"shown by the monitor": truth, "photograph": photograph / photograph.max()}
     for title, scene, colours in (
-        ("reconstruction", ruler, None),
-        ("calibrated by this picture", ruler.at(**known.values), known.colour_matrix),
+        ("by the ruler's scene", ruler, None),
+        (
+            "calibrated by this picture",
+            ruler.at(**calibration.values),
+            ps.ColourMatrix(calibration.colour_matrix),
+        ),
     ):
         A, B = ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
-        mixing = None if colours is None else ps.ColourMatrix(colours)
-        method = ps.NoiseAware.for_scene(scene, A, B, colour_matrix=mixing)
+        method = ps.NoiseAware.for_scene(scene, A, B, colour_matrix=colours)
         image = method.reconstruct(photograph)
         shifted = ps.registered(image, truth)
         print(f"{ps.psnr(image, truth):.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")

@@ -2,11 +2,12 @@
 
 The scenes are those of `wrong_scenes`, path traced, with all of a ruler's errors at once, at 60 dB.
 `ps.calibrate` gets the first of 1, 2, 4 and 8 photographs, of pictures that it does not know and of
-the same ambient light; or one photograph of `blocks`, which it knows. Another picture is then
-recovered, by the first photograph. "Loss" is against the true scene: of an unknown picture
-registered, which uses the truth; of a known one as it stands.
+the same ambient light; or one photograph of `blocks`, which it knows. The image of the first
+photograph is then recovered, which the one of `blocks` is not. "Loss" is what the true scene has
+more: in dB after the best shift, which uses the truth; by a known picture without a shift.
 
-`python -m experiments.studies.more_photographs --out DIR [--scenes chair,plate] [--draws 3]`
+`python -m experiments.studies.more_photographs --out DIR [--scenes chair,plate] [--draws 3]
+[--sbr 0.5] [--rendered DIR]`
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.page import processor_seconds
-from experiments.setting import SNR
+from experiments.setting import SNR, kept
 from experiments.studies.wrong_scenes.outcome import fitted
 from experiments.studies.wrong_scenes.subjects import Photographed, photographed, subjects
+from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
@@ -35,6 +37,12 @@ PICTURES = "mushroom", "letters", "digits", "still_life", "bars", "siemens", "su
 KNOWN = "blocks"
 SAMPLES = 8192
 """Paths a pixel of each further picture."""
+
+HEADER = """\
+| scene | photographs | within 3 standard errors | determined | median error | rms error | \
+median standard error | loss, dB | processor seconds |
+|---|---|---|---|---|---|---|---|---|"""
+"""Errors are over the measurement errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,78 +58,78 @@ class Laboratory:
         subject = self.first.subject
         if picture == subject.image:
             return self.first.signal
-        file = self.rendered / f"{subject.name}_{picture}.npy"
-        if not file.exists():
-            shown = ps.read_hidden_image(ps.find_image(picture), subject.hidden)
-            scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
-            seed = 100 + [*PICTURES, KNOWN].index(picture)
-            light = ps.render_photograph(
-                scene, shown, samples=SAMPLES, only_monitor=True, seed=seed
-            )
-            with staged_file(file) as staged:
-                np.save(staged, light)
-        return np.asarray(np.load(file))
+        shown = ps.read_hidden_image(ps.find_image(picture), subject.hidden)
+        scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
+        seed = 100 + [*PICTURES, KNOWN].index(picture)
 
-    def photographs(self, pictures: Sequence[str], draw: int) -> list[Array]:
-        """Return photographs of pictures, each with its own noise."""
-        lit = [ps.composite(self.signal(name), self.first.ambient, self.sbr) for name in pictures]
-        return [ps.add_noise(light, SNR, 1000 * draw + k) for k, light in enumerate(lit)]
+        def render() -> Array:
+            return ps.render_photograph(scene, shown, samples=SAMPLES, only_monitor=True, seed=seed)
+
+        depends = {"scene_sha256": scene_sha256(subject.lit), "size": str(subject.hidden)}
+        depends |= {"samples": str(SAMPLES), "seed": str(seed)}
+        return kept(self.rendered / f"{subject.name}_{picture}.exr", depends, render)
+
+    def photograph(self, picture: str, seed: int) -> Array:
+        """Return a photograph of a picture."""
+        clean = ps.composite(self.signal(picture), self.first.ambient, self.sbr)
+        return ps.add_noise(clean, SNR, seed)
 
     def cases(self, draw: int) -> Iterator[dict[str, Any]]:
         """Calibrate from each number of photographs, and from a known picture."""
         subject = self.first.subject
-        names = [subject.image, *(name for name in PICTURES if name != subject.image)]
-        unknown = self.photographs(names[: max(COUNTS)], draw)
+        names = [subject.image, *(name for name in PICTURES if name != subject.image), KNOWN]
+        *unknown, known = (self.photograph(n, 1000 * draw + k) for k, n in enumerate(names))
         for count in COUNTS:
             yield self._case(draw, unknown[:count], unknown[0], [])
-        known = self.photographs([KNOWN], draw)
         picture = ps.read_hidden_image(ps.find_image(KNOWN), subject.hidden)
-        yield self._case(draw, known, unknown[0], [picture])
+        yield self._case(draw, [known], unknown[0], [picture])
 
     def _case(
-        self, draw: int, given: list[Array], other: Array, shown: list[Array]
+        self, draw: int, given: list[Array], first: Array, shown: list[Array]
     ) -> dict[str, Any]:
         subject, begun = self.first.subject, processor_seconds()
         parameters: dict[str, str | float] = {**subject.parameters, **subject.measured(draw)}
-        result = ps.calibrate(given, subject.scene, subject.hidden, shown=shown,
-                              parameters=parameters)  # fmt: skip
+        result = ps.calibrate(
+            given, subject.scene, subject.hidden, shown=shown, parameters=parameters
+        )
         seconds = processor_seconds() - begun
-        values = np.array(list(result.values.values()))
-        off = np.abs(values - subject.true_values)
-        psnr = self._psnr(fitted(subject.at(result.values)), other, bool(shown))
-        true = self._psnr(fitted(subject.at()), other, bool(shown))
+        errors = np.abs(np.array(list(result.values.values())) - subject.true_values)
+        found, true = (
+            self._psnr(fitted(subject.at(values)), first, shift=not shown)
+            for values in (result.values, None)
+        )
         return {
             "scene": subject.name,
             "draw": draw,
             "photographs": len(given),
-            "known": bool(shown),
-            "off": (off / [p.ruler_error for p in result.parameters]).tolist(),
+            "is_known": bool(shown),
+            "error": (errors / [p.ruler_error for p in result.parameters]).tolist(),
             "standard_error": [p.standard_error / p.ruler_error for p in result.parameters],
             "determined": [p.determined for p in result.parameters],
-            "loss": true - psnr,
+            "loss": true - found,
             "trusted": result.trusted,
             "seconds": seconds,
         }
 
-    def _psnr(self, method: ps.NoiseAware, photograph: Array, stands: bool) -> float:
+    def _psnr(self, method: ps.NoiseAware, photograph: Array, shift: bool) -> float:
         image, truth = method.reconstruct(photograph), self.first.truth
-        return ps.psnr(image, truth) if stands else ps.registered(image, truth).psnr
+        return ps.registered(image, truth).psnr if shift else ps.psnr(image, truth)
 
 
 def row(cases: Sequence[dict[str, Any]]) -> str:
-    """Return the draws of a scene and a kind of photographs as a line of a Markdown table."""
-    off, error, told = (
+    """Return the draws of a scene and a kind of photographs as a row of `HEADER`'s table."""
+    error, standard_error, determined = (
         np.concatenate([case[key] for case in cases])
-        for key in ("off", "standard_error", "determined")
+        for key in ("error", "standard_error", "determined")
     )
     first = cases[0]
-    kind = f"known (`{KNOWN}`)" if first["known"] else str(first["photographs"])
+    kind = f"`{KNOWN}`, known" if first["is_known"] else str(first["photographs"])
     losses = ", ".join(f"{case['loss']:.1f}" for case in cases)
     seconds = [case["seconds"] for case in cases]
     return (
-        f"| {first['scene']} | {kind} | {np.sum(off <= 3 * error)} of {len(off)} | {told.sum()} "
-        f"| {np.median(off):.2f} | {np.sqrt(np.mean(off**2)):.2f} | {np.median(error):.2f} "
-        f"| {losses} | {min(seconds):.0f} to {max(seconds):.0f} |"
+        f"| {first['scene']} | {kind} | {np.sum(error <= 3 * standard_error)} of {len(error)} "
+        f"| {determined.sum():.0f} | {np.median(error):.2f} | {np.sqrt(np.mean(error**2)):.2f} "
+        f"| {np.median(standard_error):.2f} | {losses} | {min(seconds):.0f} to {max(seconds):.0f} |"
     )
 
 
@@ -137,18 +145,19 @@ def main(
 ) -> None:
     """Calibrate from several photographs and from a known picture; print the table, write JSON."""
     folder = rendered or out / "rendered"
-    known, cases = subjects(folder), []
+    subject, cases = subjects(folder), []
     for name in scenes.split(","):
-        laboratory = Laboratory(photographed(known[name], folder), sbr, folder)
+        laboratory = Laboratory(photographed(subject[name], folder), sbr, folder)
         for draw in range(draws):
             for case in laboratory.cases(draw):
                 cases.append(case)
                 print(row([case]), flush=True)
                 with staged_file(out / "more_photographs.json") as staged:
                     staged.write_text(json.dumps(cases, indent=1), "utf-8")
-    kinds = {(case["scene"], case["known"], case["photographs"]) for case in cases}
+    print(HEADER)
+    kinds = {(case["scene"], case["is_known"], case["photographs"]) for case in cases}
     for kind in sorted(kinds):
-        print(row([c for c in cases if (c["scene"], c["known"], c["photographs"]) == kind]))
+        print(row([c for c in cases if (c["scene"], c["is_known"], c["photographs"]) == kind]))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Find the parameters of a scene that explain photographs best."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,10 @@ from periscopy_sim.calibration.search import Search, expected_stages
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.numerics import Image
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
@@ -38,6 +40,7 @@ def calibrate(
     free: Free | None = None,
     *,
     shown: Sequence[Image] = (),
+    colour_matrix: ColourMatrix | None = None,
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
     backgrounds: Backgrounds | None = None,
@@ -65,7 +68,10 @@ def calibrate(
         the scene declares as the ``<default>`` ``NAME_error``, except those in `uncertain`.
     shown
         (R, C, 3) pictures that the monitor showed, linear, one for each of the first photographs.
-        A known picture determines the place of the scene, and a `colour_matrix`.
+        A known picture determines the place of the scene, and a colour matrix.
+    colour_matrix
+        Of the camera, where no picture is known: photographs are unmixed first. Their channels'
+        noise is then correlated, which the standard errors leave out.
     parameters
         Values of ``<default>``s: measured values of free ones; others keep them.
     uncertain
@@ -96,7 +102,7 @@ def calibrate(
         scene has no closed form (`analytic_transport`), or the measured values make no scene.
     PhotographError
         If photographs are not of the camera's size, show nothing, are fewer than the shown
-        pictures, or a shown picture is black.
+        pictures, a shown picture is black, or one is given beside a colour matrix.
     """
     from threadpoolctl import threadpool_limits
 
@@ -104,8 +110,10 @@ def calibrate(
     photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
-            f"{len(shown)} shown pictures, photographs: {len(photographs)}; give one of each picture"
+            f"shown pictures: {len(shown)}, photographs: {len(photographs)}; give one of each"
         )
+    if shown and colour_matrix is not None:
+        raise PhotographError("a shown picture determines the colour matrix: leave one of them out")
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document
     errors = free_parameters(document, free, uncertain or {})
@@ -120,6 +128,9 @@ def calibrate(
         )
     size, off = scenario.photograph_shape, named(backgrounds)
     checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
+    if colour_matrix is not None:
+        unmix = colour_matrix.unmix
+        checked = [replace(each, values=unmix(blackened(each.values, mask))) for each in checked]
     deviations = np.array(list(errors.values()))
     problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 import periscopy_sim as ps
@@ -15,7 +14,7 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -67,17 +66,15 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
-    if shown and colours is not None:
-        raise PhotographError("--shown pictures tell the colour matrix; leave out --colour-matrix")
-    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask, colours)
+    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask, colour_matrix)
     if silhouette is None and cells is not None:
         raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     if silhouette is None:
         find_parameters(inputs, out, free, uncertain or [])
-    elif free or uncertain:
+    elif free or uncertain or colour_matrix:
         raise SceneError(
-            "--silhouette finds a form, and all numbers stay; leave out --free and --uncertain"
+            "--silhouette finds a form, and all numbers stay; leave out --free, --uncertain and "
+            "--colour-matrix"
         )
     else:
         find_silhouette(inputs, out, silhouette, cells)
@@ -110,20 +107,20 @@ class Inputs:
     shown: list[str]
     monitor_off: list[Path]
     mask: Path | None
-    colours: ps.ColourMatrix | None
+    colour_matrix: Path | None
 
     def spare(self, *outputs: Path) -> None:
         """Raise an error if an output would replace one of the files."""
-        spare_inputs(outputs, (*self.photos, self.session.path, *self.monitor_off, self.mask))
+        inputs = *self.photos, *self.monitor_off, self.session.path, self.mask, self.colour_matrix
+        spare_inputs(outputs, inputs)
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
         session = self.session
         wall = session.wall(self.photos[0], self.mask, self.monitor_off)
         others = [session.photograph(file, wall.mask).values for file in self.photos[1:]]
-        unmixed = self.colours.unmix if self.colours else np.asarray
         return {
-            "photograph": [unmixed(values) for values in (wall.values, *others)],
+            "photograph": [wall.values, *others],
             "scene": session.path,
             "hidden": session.size,
             "shown": [session.hidden_image(name) for name in self.shown],
@@ -148,8 +145,6 @@ class Inputs:
             "seconds": session.timed.seconds,
             "provenance": session.provenance,
         }
-        if self.colours:
-            summary["colour_matrix"] = self.colours.matrix
         write_json(path, summary)
 
 
@@ -165,6 +160,7 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
     start_values(document, list(free_parameters(document, freed, errors or {})))
+    colours = ps.read_colour_matrix(inputs.colour_matrix) if inputs.colour_matrix else None
     with ExitStack() as stack:
         scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
         with progress("loading"):  # takes seconds
@@ -173,11 +169,14 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         files = inputs.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
-            result = calibrate(free=freed, uncertain=errors, progress=report, **files)
+            result = calibrate(
+                free=freed, uncertain=errors, colour_matrix=colours, progress=report, **files
+            )
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
-        inputs.write(json, calibration_record(result))
+        record = calibration_record(result)
+        inputs.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
     say_calibration(result, document.units)
     say_written(*outputs)

@@ -31,9 +31,13 @@ class ColourMatrix:
 
     def __post_init__(self) -> None:
         values = np.asarray(self.matrix)
-        real = values.shape == (3, 3) and values.dtype.kind in "iuf"
-        if not real or not np.isfinite(values).all():
-            raise ValueError(f"a colour matrix is 3 x 3 finite real numbers, not {values.tolist()}")
+        if values.shape != (3, 3) or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"a colour matrix is 3 x 3 real numbers, not of shape {values.shape} and type "
+                f"{values.dtype}"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError("a colour matrix must be finite")
         if np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
                 "two primaries look alike to the camera: the colour matrix is nearly singular"

@@ -35,6 +35,7 @@ def photograph(signals, tmp_path):
     clean = ps.composite(signals[0], off, 0.5)
     np.save(tmp_path / "y.npy", ps.add_noise(ps.ColourMatrix(MIXING).mix(clean), 60, 3))
     np.save(tmp_path / "M.npy", MIXING)
+    (tmp_path / "M.json").write_text(json.dumps(MIXING.tolist()))
     np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
 
 
@@ -89,7 +90,8 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
         ((*FREE, "--out", "found.json"), ".xml"),
         ((*FREE, "--shown", "mushroom", "--shown", "mushroom"), "shown pictures"),
         ((*FREE, "--cells", "4x4"), "--cells"),
-        ((*FREE, "--shown", "mushroom", "--colour-matrix", "M.npy"), "--colour-matrix"),
+        ((*FREE, "--shown", "mushroom", "--colour-matrix", "M.npy"), "colour matrix: leave"),
+        ((*FREE, "--colour-matrix", "M.json", "--out", "M.xml"), "M.json"),
     ],
 )
 @pytest.mark.usefixtures("photograph")
