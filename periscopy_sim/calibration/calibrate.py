@@ -129,8 +129,10 @@ def calibrate(
     size, off = scenario.photograph_shape, named(backgrounds)
     checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
     if colour_matrix is not None:
-        unmix = colour_matrix.unmix
-        checked = [replace(each, values=unmix(blackened(each.values, mask))) for each in checked]
+        checked = [
+            replace(each, values=colour_matrix.unmix(blackened(each.values, each.mask)))
+            for each in checked
+        ]
     deviations = np.array(list(errors.values()))
     problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
