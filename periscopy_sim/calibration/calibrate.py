@@ -78,8 +78,7 @@ def calibrate(
         Standard errors of ``<default>``s that keep their value, independent of each other. They
         only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
         Methods for Discrete Sequential Estimation, 1977, chapter 8). By default, those that the
-        scene declares of all that is not free: beside a monitor that stands 5 mm off, the place of
-        an occluder alone, found to 0.04 mm, was wrong by 36 of its errors.
+        scene declares of all that is not free.
     backgrounds
         Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
         their names to them: their light is projected out.
