@@ -52,7 +52,6 @@ def test_light_is_mixed_by_the_matrix():
         (np.eye(3).astype(complex), "3 x 3"),
         (np.full((3, 3), np.nan), "finite"),
         (np.diag([1.0, 0, 1]), "alike"),
-        (np.ones((3, 3)), "alike"),
     ],
 )
 def test_matrices_that_tell_no_colours_apart_are_rejected(values, name):

@@ -95,11 +95,7 @@ def test_cut_download_continues_where_it_stopped(server):
 
 
 @pytest.mark.usefixtures("server")
-@pytest.mark.parametrize(
-    "begun",
-    [b"of another file", FILES[FRAME], FILES[FRAME] + b"!"],
-    ids=["another", "whole", "longer"],
-)
+@pytest.mark.parametrize("begun", [b"other", FILES[FRAME], FILES[FRAME] + b"!"], ids="abc")
 def test_wrong_beginning_does_not_stay(tmp_path, begun):
     partial_file = tmp_path / "cache" / "small" / f"{FRAME}.partial"
     partial_file.parent.mkdir(parents=True)
