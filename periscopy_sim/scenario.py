@@ -139,6 +139,8 @@ class Scenario:
     wall_relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
+    lights
+        Names of the emitters beside the monitor's, whose light is not in A.
     loader
         Loads the scene file at other values; see `at`.
     """
@@ -158,6 +160,7 @@ class Scenario:
     emission: EmissionProfile | None
     occluders: tuple[Occluder, ...] = field(repr=False)
     wall_relief: float = 0.0
+    lights: tuple[str, ...] = ()
     loader: "Callable[[Mapping[str, str]], Scenario] | None" = field(default=None, repr=False)
 
     def at(self, **values: str | float) -> "Scenario":

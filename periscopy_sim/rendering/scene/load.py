@@ -85,6 +85,7 @@ def _load(
     check_nodes(nodes)
     # Instantiating consumes the nodes.
     emission, material = nodes.emission_profile(), nodes.wall_material()
+    lights = nodes.other_lights()
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     pixels = _photograph_size(scene, photograph, hidden, path)
@@ -107,6 +108,7 @@ def _load(
         emission=emission,
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
         wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
+        lights=lights,
     )
     _check_places(scenario)
     boxes = {

@@ -24,6 +24,9 @@ from periscopy_sim.scenario import EmissionProfile, SceneDocument
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
 """Parameters of the LCD's angular profile."""
 
+BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
+"""Parameters of Mitsuba's emitters that scale all of their light."""
+
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
 
@@ -97,6 +100,23 @@ class SceneNodes:
                 )
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
+
+    def other_lights(self) -> tuple[str, ...]:
+        """Return the names of the emitters that shine beside the monitor's, in file order.
+
+        An emitter has the name of its shape, else its own id or its plugin's name.
+        """
+        owners = {
+            shape[key].index(): shape.id()
+            for shape in self.of_type("Shape")
+            for key, _ in self.children(shape, "Emitter")
+        }
+        lights = {
+            str(owners.get(index) or node.props.id() or node.props.plugin_name()): node.props
+            for index, node in enumerate(self._state.nodes)
+            if str(node.type).endswith("Emitter") and owners.get(index) != "monitor"
+        }
+        return tuple(name for name, props in lights.items() if _shines(props))
 
     def layout(self) -> SceneLayout:
         """Return where the shapes and sensors are, and everything else that the scene says."""
@@ -314,6 +334,17 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
             node.props["filename"] = str(file.resolve())
             node.props.set_plugin_name(plugin)
     return config, state
+
+
+def _shines(emitter: Any) -> bool:
+    """Return whether no amount of light of an emitter is a plain 0."""
+    for amount in (emitter[name] for name in BRIGHTNESS if name in emitter):
+        try:
+            if not np.any(np.array(getattr(amount, "values", amount), float)):
+                return False
+        except TypeError:  # a texture
+            continue
+    return True
 
 
 def _is_finite(word: str) -> bool:
