@@ -53,6 +53,7 @@ from .rendering.transport.bounced import (
     add_bounces,
     render_bounced_light,
 )
+from .rendering.transport.plan import transport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
@@ -140,6 +141,7 @@ __all__ = [
     "save_png",
     "show",
     "to_srgb",
+    "transport",
     "transport_operator",
     "uncertain_transport",
     "use_variant",

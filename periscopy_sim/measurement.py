@@ -74,6 +74,11 @@ def noise_level(photograph: Image, snr: float) -> float:
     return float(10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64))))
 
 
+def noise_to_signal(snr: float, sbr: float) -> float:
+    """Return the noise of a photograph over the mean of its signal, at an SNR in dB and an SBR."""
+    return float(10 ** (-snr / 20) * (1 + 1 / sbr))
+
+
 @dataclass(frozen=True, eq=False)
 class Exposure:
     """What a sensor read, (rows, columns, 3), linear, in units of the photograph exposed.

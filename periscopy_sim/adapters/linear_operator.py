@@ -30,14 +30,14 @@ def sizes_of(
     photograph_shape: Shape | None = None,
     channel_gain: ArrayLike | None = None,
 ) -> Sizes:
-    """Take a scene, whose A is rendered, or a matrix with its scene or its sizes.
+    """Take a scene, whose A `transport` makes, or a matrix with its scene or its sizes.
 
     A size that is not known is one row of pixels or patches. What does not fit is a ValueError.
     """
     if isinstance(transport, Scenario):
-        from periscopy_sim.rendering.transport.shadow_rays import render_transport
+        from periscopy_sim.rendering.transport.plan import transport as transport_of
 
-        scene, transport = transport, render_transport(transport)
+        scene, transport = transport, transport_of(transport)
     A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
     if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
         raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")

@@ -44,7 +44,6 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        light = light.resolved(scenario)
         used, off = session.companions(mask, monitor_off)
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
@@ -68,7 +67,7 @@ def analyze(
         )
         errors = 100 * noise * result.bounds
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
-        summary = {**light.origin(), "rank_tolerance": rank_tolerance, **left_out(used), **numbers}
+        summary = {"rank_tolerance": rank_tolerance, **left_out(used), **numbers}
         session.write_summary(folder / "summary.json", summary)
     say(
         f"median patch ± {np.median(errors):.2g} % of white, worst ± {errors.max():.2g} %, at "

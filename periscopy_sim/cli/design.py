@@ -12,10 +12,11 @@ from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import Model, option
+from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -31,7 +32,7 @@ class By(StrEnum):
 
 def design(
     session: Annotated[Session, {"hidden": "15x18"}],
-    light: Annotated[Light, {"model": Model.analytic}],
+    light: Light,
     vary: Annotated[
         str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
     ],
@@ -55,7 +56,6 @@ def design(
     The command compares scenes over one or two of their <default>s, and writes the best scene. The
     same command resumes an interrupted design.
     """
-    from periscopy_sim.analytic.area_transport import require_areas
     from periscopy_sim.evaluation import design as designs
     from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.figures.design import draw_design
@@ -77,14 +77,14 @@ def design(
         raise PeriscopyError("--by told needs images; leave --images out")
     shown = {name: session.hidden_image(name) for name in names}
     check_memory(session.scenario)
-    if light.model is Model.analytic:
-        require_areas(session.scenario)
+    session.check_lights()
+    plan = light.plan(session.scenario, noise_to_signal(snr, sbr), seed)
     pixels = session.scenario.transport_shape[0]
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:
         """Return the errors of the scene with these values."""
         scenario = ps.load_scenario(path, session.size, {**given, **values})
-        A = channels_mean(light.transport(scenario, seed, "gauss"))
+        A = channels_mean(light.transport(scenario, plan, seed, "gauss"))
         B, images = light.backgrounds(scenario), list(shown.values())
         return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
 
@@ -96,7 +96,8 @@ def design(
         "snr": snr,
         "sbr": str(sbr),
         "images": [[name, image_sha256(image)] for name, image in shown.items()],
-        **{name: value for name, value in light.origin().items() if name != "transport"},
+        **plan.origin,
+        **light.origin,
     }
     origin = {n: each for n, each in session.provenance.items() if n not in ("command", "scene")}
     caption = f"{session.hidden} patches, SNR {snr:g} dB, SBR {sbr:g}"

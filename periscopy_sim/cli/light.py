@@ -1,6 +1,6 @@
 """The light that a command models: the transport matrix A and the light model B."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +15,11 @@ from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.kernel import Strata
+    from periscopy_sim.rendering.transport.plan import By, TransportPlan
     from periscopy_sim.storage.transport_matrix import Transport
 
 SAMPLES = 16
-"""Rays to a patch where A has no closed form, as of `render_transport`."""
+"""Rays to a patch for methods whose entry asks for rays, as of `render_transport`."""
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
@@ -45,25 +46,33 @@ class MonitorLight(options.OptionGroup):
         with fixable("--bounces"):
             return bounces_of_words(self.bounces)
 
+    def plan(
+        self, scenario: ps.Scenario, noise: float, seed: int = 0, method: str = DEFAULT
+    ) -> "TransportPlan":
+        """Choose how A is made for a method and photographs of some noise; see `plan_transport`."""
+        from periscopy_sim.rendering.transport.plan import plan_transport
+
+        wants_rays = method in METHODS and METHODS[method].rays and self.model is None
+        ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
+        by = ways.get(self.model)
+        samples = self.samples or (SAMPLES if wants_rays else None)
+        with progress("choosing how to compute the transport matrix"):
+            return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
+
     def transport(
-        self, scenario: ps.Scenario, seed: int, strata: "Strata" = "jittered"
+        self,
+        scenario: ps.Scenario,
+        plan: "TransportPlan",
+        seed: int,
+        strata: "Strata" = "jittered",
     ) -> "Transport":
-        """Compute A, (M, N), with a progress bar.
+        """Compute A, (M, N), as planned, with a progress bar.
 
         Bounds need the `strata` ``"gauss"``: the noise of random rays would count as information.
         """
-        bounces = self.most_bounces
-        closed = self.model is Model.analytic
-        with progress(f"{'computing' if closed else 'rendering'} the transport matrix") as report:
-            if closed:
-                from periscopy_sim.analytic.area_transport import pixel_transport
-
-                A = pixel_transport(scenario)
-            else:
-                samples = self.samples or SAMPLES
-                A = ps.render_transport(
-                    scenario, samples=samples, strata=strata, seed=seed, progress=report
-                )
+        bounces, verb = self.most_bounces, "computing" if plan.by == "areas" else "rendering"
+        with progress(f"{verb} the transport matrix") as report:
+            A = plan.transport(scenario, strata=strata, seed=seed, progress=report)
         if bounces == 1:
             return A
         with progress("tracing light that bounces") as report:
@@ -74,8 +83,7 @@ class MonitorLight(options.OptionGroup):
 class Light(MonitorLight):
     """The options of A and B, checked before anything is rendered.
 
-    Without samples and model, A has its closed form where there is one; see `resolved`. B has the
-    columns of all sources that `light_model` names, in this order.
+    B has the columns of all sources that `light_model` names, in this order.
     """
 
     light_model: options.LightModelOption = None
@@ -91,22 +99,10 @@ class Light(MonitorLight):
         """The sources of ambient light."""
         return self.light_model or [GRID]
 
-    def resolved(self, scenario: ps.Scenario, method: str = DEFAULT) -> "Light":
-        """Return the light with its model and samples set, for a scene and a method."""
-        from periscopy_sim.analytic.area_transport import has_areas
-
-        by_rays = self.samples is not None or (method in METHODS and METHODS[method].rays)
-        closed = not by_rays and has_areas(scenario)
-        model = self.model or (Model.analytic if closed else Model.rendered)
-        samples = (self.samples or SAMPLES) if model is Model.rendered else None
-        return replace(self, model=model, samples=samples)
-
-    def origin(self, matrix: Path | None = None) -> dict[str, Any]:
-        """Return the entries of a summary, where a file may hold A."""
+    @property
+    def origin(self) -> dict[str, Any]:
+        """The entries of a summary on the light, beside those of its `TransportPlan`."""
         return {
-            "model": "file" if matrix or self.model is None else self.model.value,
-            "transport": matrix,
-            "samples": None if matrix else self.samples,
             "bounces": {1: "direct", None: "all"}.get(self.most_bounces, str(self.most_bounces)),
             "ambient_prototypes": self.sources,
         }

@@ -40,6 +40,11 @@ SENTENCES = {
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
+    "transport_error": (
+        "{name} by rays errs by {error:.2g} % of the light, more than the photograph's noise of "
+        "{noise:.2g} %: take more rays (--samples), or fewer pixels and patches"
+    ),
+    "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (
         "{scene}: the standard errors ignore the calibration's ({names} changed since); pass "

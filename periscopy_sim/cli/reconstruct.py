@@ -63,7 +63,6 @@ def reconstruct(
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
-        light = light.resolved(session.scenario, method)
         wall = session.wall(photo, mask, monitor_off)
         known = None if truth is None else session.hidden_image(truth)
         counts = counts_errors and uncertain != "none"

@@ -1,14 +1,14 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import SAMPLES, MonitorLight
+from periscopy_sim.cli.light import MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
 from periscopy_sim.cli.output import fixable, progress, say
 from periscopy_sim.cli.session import Session
@@ -18,6 +18,9 @@ from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.rendering.transport.plan import TransportPlan
 
 
 def photograph(
@@ -93,7 +96,7 @@ def ambient(
 
 def transport(
     session: Session,
-    light: Annotated[MonitorLight, {"samples": SAMPLES, "model": options.Model.rendered}],
+    light: MonitorLight,
     out: options.OutFile,
 ) -> None:
     """Render the light transport matrix A of a scene.
@@ -101,24 +104,32 @@ def transport(
     The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
+    from periscopy_sim.rendering.transport.plan import NOISE
+
     options.require_suffix(out, ".npy", "the matrix")
-    write_transport(session, light, out)
+    session.check_scene()
+    plan = light.plan(session.scenario, NOISE, session.seed)
+    write_transport(session, light, plan, out)
 
 
-def write_transport(session: Session, light: MonitorLight, out: Path) -> None:
-    """Compute A; write it with the files beside it, and print their names."""
+def write_transport(
+    session: Session, light: MonitorLight, plan: "TransportPlan", out: Path
+) -> None:
+    """Compute A as planned; write it with the files beside it, and print their names."""
     from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
-        session.check_scene()
-        A = light.transport(session.scenario, session.seed)
+        A = light.transport(session.scenario, plan, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,
             "hidden_shape": session.scenario.hidden_shape,
-            "model": light.model,
-            "samples": light.samples,
+            **plan.origin,
             **session.provenance,
         }
         write(A, record)
     beside = record_of(out), *(file for file in (bounced_of(out),) if file.is_file())
-    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}")
+    made = "areas" if plan.samples is None else f"{plan.samples} rays"
+    say(
+        f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}; by {made}, "
+        f"error {100 * plan.error:.2g} % of the light"
+    )

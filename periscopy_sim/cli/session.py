@@ -16,6 +16,7 @@ from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
@@ -105,12 +106,19 @@ class Session(options.OptionGroup):
         return as_text(self.provenance)
 
     def check_scene(self, method: str = "") -> None:
-        """Reject a scene that a method, or the memory, cannot take; warn without shadows."""
+        """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         from periscopy_sim.evaluation.methods import check_able
 
         check_able(method, self.scenario.hidden_shape)
         check_memory(self.scenario, method)
+        self.check_lights()
         self.check_shadows()
+
+    def check_lights(self) -> None:
+        """Name the lights that are not in A; one line."""
+        if lights := self.scenario.lights:
+            names = ", ".join(f"'{name}'" for name in lights)
+            self.warn(sentence("other_lights", scene=self.scene, names=names))
 
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
@@ -183,19 +191,42 @@ class Session(options.OptionGroup):
     # -- fitting and writing ---------------------------------------------------------------------
 
     def transport(
-        self, light: Light, matrix: Path | None = None, strata: "Strata" = "jittered"
+        self,
+        light: Light,
+        noise: float | None = None,
+        *,
+        matrix: Path | None = None,
+        method: str = DEFAULT,
+        strata: "Strata" = "jittered",
     ) -> NDArray[np.float32]:
-        """Return the mean of A over the channels, (M, N), of a file or by `Light.transport`."""
+        """Return the mean of A over the channels, (M, N): of a file, or as `Light.plan` chooses.
+
+        The noise is that of the photographs that A is fitted to, over their mean; None of none. A
+        warning says where the error of A exceeds it.
+        """
+        from periscopy_sim.rendering.transport.plan import NOISE
+        from periscopy_sim.storage.transport_matrix import read_record, read_transport
+
         A: Any
         if matrix is None:
-            A = light.transport(self.scenario, self.seed, strata)
+            plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
+            A, made = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
-            from periscopy_sim.storage.transport_matrix import read_transport, record_of
-
-            A = read_transport(matrix, self.scenario, light.most_bounces)
-            if not record_of(matrix).is_file():
+            A, made = read_transport(matrix, self.scenario, light.most_bounces), read_record(matrix)
+            if not made:
                 self.warn(sentence("no_record", file=matrix))
+            made = {**made, "model": "file", "samples": None}
+        made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
+        self.record |= {**made, "transport": matrix, **light.origin}
+        if noise is not None:
+            self.check_error(made["transport_error"], noise)
         return np.asarray(A if light.most_bounces == 1 else A.mean)
+
+    def check_error(self, error: float | None, noise: float, name: str = "A") -> None:
+        """Warn where an error of A exceeds the photographs' noise, both over their mean."""
+        if error is not None and error > noise:
+            percent = {"error": 100 * error, "noise": 100 * noise}
+            self.warn(sentence("transport_error", name=name, **percent))
 
     def fit(
         self,
@@ -211,10 +242,10 @@ class Session(options.OptionGroup):
         from periscopy_sim.evaluation.methods import OwnMethod, fit_method
 
         colours = None if colour_matrix is None else colour_matrix.matrix
-        self.record |= {**light.origin(matrix), "method": method, **settings}
-        self.record["colour_matrix"] = colours
+        self.record |= {"method": method, **settings, "colour_matrix": colours}
         with self.timed("transport matrix"):
-            A = self.transport(light, matrix)
+            noise = relative_noise(wall.values, wall.mask)
+            A = self.transport(light, noise, matrix=matrix, method=method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))

@@ -7,7 +7,7 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
-from periscopy_sim.cli.options import PHOTOGRAPH, Model, option
+from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
@@ -15,15 +15,20 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
+    from numpy.typing import NDArray
+
+    from periscopy_sim.rendering.transport.plan import TransportPlan
 
 
-RENDERED = ("A.npy", "photograph.exr", "ambient")
+RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
 STORE = "sweep.zarr"
@@ -34,7 +39,7 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 def sweep(
     session: Session,
-    light: Annotated[Light, {"samples": SAMPLES, "model": Model.rendered}],
+    light: Light,
     out: options.ResumedFolder,
     photograph: Annotated[
         Path | None,
@@ -92,7 +97,9 @@ def sweep(
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
-        **{name: value for name, value in light.origin().items() if name != "transport"},
+        "model": light.model and light.model.value,
+        "samples": light.samples,
+        **light.origin,
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
@@ -112,13 +119,17 @@ def sweep(
         with workers.connect(scheduler):  # fails if it does not answer
             pass
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
-        matrix = out / "A.npy"
-        if not matrix.is_file():
-            write_transport(session, light, matrix)
-        A = session.transport(light, matrix)
+        noise = noise_to_signal(snr, max(ratios))
+        plans = {name: light.plan(scenario, noise, seed, name) for name in names}
+        matrices = {
+            plan: _transport(session, light, plan, out) for plan in dict.fromkeys(plans.values())
+        }
         B = light.backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'"):
-            fitted = {name: fit_method(name, scenario, A, B, used, off) for name in names}
+            fitted = {
+                name: fit_method(name, scenario, matrices[plan], B, used, off)
+                for name, plan in plans.items()
+            }
         if signal is None:
             file = out / "photograph.exr"
             if not file.is_file():
@@ -137,9 +148,10 @@ def sweep(
             seeds=range(seeds),
             seed=seed,
             mask=used,
+            transport={name: plan.origin for name, plan in plans.items()},
             conditions={
                 "settings": settings,
-                "A_sha256": sweeps.array_sha256(A),
+                "A_sha256": {n: sweeps.array_sha256(matrices[plan]) for n, plan in plans.items()},
                 "B_sha256": sweeps.array_sha256(B),
             },
         )
@@ -148,7 +160,26 @@ def sweep(
         with staged_file(out / "sweep.png") as file:
             panels.draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
+    for name, plan in plans.items():
+        session.check_error(plan.error, noise, f"{name}: A")
     say_written(*(out / name for name in RESULTS))
+
+
+def _transport(
+    session: Session, light: Light, plan: "TransportPlan", out: Path
+) -> "NDArray[np.float32]":
+    """Return A as planned: of the folder's file, which is made anew where its plan was another.
+
+    ``A.npy`` is the A of most methods; a method that asks for rays has a file of its own.
+    """
+    from periscopy_sim.storage.transport_matrix import read_record
+
+    own = plan.samples == SAMPLES and light.samples is None
+    matrix = out / (f"A_{SAMPLES}_rays.npy" if own else "A.npy")
+    made = {name: read_record(matrix).get(name) for name in plan.origin}
+    if not matrix.is_file() or (made["model"] and made != plan.origin):
+        write_transport(session, light, plan, matrix)
+    return session.transport(light, matrix=matrix)
 
 
 def _say_means(results: "xr.Dataset") -> None:

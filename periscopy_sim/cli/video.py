@@ -68,7 +68,6 @@ def video(
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
-        light = light.resolved(session.scenario, method)
         names, photographs, wall = _read(session, frames, mask, monitor_off)
         known = None
         if truth is not None:

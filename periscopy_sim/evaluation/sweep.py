@@ -166,6 +166,8 @@ class Sweep:
     conditions
         Other settings of the results, of JSON's types, such as the scene that the methods fit.
         A store with other conditions is not resumed, so name everything that may change.
+    transport
+        How each method's A was made, by its name: `TransportPlan.origin`, columns of the table.
     mask
         (rows, columns), True where the wall is used: only there must the photographs be finite, and
         only there count the SBR, the exposure and the noise; elsewhere a measurement is zero. The
@@ -186,6 +188,7 @@ class Sweep:
     seeds: Sequence[int] = (0,)
     seed: int = 0
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
@@ -325,6 +328,9 @@ def run_sweep(
                     progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
     table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
+    for column in ("model", "samples", "transport_error"):
+        made = {name: plan.get(column) for name, plan in sweep.transport.items()}
+        table[column] = table.index.get_level_values("algorithm").map(made.get)
     with staged_file(folder / "sweep.csv") as staged:
         table.to_csv(staged, na_rep="nan", lineterminator="\n")
     return results

@@ -44,6 +44,15 @@ def record_of(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what the JSON file beside a matrix holds; nothing without such a file."""
+    file = record_of(path)
+    if not file.is_file():
+        return {}
+    with decoding(file, "JSON", AGAIN):
+        return dict(json.loads(file.read_text("utf-8")))
+
+
 def bounced_of(path: Path) -> Path:
     """Return the name of the NPZ file beside a matrix, which it has where light bounces."""
     return path.with_suffix(".bounced.npz")
@@ -102,11 +111,10 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
             f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
             f"{scenario.transport_shape}"
         )
-    file, bounced = record_of(path), bounced_of(path)
-    if bounces == DIRECT and not (file.is_file() or bounced.is_file()):
+    bounced = bounced_of(path)
+    if bounces == DIRECT and not (record_of(path).is_file() or bounced.is_file()):
         return A
-    with decoding(file, "JSON", AGAIN):
-        record = {"bounces": "direct", **json.loads(file.read_text("utf-8"))}
+    record = {"bounces": "direct", **read_record(path)}
     made = {
         "scene_sha256": scene_sha256(scenario.document),
         "parameters": dict(scenario.parameters),

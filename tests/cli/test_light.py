@@ -20,19 +20,33 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 
 
 @pytest.mark.parametrize(
-    ("light", "method", "model", "samples"),
+    ("light", "method", "by", "samples"),
     [
-        (Light(), "noise-aware", Model.analytic, None),
-        (Light(), "preconditioned", Model.rendered, 16),
-        (Light(samples=4), "noise-aware", Model.rendered, 4),
-        (Light(model=Model.rendered), "noise-aware", Model.rendered, 16),
+        (Light(), "noise-aware", "areas", None),
+        (Light(), "mine.py:Mine", "areas", None),
+        (Light(), "preconditioned", "rays", 16),
+        (Light(model=Model.analytic), "preconditioned", "areas", None),
+        (Light(samples=4), "noise-aware", "rays", 4),
+        (Light(model=Model.rendered), "noise-aware", "rays", 64),
     ],
 )
 def test_transport_has_its_closed_form_unless_rays_are_asked_for(
-    light, method, model, samples, scenario
+    light, method, by, samples, scenario
 ):
-    resolved = light.resolved(scenario, method)
-    assert (resolved.model, resolved.samples) == (model, samples)
+    plan = light.plan(scenario, 0.005, method=method)
+    assert (plan.by, plan.samples) == (by, samples)
+
+
+def test_what_the_matrix_lacks_is_named_once(succeeds, tmp_path):
+    lamp = '<emitter type="point" id="lamp"><point name="position" x="1" y="0.5" z="1"/></emitter>'
+    text = ps.find_scene("plate").read_text()
+    (tmp_path / "lit.xml").write_text(text.replace("</scene>", f"{lamp}</scene>"))
+    succeeds("photograph", "lit.xml", "bars", *TINY[:4], "--samples", "64", "--out", "y.exr")
+    size = TINY[:4]
+    succeeds("reconstruct", "y.exr", "--scene", "lit.xml", *size, "--samples", "1", "--out", "r")
+    warnings = json.loads((tmp_path / "r" / "summary.json").read_text())["warnings"]
+    assert sum("'lamp'" in line for line in warnings) == 1
+    assert sum("rays" in line for line in warnings) == 1
 
 
 def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):

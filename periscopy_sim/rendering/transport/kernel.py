@@ -41,11 +41,14 @@ def make_kernel(
     pixels_down, pixels_across = _factor(pixel_samples)
     jittered = strata == "jittered"
 
-    def within(index: Any, down: int, across: int, key: Any, salt: int) -> tuple[Any, Any]:
-        """Position in the unit square of sample number `index` of down x across strata."""
+    def within(index: Any, down: int, across: int, key: Any = None) -> tuple[Any, Any]:
+        """Position in the unit square of sample number `index` of down x across strata.
+
+        It jitters by a key, without one not at all.
+        """
         row, column = index // across, index % across
-        if jittered and (down > 1 or across > 1 or salt == 0):
-            bits = _scrambled(mi, key, 2 * index + salt)
+        if key is not None and jittered:
+            bits = _scrambled(mi, key, 2 * index)
             jitter = [(mi.Float(half) + 0.5) / (1 << 16) for half in (bits >> 16, bits & 0xFFFF)]
         else:
             jitter = [placed(row, down), placed(column, across)]
@@ -66,15 +69,16 @@ def make_kernel(
     centres = seen_at(dr.arange(mi.UInt32, rows * columns), 0.5, 0.5)
     dr.eval(centres)
 
-    def wall_point(pixel: Any, index: Any, key: Any) -> Any:
+    def wall_point(pixel: Any, index: Any) -> Any:
         """Where the camera sees the wall, by the number of a sample of the pixel."""
         if pixel_samples == 1:
             return dr.gather(type(centres), centres, pixel)
-        return seen_at(pixel, *within(index, pixels_down, pixels_across, key, 1))
+        # Light is smooth within a pixel: middles err less than jitter adds noise.
+        return seen_at(pixel, *within(index, pixels_down, pixels_across))
 
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
-        offset = within(index, strata_down, strata_across, key, 0)
+        offset = within(index, strata_down, strata_across, key)
         row, column = patch // hidden_columns, patch % hidden_columns
         uv = patch_uv(row, column, scenario.hidden_shape, scenario.mirrored, offset)
         light = surface_at(monitor, mi.Point2f(*uv))
@@ -101,7 +105,7 @@ def make_kernel(
 
         def at_wall_point(p: Any) -> Any:
             point_key, _ = _hash(mi, key, p)
-            si = wall_point(pixel, p, point_key)
+            si = wall_point(pixel, p)
             return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
         total = _sum(pixel_samples, at_wall_point)

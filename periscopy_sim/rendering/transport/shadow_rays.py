@@ -5,7 +5,7 @@ Column j of A is the photograph of the wall when only patch j shines with unit n
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ def render_transport(
         Legendre's two points of each pair of strata along an axis, exact for cubic integrands; of
         an odd number the middles.
     pixel_samples
-        Wall points of a pixel: 1 is its centre; more are spread over its area in strata and
+        Wall points of a pixel: 1 is its centre; more are the middles of strata of its area, and
         averaged.
     seed
         Seed of the jitter. The same seed and variant give the same bytes.
@@ -140,19 +140,29 @@ class RenderedTransport:
 
         Scalar variants raise a `VariantError`.
         """
+        for rows, block in self._direct(np.arange(self.shape[0])):
+            yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
+
+    def rows(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
+        """Return direct light's rows of some pixels, (K, N), given their K numbers."""
+        return np.concatenate([block for _, block in self._direct(pixels)])
+
+    def _direct(
+        self, chosen: NDArray[np.integer[Any]]
+    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Yield the rows of chosen pixels, without bounces, with their places among the chosen."""
         require_vectorized("the transport matrix by rays")
         import drjit as dr
         import mitsuba as mi
 
         entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
-        pixels, patches = self.shape
+        pixels, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
         work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
         height = max(1, LANES // work // patches)
-        for start in range(0, pixels, height):
-            rows = slice(start, min(start + height, pixels))
+        for start in range(0, len(chosen), height):
+            rows = slice(start, min(start + height, len(chosen)))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
             # Opaque, so that all blocks share one compiled kernel.
-            pixel = lane // patches + dr.opaque(mi.UInt32, start)
+            pixel = dr.gather(mi.UInt32, pixels, lane // patches + dr.opaque(mi.UInt32, start))
             values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
-            block = np.array(values).reshape(-1, patches)
-            yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
+            yield rows, np.array(values).reshape(-1, patches)

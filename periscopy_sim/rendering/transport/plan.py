@@ -1,0 +1,221 @@
+"""How A is made: by areas where the scene has them, else by as many rays as the noise asks for.
+
+Whatever fits a photograph to A takes the error of A for light. By areas that error is far below any
+camera's noise. Rays leave noise of their own, which two independent renderings of a few rows
+measure.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.analytic.area_transport import (
+    has_areas,
+    pixel_transport,
+    points_across,
+    require_areas,
+)
+from periscopy_sim.model.fit import PRECISION
+from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
+from periscopy_sim.rendering.transport.kernel import Strata
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
+from periscopy_sim.scenario import Scenario
+
+By = Literal["areas", "rays"]
+
+NOISE = 1e-3
+"""Noise of a photograph over its mean where none is known: 60 dB, the paper's."""
+
+SMALL = 1 / 3
+"""Error of A over the noise that counts as small: both together exceed the noise by 5 %."""
+
+FEWEST = 4
+"""Rays from each wall point to each patch to begin with."""
+
+BUDGET = 1 << 34
+"""Most rays for a whole A: three quarters of a minute on two cores."""
+
+PIXELS = 64
+"""Pixels whose rows measure the error of A, to 9 %: each is an independent draw."""
+
+
+@dataclass(frozen=True)
+class TransportPlan:
+    """How a scene's A is made, and how large its own error is.
+
+    Attributes
+    ----------
+    samples
+        Rays from each wall point to each patch; None for A by areas.
+    pixel_samples
+        Wall points in each pixel that rays average over.
+    error
+        Standard deviation of a white hidden image's light that A gets wrong, over its mean.
+    """
+
+    samples: int | None = None
+    pixel_samples: int = 1
+    error: float = PRECISION
+
+    @property
+    def by(self) -> By:
+        """The way: by areas or by rays."""
+        return "areas" if self.samples is None else "rays"
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """The entries of a record on how A was made."""
+        return {
+            "model": "analytic" if self.by == "areas" else "rendered",
+            "samples": self.samples,
+            "pixel_samples": self.pixel_samples,
+            "transport_error": self.error,
+        }
+
+    def transport(
+        self,
+        scenario: Scenario,
+        *,
+        strata: Strata = "jittered",
+        seed: int = 0,
+        progress: Callable[[float], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Compute A of direct light, (M, N); see `render_transport` for what rays take."""
+        if self.samples is None:
+            return pixel_transport(scenario)
+        return render_transport(
+            scenario, samples=self.samples, strata=strata, pixel_samples=self.pixel_samples,
+            seed=seed, progress=progress,
+        )  # fmt: skip
+
+
+def plan_transport(
+    scenario: Scenario,
+    noise: float = NOISE,
+    *,
+    by: By | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+) -> TransportPlan:
+    """Choose how A is made for photographs of some noise.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    noise
+        Standard deviation of a photograph's noise over the mean of the monitor's light in it.
+    by
+        ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
+    samples
+        Rays from the centre of each pixel to each patch. None takes as many as make the error of A
+        a third of the noise or less, within `BUDGET`, and averages over the pixels' areas.
+    seed
+        Seed of the rays that measure the error.
+
+    Returns
+    -------
+    TransportPlan
+        Its error exceeds the noise where `samples`, or the budget, are too few.
+
+    Raises
+    ------
+    ClosedFormError
+        If areas are asked for and the scene has none; the message names the shape.
+    VariantError
+        If rays are needed in a scalar variant.
+    """
+    if by == "areas":
+        require_areas(scenario)
+    if by == "areas" or (by is None and samples is None and has_areas(scenario)):
+        return TransportPlan()
+    if samples is not None:
+        return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
+    points = points_across(scenario.photograph_shape) ** 2
+    entries = int(np.prod(scenario.transport_shape)) * points
+    samples = FEWEST
+    while True:
+        error = transport_error(scenario, samples, points, seed=seed)
+        if error <= SMALL * noise or 4 * samples * entries > BUDGET:
+            return TransportPlan(samples, points, error)
+        samples *= 4
+
+
+def transport_error(
+    scenario: Scenario, samples: int, pixel_samples: int = 1, *, seed: int = 0
+) -> float:
+    """Measure the error of an A by rays: the root mean square over a white image's mean light.
+
+    Two independent renderings of the rows of `PIXELS` pixels differ by √2 of it.
+    """
+    rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
+    first, second = (
+        RenderedTransport(scenario, samples, "jittered", pixel_samples, seed + shift)
+        .rows(np.sort(rows))
+        .sum(axis=1, dtype=np.float64)
+        for shift in (1, 2)
+    )
+    light = float(np.mean(first + second)) / 2
+    return float(np.sqrt(np.mean((first - second) ** 2) / 2) / light) if light > 0 else 0.0
+
+
+def transport(
+    scenario: Scenario,
+    *,
+    by: By | None = None,
+    bounces: int | None = DIRECT,
+    noise: float = NOISE,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> "NDArray[np.float32] | BouncedTransport":
+    """Compute the light transport matrix A, by areas where the scene has them, else by rays.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    by
+        ``"areas"``, the closed form of `analytic_transport` averaged over each pixel, or
+        ``"rays"``, see `render_transport`; None takes areas where the scene has them.
+    bounces
+        Most reflections of a path: 1 is direct light, None any number; see `add_bounces`.
+    noise
+        Noise of the photographs that A serves, over their mean: rays are as many as leave the
+        error of A below a third of it, within a budget of 17 billion.
+    seed
+        Seed of the rays.
+    progress
+        Called with the fraction of the rays done.
+
+    Returns
+    -------
+    ndarray or BouncedTransport
+        A, (M, N) float32; with bounces, the matrices of all channels.
+
+    Raises
+    ------
+    SceneError
+        If no light of the monitor reaches the wall, or areas are asked for and the scene has none.
+    VariantError
+        If rays are needed in a scalar variant.
+
+    Warns
+    -----
+    RuntimeWarning
+        The error of A exceeds the noise: the budget is too small.
+    """
+    import warnings
+
+    plan = plan_transport(scenario, noise, by=by, seed=seed)
+    if plan.error > noise:
+        warnings.warn(
+            f"A by {plan.samples} rays errs by {plan.error:.2g} of its mean, more than the noise "
+            f"of {noise:.2g}; give the camera or the hidden image fewer pixels",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    A: Any = plan.transport(scenario, seed=seed, progress=progress)
+    return A if bounces == DIRECT else add_bounces(scenario, A, bounces, seed=seed)
