@@ -6,6 +6,8 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -14,12 +16,14 @@ from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.live.conftest import HIDDEN, PHOTOGRAPH
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 websockets = pytest.importorskip("websockets")
+zstandard = pytest.importorskip("zstandard")
 from websockets.sync.client import connect  # noqa: E402
 
 PATIENCE = 240.0  # another process may be compiling, on a busy machine
@@ -28,6 +32,12 @@ CAMERA = {
     "look_at": (0, 1, 0), "up_direction": (0, 0, 1), "fov": 1.0, "near": 0.01, "far": 1000,
     "image_height": 600, "image_width": 800,
 }  # fmt: skip
+
+HOSTILE = (
+    '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerror=f()> &lt;b&gt; '
+    "![a](icon.png) [b](javascript:f) **c** `d` \\* $e$ www.example.org"
+)
+"""What an id, a name, a value or a message may hold."""
 
 
 class Target:
@@ -93,7 +103,7 @@ def target():
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with LiveSession(scenario, first, offered, save, lambda _: [], light=light) as session:
+    with LiveSession(scenario, first, offered, save, lambda _: [HOSTILE], light=light) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 
@@ -105,6 +115,28 @@ def target():
         with live.running(session):
             made.until(lambda: made.shown)
             yield made
+
+
+def test_no_text_of_the_page_is_markup(target):
+    """All that the client takes for markup, as it comes over the wire."""
+    target.until(lambda: not target.shown[-1].is_coarse)
+    pictures = target.shown[-1]
+    choice = replace(pictures.choice, method=HOSTILE)
+    target.page.show(replace(pictures, choice=choice, report=Report()))
+    target.page.tell(f"failed: {HOSTILE}")
+    messages = []
+    with target.client() as client:
+        while not messages or messages[-1]["type"] != "ReplayDoneMessage":
+            raw = client.recv(PATIENCE)
+            packed = raw[16 : 16 + int.from_bytes(raw[8:16], "little")]
+            messages += msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]
+    assert not {"GuiMarkdownMessage", "GuiModalMessage"} & {each["type"] for each in messages}
+    tags, texts, parser = set(), [], HTMLParser()
+    parser.handle_starttag, parser.handle_data = lambda tag, _: tags.add(tag), texts.append
+    for each in messages:
+        parser.feed((each.get("props") or each.get("updates") or {}).get("content", ""))
+    assert tags == {"div"}
+    assert {HOSTILE, f"Standard error: {HOSTILE} reports none", f"failed: {HOSTILE}"} <= {*texts}
 
 
 @pytest.mark.parametrize(
