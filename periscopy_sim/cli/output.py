@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 
@@ -24,8 +24,8 @@ def fixable(what: str) -> Iterator[None]:
 
 
 def say(message: str) -> None:
-    """Print one line."""
-    print(message, flush=True)
+    """Print one line, or several."""
+    print("\n".join(map(printable, message.split("\n"))), flush=True)
 
 
 def say_written(*paths: Path) -> None:
@@ -35,7 +35,7 @@ def say_written(*paths: Path) -> None:
 
 def warn(message: str, kind: str = "warning") -> None:
     """Print one line of a warning, or of an error."""
-    print(f"periscopy: {kind}: {message}", file=sys.stderr, flush=True)
+    print(f"periscopy: {kind}: {printable(message)}", file=sys.stderr, flush=True)
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
@@ -44,7 +44,7 @@ def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
-    text = Text("\n".join([*(f"- {reason}" for reason in reasons), "", advice]))
+    text = Text("\n".join([*(f"- {printable(reason)}" for reason in reasons), "", advice]))
     Console(stderr=True).print(Panel(text, title=title.upper()))
 
 
@@ -86,11 +86,13 @@ def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
     Within the progress of another computation, nothing is shown.
     """
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     console = Console(stderr=True)
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
+    label = escape(printable(label))
 
     def update(done: float, total: float = 1.0) -> None:
         if _INTERRUPTS:
