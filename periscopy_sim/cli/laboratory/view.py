@@ -1,9 +1,10 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
-import signal
+import os
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,7 +14,7 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import output_folder, progress, say, write_json
+from periscopy_sim.cli.output import output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
@@ -26,6 +27,11 @@ from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
+
+OPEN = (
+    "other computers can open the page, over HTTP, which is not encrypted: whoever learns its "
+    "address can change the scene and write the pictures; without --host only this computer can"
+)
 
 
 def view(
@@ -69,7 +75,12 @@ def view(
         if image:
             session.hidden_image(image)
         wall = None if photo is None else session.wall(photo, mask)
-        light = None
+        light, writing = None, Lock()
+
+        def save(pictures: "LivePictures") -> str:
+            with writing:
+                return write_view(out, pictures, photo)
+
         if ambient:
             place = str(find_condition(ambient))  # its error is smooth: methods project it out
             quick = ps.render_background(place, session.scenario, target=0.05)
@@ -80,20 +91,21 @@ def view(
         )
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method), offered,
-            lambda pictures: write_view(out, pictures, photo),
-            report_sentences, light=light, photograph=wall, host=host, port=port,
+            save, report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
-    def stop(which: int, _: object) -> None:
-        signal.signal(which, signal.default_int_handler)
-        live.stop()  # an exception anywhere could leave a lock held
-
-    with live:
-        signal.signal(signal.SIGINT, stop)
-        signal.signal(signal.SIGTERM, stop)
+    try:
+        worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
+        worker.start()
+        if live.page.gate.is_open:
+            warn(OPEN)
         say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
-        live.run()
-    say("closed")
+        while worker.is_alive():
+            worker.join(1.0)  # without an end, Windows would not interrupt it
+    except KeyboardInterrupt:
+        with writing:
+            say("closed")
+            os._exit(0)  # pictures in the making are nobody's
 
 
 def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
