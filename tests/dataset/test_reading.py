@@ -1,6 +1,8 @@
 import json
 import shutil
 import sys
+import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -112,6 +114,71 @@ def test_torch_data_sets_are_public_without_pytorch_and_say_how_to_install_it(mo
     assert "TorchDataset" in ps.__all__ and hasattr(ps, "TorchDataset")
     with pytest.raises(ps.PeriscopyError, match=r"pip install -e '\.\[torch\]'"):
         ps.TorchDataset("data.zarr")
+
+
+def test_torch_data_sets_take_one_number(monkeypatch, whole):
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(as_tensor=np.asarray))
+    samples = ps.TorchDataset(whole)
+    photographs = ps.open_dataset(whole).photograph.values
+    for number in (1, np.int32(1), np.array(1), -45):
+        picture = samples[number]["photograph"]
+        np.testing.assert_array_equal(np.moveaxis(picture, 0, -1), photographs[1])
+    for batch in ([1, -1], np.array([1, 45]), (1, 45)):
+        last = samples.__getitems__(batch)[1]["photograph"]
+        np.testing.assert_array_equal(np.moveaxis(last, 0, -1), photographs[45])
+    assert samples.__getitems__([]) == []
+    for wrong in (
+        [0, 1],
+        np.array([0, 1]),
+        np.array([1]),
+        [-1],
+        [[1], [2, 3]],
+        (0,),
+        slice(2),
+        1.0,
+    ):
+        with pytest.raises(TypeError, match="one number"):
+            samples[wrong]
+    with pytest.raises(IndexError):
+        samples[46]
+
+
+def head_of(archive, **changes):
+    """Write other attributes of an archive; None leaves one out."""
+    head = json.loads((archive / "zarr.json").read_text())
+    head["attributes"] = {
+        name: value for name, value in (head["attributes"] | changes).items() if value is not None
+    }
+    (archive / "zarr.json").write_text(json.dumps(head))
+
+
+@pytest.mark.parametrize("name", ["layout", "configuration", "versions"])
+@pytest.mark.parametrize("value", [None, '{"seed": 3}', {"seed": 3}, [1]])
+def test_attributes_of_another_program_are_refused(data, name, value):
+    head_of(data, **{name: value})
+    for opens in (ps.open_dataset, verify_dataset, describe):
+        with pytest.raises(DatasetError, match="attributes"):
+            opens(data)
+
+
+@pytest.mark.parametrize("count", [True, -1, 0, "46", 10**9, 10**30, None])
+def test_count_is_that_of_the_variables(data, count):
+    head_of(data, count=count)
+    for opens in (ps.open_dataset, verify_dataset, describe):
+        with pytest.raises(DatasetError):
+            opens(data)
+
+
+def test_what_xarray_saved_or_appended_to_is_refused(data, tmp_path):
+    opened = ps.open_dataset(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # text of any length is not in Zarr's standard
+        opened.to_zarr(tmp_path / "copy.zarr")
+        opened.isel(sample=slice(2)).to_zarr(data, append_dim="sample")
+    for archive in (tmp_path / "copy.zarr", data):
+        for opens in (ps.open_dataset, verify_dataset, describe):
+            with pytest.raises(DatasetError, match="attributes"):
+                opens(archive)
 
 
 def test_what_is_no_data_set_is_refused(tmp_path):
