@@ -28,10 +28,8 @@ from periscopy_sim.storage.outputs.provenance import as_text
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
 
-OPEN = (
-    "other computers can open the page, over HTTP, which is not encrypted: whoever learns its "
-    "address can change the scene and write the pictures; without --host only this computer can"
-)
+WRITING = Lock()
+"""Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
 
 def view(
@@ -75,12 +73,7 @@ def view(
         if image:
             session.hidden_image(image)
         wall = None if photo is None else session.wall(photo, mask)
-        light, writing = None, Lock()
-
-        def save(pictures: "LivePictures") -> str:
-            with writing:
-                return write_view(out, pictures, photo)
-
+        light = None
         if ambient:
             place = str(find_condition(ambient))  # its error is smooth: methods project it out
             quick = ps.render_background(place, session.scenario, target=0.05)
@@ -91,21 +84,25 @@ def view(
         )
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method), offered,
-            save, report_sentences, light=light, photograph=wall, host=host, port=port,
+            lambda pictures: write_view(out, pictures, photo),
+            report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
     try:
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
         if live.page.gate.is_open:
-            warn(OPEN)
+            warn(
+                "other computers can open the page, and its address is sent without encryption; "
+                "leave --host out to keep the page on this computer"
+            )
         say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
         while worker.is_alive():
             worker.join(1.0)  # without an end, Windows would not interrupt it
     except KeyboardInterrupt:
-        with writing:
+        with WRITING:
             say("closed")
-            os._exit(0)  # pictures in the making are nobody's
+            os._exit(0)
 
 
 def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
@@ -123,7 +120,7 @@ def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
         **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,
     }
-    with output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
+    with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
