@@ -14,7 +14,7 @@ import numpy as np
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
+from periscopy_sim.storage.outputs.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,12 +117,13 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
         records = Records(path, layout.of_store(), attributes)
         first = records.read(next(iter(records.numbers()), 0)).get("of", records.of)
         numbers = (layout.count, layout.block, *layout.photograph_shape, *layout.hidden_shape)
-        if first != records.of or not all(type(n) is int and n > 0 for n in numbers):
+        is_own = first == records.of and (path / MAKING).is_dir()
+        if not is_own or not all(type(n) is int and n > 0 for n in numbers):
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise DatasetError(
-            f"{path}: its attributes are not those that 'periscopy dataset' wrote; open what "
-            "another program saved, such as xarray, with that program, or make the data set again"
+            f"{path}: its attributes or marks are not those that 'periscopy dataset' wrote; open "
+            "what another program saved, such as xarray, with that program, or make it again"
         ) from None
     return attributes, layout, records
 

@@ -157,9 +157,11 @@ def test_attributes_that_others_wrote_are_refused(data):
 def test_what_xarray_saved_or_appended_to_is_refused(data, tmp_path):
     opened = ps.open_dataset(data)
     opened.to_zarr(tmp_path / "copy.zarr")
+    nested = xr.open_zarr(data, consolidated=False, chunks=None).drop_encoding()
+    nested.to_zarr(tmp_path / "whole.zarr")
     opened.isel(sample=slice(2)).to_zarr(data, append_dim="sample")
-    check_refused(tmp_path / "copy.zarr", "attributes")
-    check_refused(data, "attributes")
+    for path in (tmp_path / "copy.zarr", tmp_path / "whole.zarr", data):
+        check_refused(path, "attributes")
 
 
 def test_what_is_no_data_set_is_refused(tmp_path):
