@@ -86,13 +86,14 @@ def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
     Within the progress of another computation, nothing is shown.
     """
     from rich.console import Console
-    from rich.markup import escape
     from rich.progress import Progress
 
     console = Console(stderr=True)
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
-    label = escape(printable(label))
+    from rich.markup import escape
+
+    label = escape(printable(label))  # it may quote names
 
     def update(done: float, total: float = 1.0) -> None:
         if _INTERRUPTS:

@@ -216,7 +216,8 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    sizes = {n: records.layout.size(n) for n in records.layout.blocks if records.has(n)}
+    whole = (n for n in records.numbers() if n in records.layout.blocks and records.has(n))
+    sizes = {n: records.layout.size(n) for n in whole}
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,
