@@ -91,21 +91,19 @@ def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
     console = Console(stderr=True)
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
-    from rich.markup import escape
-
-    label = escape(printable(label))  # it may quote names
+    from rich.markup import escape  # a label may quote names
 
     def update(done: float, total: float = 1.0) -> None:
         if _INTERRUPTS:
             raise KeyboardInterrupt
         text = f"{label}: {done} of {total} {unit}" if unit else label
-        bar.update(task, description=text, completed=done, total=total or 1)
+        bar.update(task, description=escape(printable(text)), completed=done, total=total or 1)
 
     disable = bool(_AT_WORK) or not console.is_terminal
     _AT_WORK.append(label)
     try:
         with Progress(console=console, transient=True, disable=disable) as bar:
-            task = bar.add_task(label, total=None)
+            task = bar.add_task(escape(printable(label)), total=None)
             yield update
     finally:
         _AT_WORK.pop()
