@@ -6,15 +6,20 @@ _LONGEST = 900
 """Characters of a message; it may quote what a damaged or hostile file holds."""
 
 
+def printable(text: str) -> str:
+    """Return text whose control characters, which a terminal would obey, are spelled out."""
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
 class PeriscopyError(ValueError):
     """A mistake in what the user gave; the command line prints it as one line and exits with 2."""
 
     def __str__(self) -> str:
         """Message as one line: what cannot be printed spelled out, a long middle left out."""
-        line = "".join(
-            letter if letter.isprintable() else letter.encode("unicode_escape").decode()
-            for letter in " ".join(super().__str__().split())
-        )
+        line = printable(" ".join(super().__str__().split()))
         half = _LONGEST // 2
         return line if len(line) <= _LONGEST else f"{line[:half]} ... {line[-half:]}"
 

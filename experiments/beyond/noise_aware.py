@@ -18,6 +18,7 @@ from experiments.page import described
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
 from experiments.sweeps import errors_of, of_method, swept
+from periscopy_sim.figures.style import plain_ticks
 
 Array = NDArray[np.float64]
 
@@ -133,6 +134,7 @@ def _draw_errors(
             ax.set_xticks([0.02, 0.1, 1, 10], ["0.02", "0.1", "1", "10"])
             ax.grid(visible=True, which="major", linewidth=0.3)
         axes[0].set_ylabel("mean squared error")
+        plain_ticks(axes[0].yaxis)
         axes[0].legend()
 
 

@@ -18,6 +18,7 @@ from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Chair, Setting
 from experiments.timing import median_seconds
+from periscopy_sim.figures.style import plain_ticks
 
 Array = NDArray[np.float64]
 AnyVideo = ps.Video | ps.NoiseAwareVideo
@@ -201,4 +202,5 @@ def _draw(setting: Setting, errors: Errors) -> None:
             row[0].set(ylabel="mean squared error")
         for ax in panels[-1]:
             ax.set(xlabel="frame")
+        plain_ticks(panels[0, 0].yaxis)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)

@@ -18,6 +18,7 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, wall_extent
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
+from periscopy_sim.figures.style import plain_ticks
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 
@@ -211,7 +212,8 @@ def _draw_overview(ax: Any, rows: Array) -> None:
         magnitude, cmap="cividis", norm=LogNorm(low, high), aspect="auto", interpolation="nearest"
     )
     ax.set(xlabel="photograph's row", ylabel="patch (row of P)", title="magnitude of P")
-    ax.figure.colorbar(picture, ax=ax, label="rms entry", extend="both")
+    bar = ax.figure.colorbar(picture, ax=ax, label="rms entry", extend="both")
+    plain_ticks(bar.ax.yaxis)
 
 
 def _draw_spectrum(ax: Any, spectra: dict[str, tuple[Array, Array]]) -> None:
@@ -224,5 +226,6 @@ def _draw_spectrum(ax: Any, spectra: dict[str, tuple[Array, Array]]) -> None:
         frequency, power = spectra[name]
         ax.semilogy(frequency, power, style, color=color, label=label)
     ax.set(xlabel="spatial frequency (1/m)", ylabel="power (white noise: 1)", ylim=(1e-4, 10))
+    plain_ticks(ax.yaxis)
     ax.set_title("spectrum of the rows")
     ax.legend(loc="lower right")

@@ -21,6 +21,7 @@ from experiments.published.setting import PublishedSetting
 from experiments.published.stills import psnrs
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import FittedScene
+from periscopy_sim.figures.style import plain_ticks
 from periscopy_sim.model.ambient import background_basis
 
 Array = NDArray[np.float64]
@@ -383,5 +384,6 @@ def _draw_errors(setting: PublishedSetting, folder: str, levels: Sequence[Level]
         ax.set(xscale="log", yscale="log", xlabel="SBR", ylabel="mean squared error")
         ax.set_xticks([level.sbr for level in measured], [_ratio(level.sbr) for level in measured])
         ax.minorticks_off()
+        plain_ticks(ax.yaxis)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center")
     return [Picture(setting.out / f"{name}.png", f"{folder}: error against the measured SBR.")]

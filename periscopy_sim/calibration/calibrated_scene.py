@@ -1,13 +1,12 @@
 """A scene file with other defaults: all else stays, comments too."""
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.document import comment, literal, read_document
 from periscopy_sim.scenario import SceneDocument
 
 
@@ -61,9 +60,9 @@ def with_defaults(
     if home != folder and len(scene.files) > 1:
         # Forward slashes, which all systems take: a scene may travel.
         place = (home.relative_to(folder) if home.is_relative_to(folder) else home).as_posix()
-        added.insert(0, element(document, "path", value=place.replace("$", "\\$")))
+        added.insert(0, element(document, "path", value=literal(place)))
     if remark:
-        added.insert(0, document.createComment(f" {re.sub('-(?=-)', '- ', remark)} "))
+        added.insert(0, document.createComment(f" {comment(remark)} "))
     prepend(document, document.getElementsByTagName("scene")[0], added)
     return document
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 
@@ -24,8 +24,8 @@ def fixable(what: str) -> Iterator[None]:
 
 
 def say(message: str) -> None:
-    """Print one line."""
-    print(message, flush=True)
+    """Print one line, or several."""
+    print("\n".join(map(printable, message.split("\n"))), flush=True)
 
 
 def say_written(*paths: Path) -> None:
@@ -35,7 +35,7 @@ def say_written(*paths: Path) -> None:
 
 def warn(message: str, kind: str = "warning") -> None:
     """Print one line of a warning, or of an error."""
-    print(f"periscopy: {kind}: {message}", file=sys.stderr, flush=True)
+    print(f"periscopy: {kind}: {printable(message)}", file=sys.stderr, flush=True)
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
@@ -44,7 +44,7 @@ def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
-    text = Text("\n".join([*(f"- {reason}" for reason in reasons), "", advice]))
+    text = Text("\n".join([*(f"- {printable(reason)}" for reason in reasons), "", advice]))
     Console(stderr=True).print(Panel(text, title=title.upper()))
 
 
@@ -91,18 +91,19 @@ def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
     console = Console(stderr=True)
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
+    from rich.markup import escape  # a label may quote names
 
     def update(done: float, total: float = 1.0) -> None:
         if _INTERRUPTS:
             raise KeyboardInterrupt
         text = f"{label}: {done} of {total} {unit}" if unit else label
-        bar.update(task, description=text, completed=done, total=total or 1)
+        bar.update(task, description=escape(printable(text)), completed=done, total=total or 1)
 
     disable = bool(_AT_WORK) or not console.is_terminal
     _AT_WORK.append(label)
     try:
         with Progress(console=console, transient=True, disable=disable) as bar:
-            task = bar.add_task(label, total=None)
+            task = bar.add_task(escape(printable(label)), total=None)
             yield update
     finally:
         _AT_WORK.pop()

@@ -3,7 +3,8 @@
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.store import Records, StoreLayout, attributes_of
+from periscopy_sim.storage.outputs.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,15 +105,36 @@ class Layout:
 def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     """Return the attributes of a data set, its layout and the records of its blocks.
 
-    A path without a data set, or one whose head is damaged, is a `DatasetError`.
+    A path without a data set, or one whose head is damaged or another's, is a `DatasetError`.
     """
     attributes = attributes_of(path)
-    if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
+    if attributes.get("kind") != KIND:
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
-    sizes: dict[str, Any] = dict(attributes["layout"])
-    sizes |= {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
-    layout = Layout(attributes["count"], **sizes)
-    return attributes, layout, Records(path, layout.of_store(), attributes)
+    try:
+        sizes: dict[str, Any] = dict(attributes["layout"])
+        shapes = {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
+        layout = Layout(attributes["count"], **{**sizes, **shapes})
+        records = Records(path, layout.of_store(), attributes)
+        first = records.read(next(iter(records.numbers()), 0)).get("of", records.of)
+        numbers = (layout.count, layout.block, *layout.photograph_shape, *layout.hidden_shape)
+        is_own = first == records.of and (path / MAKING).is_dir()
+        if not is_own or not all(type(n) is int and n > 0 for n in numbers):
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise DatasetError(
+            f"{path}: its attributes or marks are not those that 'periscopy dataset' wrote; open "
+            "what another program saved, such as xarray, with that program, or make it again"
+        ) from None
+    return attributes, layout, records
+
+
+@contextmanager
+def _damage_reported(path: Path) -> Iterator[None]:
+    """Raise whatever Zarr or xarray cannot read as a `DatasetError`."""
+    try:
+        yield
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError) as error:
+        raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
 
 
 def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
@@ -144,6 +166,15 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
 
     path = Path(path)
     _, layout, records = read_head(path)
+    with warnings.catch_warnings(), _damage_reported(path):
+        # Text of any length is not in Zarr's standard yet; the archive records what reads it.
+        warnings.filterwarnings("ignore", message=".*does not have a Zarr V3 specification.*")
+        data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
+    for name, settings in records.layout.variables.items():
+        length, *shape = settings["shape"]  # it may be longer where a run that grows it was stopped
+        held = data[name].shape if name in data.variables else (0,)
+        if held[:1] < (length,) or [*held[1:]] != shape:
+            raise DatasetError(f"{path}: its variable '{name}' is lost or too small; make it again")
     blocks = records.layout.blocks
     ready = sum(records.layout.size(n) for n in takewhile(records.has, blocks))
     if ready < layout.count and not incomplete:
@@ -151,15 +182,6 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
             "run 'periscopy dataset' again, or give incomplete=True"
         )
-    with warnings.catch_warnings():
-        # Text of any length is not in Zarr's standard yet; the archive records what reads it.
-        warnings.filterwarnings("ignore", message=".*does not have a Zarr V3 specification.*")
-        try:
-            data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
-    if lost := {*records.layout.variables} - {*data.variables}:
-        raise DatasetError(f"{path}: has lost its variable '{min(lost)}'; make it again")
     of_one_value = (("sample",), ("geometries",))
     labels = [name for name, values in data.data_vars.items() if values.dims in of_one_value]
     # netCDF has no nested attributes.
@@ -194,21 +216,23 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    sizes = {n: records.layout.size(n) for n in records.layout.blocks if records.has(n)}
-    description: dict[str, Any] = {
-        "samples": layout.count,
-        "finished": sum(sizes.values()),
-        "photograph": list(layout.photograph_shape),
-        "hidden": list(layout.hidden_shape),
-        "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
-        "seed": attributes["configuration"]["seed"],
-        "versions": attributes["versions"],
-    }
-    for name in ("split", "hidden_kind", "ambient"):
-        description[name] = dict(Counter(map(str, data[name].values)).most_common())
-    for name in ("sbr", "snr", "exposure", BOUNCED_ERROR):
-        if name in data and data.sizes["sample"]:
-            description[name] = [float(data[name].min()), float(data[name].max())]
+    whole = (n for n in records.numbers() if n in records.layout.blocks and records.has(n))
+    sizes = {n: records.layout.size(n) for n in whole}
+    with _damage_reported(path):
+        description: dict[str, Any] = {
+            "samples": layout.count,
+            "finished": sum(sizes.values()),
+            "photograph": list(layout.photograph_shape),
+            "hidden": list(layout.hidden_shape),
+            "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
+            "seed": attributes["configuration"]["seed"],
+            "versions": attributes["versions"],
+        }
+        for name in ("split", "hidden_kind", "ambient"):
+            description[name] = dict(Counter(map(str, data[name].values)).most_common())
+        for name in ("sbr", "snr", "exposure", BOUNCED_ERROR):
+            if name in data and data.sizes["sample"]:
+                description[name] = [float(data[name].min()), float(data[name].max())]
     return {**description, "geometries": data.sizes["geometries"]}
 
 
@@ -227,6 +251,7 @@ def export_samples(
     from periscopy_sim.figures.animation import draw_contact_sheet
     from periscopy_sim.storage.formats.exr import write_exr
 
+    path = Path(path)
     data = open_dataset(path, incomplete=True)
     last = data.sizes["sample"] - 1
     if beyond := [index for index in indices if not 0 <= index <= last]:
@@ -235,7 +260,8 @@ def export_samples(
     written, titles = [], []
     sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
     for done, index in enumerate(indices, 1):
-        sample = data.isel(sample=index).load()
+        with _damage_reported(path):
+            sample = data.isel(sample=index).load()
         notes = {str(name): str(sample[name].item()) for name in labels}
         for name, pictures in sheet.items():
             image = sample[name].values.astype(np.float32)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +66,12 @@ class TorchDataset:
         """Return the number of samples."""
         return len(self.samples)
 
-    def __getitem__(self, index: int) -> Any:
-        """Return a sample: its variables' tensors by name."""
-        return self.__getitems__([index])[0]
+    def __getitem__(self, number: int) -> Any:
+        """Return a sample: its variables' tensors by name. Anything but one number is a TypeError.
+
+        A `DataLoader` makes batches, and ``torch.utils.data.Subset`` is a part of the samples.
+        """
+        return self.__getitems__([number])[0]
 
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
         """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
@@ -77,7 +81,12 @@ class TorchDataset:
 
             self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
         group = self._opened[1]
-        wanted, places = np.unique(self.samples[np.asarray(indices)], return_inverse=True)
+        for each in indices:
+            if getattr(each, "shape", ()) or not hasattr(each, "__index__"):
+                what = f"not {type(each).__name__}; a DataLoader makes batches"
+                raise TypeError(f"an index is one number, {what}")
+        chosen = self.samples[np.array([*map(index, indices)], int)]
+        wanted, places = np.unique(chosen, return_inverse=True)
         columns = {name: group[name].oindex[wanted][places] for name in self.variables}
         samples = [{n: _tensor(v[k]) for n, v in columns.items()} for k in range(len(places))]
         return samples if self.transform is None else [self.transform(each) for each in samples]

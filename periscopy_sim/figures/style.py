@@ -20,6 +20,7 @@ STYLE: Any = {
     "grid.color": "0.88", "grid.linewidth": 0.5, "lines.linewidth": 1.3,
     "xtick.labelsize": 7, "ytick.labelsize": 7, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
     "legend.fontsize": 7, "legend.frameon": False,
+    "text.parse_math": False, "text.usetex": False,  # names come from files
     "image.interpolation": "nearest", "pdf.fonttype": 42, "savefig.dpi": 300,
 }  # fmt: skip
 """Matplotlib's settings, which it takes when a thing is drawn, not when it is saved."""

@@ -23,6 +23,7 @@ from periscopy_sim.laboratory.document import (
     exactly,
 )
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
+from periscopy_sim.rendering.scene.document import literal
 from periscopy_sim.scenario import Array
 
 
@@ -218,7 +219,7 @@ def _add_body(
         return scene.declare(f"{name}_{which}", getattr(body, which), "length", f"{entry}: {which}")
 
     def add_mesh(mesh: str, *shaping: str) -> None:
-        file = tag("string", name="filename", value=meshes[mesh])
+        file = tag("string", name="filename", value=literal(meshes[mesh]))
         flat = tag("boolean", name="face_normals", value="true")
         scene.add("ply", name, file, flat, transform(*shaping, *to_world), paint(body.reflectance))
 

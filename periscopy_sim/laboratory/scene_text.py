@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable
 from textwrap import indent, wrap
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.document import Laboratory, Measured
+from periscopy_sim.rendering.scene.document import comment
 
 HEAD = """<!-- {title}
      Metres and degrees; x to the right as one faces the wall, y from the monitor to the wall, z up.
@@ -39,7 +40,7 @@ class SceneText:
 
     def section(self, title: str) -> None:
         """Begin the measured numbers of one thing."""
-        lines = wrap(f"<!-- {_comment(title)} -->", 95, subsequent_indent="     ")
+        lines = wrap(f"<!-- {comment(title)} -->", 95, subsequent_indent="     ")
         self._defaults += ["", *(f"    {line}" for line in lines)]
 
     def declare(self, name: str, measured: Measured, kind: str, entry: str) -> str:
@@ -93,7 +94,7 @@ class SceneText:
                 "the error of all such numbers: 'errors: {length: 5 mm, angle: 1 deg}'"
             )
         lines = [*self._defaults, "", '    <integrator type="path"/>', *self._elements, "</scene>"]
-        return HEAD.format(title=_comment(title)) + "\n".join(lines[1:]) + "\n"
+        return HEAD.format(title=comment(title)) + "\n".join(lines[1:]) + "\n"
 
     def _default(self, name: str, value: float) -> None:
         self._names.add(name)
@@ -117,8 +118,3 @@ def paint(reflectance: tuple[float, float, float]) -> str:
     values = reflectance[:1] if len(set(reflectance)) == 1 else reflectance
     colour = tag("rgb", name="reflectance", value=", ".join(map(repr, values)))
     return f'<bsdf type="diffuse">\n    {colour}\n</bsdf>'
-
-
-def _comment(text: str) -> str:
-    """Return text that a comment may hold."""
-    return escape(text).replace("--", "- -")

@@ -3,7 +3,7 @@
 A websocket accepts connections from every page that the browser shows, and viser applies whatever
 a client sends. The gate stands before both: it asks for the page's own Host and Origin and for the
 token in the page's address, and it passes on a message only if a control of the page can send it.
-Each rejection leaves one line in the log.
+Rejections are logged, at most one line a second.
 """
 
 import contextlib
@@ -11,6 +11,7 @@ import ipaddress
 import logging
 import secrets
 import socket
+import time
 from collections.abc import Iterator, Sequence
 from http import HTTPStatus
 from typing import Annotated, Any, Literal
@@ -54,13 +55,15 @@ MESSAGES: dict[str, Any] = {
 class Gate:
     """A listening socket, the token of its page, and the values that the page's controls offer.
 
-    Port 0 takes a free one. `token` begins every path that the server serves. A PeriscopyError says
-    that the port is taken, or the address is none of this computer.
+    Port 0 takes a free one. `token` begins every path that the server serves, `rejected` counts
+    connections and messages. A PeriscopyError says that the port is taken, or the address is none
+    of this computer.
     """
 
     def __init__(self, host: str, port: int) -> None:
         self._host, self.token = host, secrets.token_urlsafe(16)
         self._offered: dict[str, Any] = {}
+        self.rejected, self._logged, self._last_line = 0, 0, -1.0
         try:
             family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self._socket = socket.create_server(address, family=family)
@@ -68,13 +71,27 @@ class Gate:
             raise PeriscopyError(
                 f"cannot listen on {host}:{port}: {error}; name another port or host"
             ) from None
-        self.port = int(self._socket.getsockname()[1])
+        bound, self.port, *_ = self._socket.getsockname()
+        self._address = ipaddress.ip_address(bound)
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
+        """The address of the page, with its token; of all of a computer's one that others reach."""
+        host = self._host
+        if self._address.is_unspecified:
+            with socket.socket(self._socket.family, socket.SOCK_DGRAM) as probe:
+                try:  # chooses a route, and sends nothing
+                    probe.connect(("192.0.2.1" if self._address.version == 4 else "2001:db8::1", 9))
+                    host = probe.getsockname()[0]
+                except OSError:  # no network
+                    host = socket.gethostname()
+        host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether other computers can connect."""
+        return not self._address.is_loopback
 
     def offer_names(self, control: str, names: Sequence[str]) -> None:
         """Accept one of some names from a control; the control "handle" is all handles."""
@@ -101,7 +118,7 @@ class Gate:
                     message = await super().recv(decode)
                     if not (fault := gate.fault_of(message)):
                         return message
-                    _log(fault)
+                    gate.reject(fault)
 
         def serve(handler: Any, *_: Any, **options: Any) -> Any:
             nonlocal is_guarded
@@ -110,7 +127,7 @@ class Gate:
 
             def process(connection: ServerConnection, request: Request) -> Response | None:
                 if fault := gate.fault_of_request(request):
-                    _log(fault)
+                    gate.reject(fault)
                     return connection.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
                 request.path = request.path.removeprefix(f"/{gate.token}") or "/"
                 response: Response | None = answer(connection, request)
@@ -166,6 +183,11 @@ class Gate:
             return f"a message that no control sends: {error}"
         return ""
 
-
-def _log(fault: str) -> None:
-    LOG.warning("periscopy view dropped %.200s", ascii(fault))
+    def reject(self, fault: str) -> None:
+        """Log a rejection, and how many others since the last line, which is a second old."""
+        self.rejected += 1
+        if time.monotonic() - self._last_line >= 1:
+            others = self.rejected - self._logged - 1
+            more = f" and {others} others" if others else ""
+            LOG.warning("periscopy view dropped %.200s%s", ascii(fault), more)
+            self._logged, self._last_line = self.rejected, time.monotonic()

@@ -4,6 +4,7 @@ All viewers see and set the same. The page computes nothing.
 """
 
 import contextlib
+import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +26,11 @@ REST = {"slider": 0.3, "handle": 1.0}
 
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
+
+LOOK = (
+    "display: grid; gap: 0.2em 1em; margin: 0 0.9em 0.6em; font-size: 14px; overflow-wrap: anywhere"
+)
+"""The style of text on the page: the size of its labels, and their distance from the edge."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,8 @@ class Page:
         sheet, captions = draw_sheet(pictures)
         with self.server.atomic(), self._lock:
             self._room.show(pictures)
-            self._sheet.image, self._captions.content = sheet, captions
+            self._sheet.image = sheet
+            _write(self._captions, captions, "grid-template-columns: 1fr 1fr")
             for name, slider in self._sliders.items():
                 if self._differs(name, slider.value):
                     slider.value = self.choice.values[name]
@@ -92,11 +99,11 @@ class Page:
         self.server.flush()
         size = "coarse" if pictures.is_coarse else "full"
         notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
-        self._notes.content = "  \n".join(notes)
+        _write(self._notes, notes)
 
     def tell(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""
-        self._trouble.content = f"**{text}**" if text else ""
+        _write(self._trouble, [text] if text else [], "font-weight: bold")
 
     def close(self) -> None:
         """End the page for all viewers."""
@@ -112,8 +119,8 @@ class Page:
         gui.main_panel.set_width(470)
         blank = np.full((8, 8, 3), 255, np.uint8)
         self._sheet = gui.add_image(blank, format="jpeg", jpeg_quality=90)
-        self._captions = gui.add_markdown("")
-        self._trouble = gui.add_markdown("computing the first pictures")
+        self._captions, self._trouble = gui.add_html(""), gui.add_html("")
+        _write(self._trouble, ["computing the first pictures"])
         self._choose("Method", "method", {name: name for name in (*offered.methods, first.method)})
         if offered.images:
             self._choose("Hidden image", "image", {n: n for n in (*offered.images, first.image)})
@@ -133,7 +140,7 @@ class Page:
         start = {name: each.value for name, each in self._movables.items()}
         self._press("Back to the file's values", lambda: self._set(start, 0.0))
         self._press("Write scene and pictures", lambda: self.save())
-        self._notes = gui.add_markdown("")
+        self._notes = gui.add_html("")
 
     def _choose(self, label: str, field: str, options: Mapping[str, Any]) -> None:
         first = next(name for name, each in options.items() if each == getattr(self.choice, field))
@@ -192,3 +199,12 @@ class Page:
         with self._lock:
             self.choice = replace(self.choice, **changes)
             self.want(self.choice, rest)
+
+
+def _write(place: Any, lines: Sequence[str], style: str = "") -> None:
+    """Show lines on the page; none of their characters is markup, wherever they come from.
+
+    All text but that of labels and options, which viser never takes for markup, enters here.
+    """
+    cells = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+    place.content = f'<div style="{LOOK}; {style}">{cells}</div>' if cells else ""

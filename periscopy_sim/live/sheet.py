@@ -29,8 +29,8 @@ def monitor_pixels(pictures: LivePictures) -> Pixels:
     return srgb_bytes(displayable(image) if truth is None else displayable(truth, white=1))
 
 
-def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[Pixels, str]:
-    """Return the sheet, (rows, columns, 3), and its captions, in Markdown.
+def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[Pixels, list[str]]:
+    """Return the sheet, (rows, columns, 3), and the captions of its tiles, row by row.
 
     Tiles have a longest side of `side` pixels, and `gap` pixels between them.
     """
@@ -44,19 +44,18 @@ def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[
             rows, columns = (max(1, side * n // max(pixels.shape[:2])) for n in pixels.shape[:2])
             tile = Image.fromarray(pixels).resize((columns, rows), Image.Resampling.NEAREST)
             sheet.paste(tile, (k % 2 * pitch, k // 2 * pitch + side - rows))
-    captions = "| | |\n|-|-|\n| {} | {} |\n| {} | {} |".format(*(text for text, _ in tiles))
-    return np.asarray(sheet), captions
+    return np.asarray(sheet), [caption for caption, _ in tiles]
 
 
 def _photograph(pictures: LivePictures) -> Tile:
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape
     lit = f", SBR {choice.sbr:g}" if choice.place else ""
     made = f"{lit}, {choice.snr:g} dB" if pictures.report.residual is None else ""
-    return f"**Photograph** {rows} x {columns}{made}", photograph_pixels(pictures)
+    return f"Photograph: {rows} x {columns}{made}", photograph_pixels(pictures)
 
 
 def _reconstruction(pictures: LivePictures) -> Tile:
-    caption = "**Reconstruction** {} x {}".format(*pictures.image.shape[:2])
+    caption = "Reconstruction: {} x {}".format(*pictures.image.shape[:2])
     if pictures.psnr is not None:
         caption += f", PSNR {pictures.psnr:.1f} dB"
     return caption, srgb_bytes(displayable(pictures.image))
@@ -67,8 +66,8 @@ def _third(pictures: LivePictures) -> Tile:
     residual = pictures.report.residual
     if residual is None:
         known = pictures.truth is not None
-        return "**Hidden image**", monitor_pixels(pictures) if known else None
-    caption = f"**Unexplained** {100 * residual.unexplained:.2f} %"
+        return "Hidden image", monitor_pixels(pictures) if known else None
+    caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
         caption += f", noise alone {100 * residual.noise_alone:.2f} %"
     light, bound, _ = residual_map(residual)
@@ -78,10 +77,10 @@ def _third(pictures: LivePictures) -> Tile:
 def _errors(pictures: LivePictures) -> Tile:
     errors = pictures.report.standard_errors
     if errors is None:
-        return f"**Standard error** {pictures.choice.method} reports none", None
+        return f"Standard error: {pictures.choice.method} reports none", None
     white = float(np.percentile(pictures.image, 99)) or 1.0
     percent = 100 / white * np.sqrt(np.mean(errors**2, axis=2))
-    caption = f"**Standard error** median {np.median(percent):.2g}, largest {percent.max():.2g} %"
+    caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
     return caption, _colours("magma", percent / (percent.max() or 1.0))
 
 

@@ -119,7 +119,7 @@ def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
 def test_the_copy_of_a_shipped_scene_is_the_scene_at_those_values(tmp_path: Path) -> None:
     values = {"occluder_dx": "0.0123", "monitor_dz": "-0.004", "resolution": "20"}
     copied = tmp_path / "calibrated.xml"
-    write_copy(read_document(find_scene("chair")), values, copied)
+    write_copy(read_document(find_scene("chair")), values, copied, "a---b-->\x01$width")
     ours, theirs = load_scenario(copied, (4, 5)), load_scenario("chair", (4, 5), values)
     assert ours.photograph_shape == (20, 20)
     np.testing.assert_array_equal(ours.patch_centers, theirs.patch_centers)

@@ -54,7 +54,14 @@ def test_interrupt_that_a_library_ignored_is_raised_again(monkeypatch):
 def test_progress_shows_label_and_fraction_on_a_terminal(monkeypatch, capfd):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
-    with progress("rendering") as report:
+    with progress("fitting [/x].py") as report:  # a name is no style
         report(0.42)
     out, err = capfd.readouterr()
-    assert out == "" and "rendering" in err and "42%" in err
+    assert out == "" and "fitting [/x].py" in err and "42%" in err
+
+
+@pytest.mark.parametrize("show", [output.say, output.warn])
+def test_no_name_controls_the_terminal(show, capfd):
+    show("shape 'a\x1b[2J\x9b[red]\u202e'")
+    (line,) = "".join(capfd.readouterr()).splitlines()
+    assert line.isprintable() and line.endswith(r"shape 'a\x1b[2J\x9b[red]\u202e'")

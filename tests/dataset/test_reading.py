@@ -1,6 +1,7 @@
 import json
 import shutil
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -114,8 +115,57 @@ def test_torch_data_sets_are_public_without_pytorch_and_say_how_to_install_it(mo
         ps.TorchDataset("data.zarr")
 
 
-def test_what_is_no_data_set_is_refused(tmp_path):
+def test_torch_data_sets_take_one_number(monkeypatch, whole):
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(as_tensor=np.asarray))
+    samples = ps.TorchDataset(whole)
+    photographs = ps.open_dataset(whole).photograph.values
+    for number in (1, np.int32(1), np.array(1), -45):
+        np.testing.assert_array_equal(samples[number]["photograph"][2], photographs[1, ..., 2])
+    assert len(samples.__getitems__(np.array([1, -1]))) == 2
+    for wrong in (
+        [0, 1],
+        np.array([0, 1]),
+        np.array([1]),
+        [-1],
+        [[1], [2, 3]],
+        (0,),
+        slice(2),
+        1.0,
+    ):
+        with pytest.raises(TypeError, match="one number"):
+            samples[wrong]
+    with pytest.raises(IndexError):
+        samples[46]
+
+
+def check_refused(path, said):
     for opens in (ps.open_dataset, verify_dataset, describe):
-        for path in (tmp_path / "none.zarr", tmp_path):
-            with pytest.raises(DatasetError, match=f"{path}: is no data set"):
-                opens(path)
+        with pytest.raises(DatasetError, match=said):
+            opens(path)
+
+
+def test_attributes_that_others_wrote_are_refused(data):
+    texts, head = (None, '{"seed": 3}', {"seed": 3}, [1]), data / "zarr.json"
+    wrong = [(name, each) for name in ("layout", "configuration", "versions") for each in texts]
+    whole = json.loads(head.read_text())
+    for name, value in [*wrong, *(("count", n) for n in (True, -1, 0, "46", 10**9, 10**30, None))]:
+        head.write_text(json.dumps(whole | {"attributes": whole["attributes"] | {name: value}}))
+        check_refused(data, "attributes|too small")
+
+
+@pytest.mark.filterwarnings("ignore")  # text of any length is not in Zarr's standard
+def test_what_xarray_saved_or_appended_to_is_refused(data, tmp_path):
+    opened = ps.open_dataset(data)
+    opened.to_zarr(tmp_path / "copy.zarr")
+    nested = xr.open_zarr(data, consolidated=False, chunks=None).drop_encoding()
+    nested.to_zarr(tmp_path / "whole.zarr")
+    opened.isel(sample=slice(2)).to_zarr(data, append_dim="sample")
+    for path in (tmp_path / "copy.zarr", tmp_path / "whole.zarr", data):
+        check_refused(path, "attributes")
+
+
+def test_what_is_no_data_set_is_refused(tmp_path):
+    check_refused(tmp_path / "none.zarr", "none.zarr: is no data set")
+    for head in ("", "{}", "[]", '{"attributes": {"kind": "sweep", "count": 1}}'):
+        (tmp_path / "zarr.json").write_text(head)
+        check_refused(tmp_path, f"{tmp_path}: is no data set")

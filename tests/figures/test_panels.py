@@ -51,7 +51,7 @@ def test_maps_share_one_logarithmic_scale(tmp_path, saved):
     draw_maps(tmp_path / "constant.png", [("a", np.full((3, 4), 1e-9))], "unit")
 
 
-def sweep_results(errors, sbrs=(0.1, 1, 10), methods=("first", "second")):
+def sweep_results(errors, sbrs=(0.1, 1, 10), methods=(r"$\frac$", "second")):
     """Errors over (method, background, sbr, seed) as a sweep gives them."""
     errors = np.asarray(errors, float)
     labels = {

@@ -6,20 +6,28 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from dataclasses import replace
+from html.parser import HTMLParser
+from types import SimpleNamespace
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
 from experiments.benchmarks import live
+from periscopy_sim.live import gate
 from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.live.conftest import HIDDEN, PHOTOGRAPH
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 websockets = pytest.importorskip("websockets")
+zstandard = pytest.importorskip("zstandard")
+from websockets.http11 import Headers, Request  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 PATIENCE = 240.0  # another process may be compiling, on a busy machine
@@ -28,6 +36,12 @@ CAMERA = {
     "look_at": (0, 1, 0), "up_direction": (0, 0, 1), "fov": 1.0, "near": 0.01, "far": 1000,
     "image_height": 600, "image_width": 800,
 }  # fmt: skip
+
+HOSTILE = (
+    '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerror=f()> &lt;b&gt; '
+    "![a](icon.png) [b](javascript:f) **c** `d` \\* $e$ www.example.org"
+)
+"""What an id, a name, a value or a message may hold."""
 
 
 class Target:
@@ -93,7 +107,7 @@ def target():
 
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with LiveSession(scenario, first, offered, save, lambda _: [], light=light) as session:
+    with LiveSession(scenario, first, offered, save, lambda _: [HOSTILE], light=light) as session:
         made = Target(session)
         made.saved, show = saved, session.page.show
 
@@ -105,6 +119,28 @@ def target():
         with live.running(session):
             made.until(lambda: made.shown)
             yield made
+
+
+def test_no_text_of_the_page_is_markup(target):
+    """All that the client takes for markup, as it comes over the wire."""
+    target.until(lambda: not target.shown[-1].is_coarse)
+    pictures = target.shown[-1]
+    choice = replace(pictures.choice, method=HOSTILE)
+    target.page.show(replace(pictures, choice=choice, report=Report()))
+    target.page.tell(f"failed: {HOSTILE}")
+    messages = []
+    with target.client() as client:
+        while not messages or messages[-1]["type"] != "ReplayDoneMessage":
+            raw = client.recv(PATIENCE)
+            packed = raw[16 : 16 + int.from_bytes(raw[8:16], "little")]
+            messages += msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]
+    assert not {"GuiMarkdownMessage", "GuiModalMessage"} & {each["type"] for each in messages}
+    tags, texts, parser = set(), [], HTMLParser()
+    parser.handle_starttag, parser.handle_data = lambda tag, _: tags.add(tag), texts.append
+    for each in messages:
+        parser.feed((each.get("props") or each.get("updates") or {}).get("content", ""))
+    assert tags == {"div"}
+    assert {HOSTILE, f"Standard error: {HOSTILE} reports none", f"failed: {HOSTILE}"} <= {*texts}
 
 
 @pytest.mark.parametrize(
@@ -119,11 +155,12 @@ def target():
         {"token": "\u00fc"},
     ],
 )
-def test_pages_of_others_cannot_connect(target, foreign, caplog):
+def test_pages_of_others_cannot_connect(target, foreign):
+    before = target.gate.rejected
     with pytest.raises(websockets.InvalidStatus) as refused, target.client(**foreign):
         pass
     assert refused.value.response.status_code == 403
-    assert len(caplog.messages) == 1
+    assert target.gate.rejected == before + 1
     target.goes_on()
 
 
@@ -138,12 +175,12 @@ def test_pages_of_others_cannot_read_the_page(target, headers):
         assert b"<html" in page.read()
 
 
-def test_only_values_that_a_control_offers_are_accepted(target, tmp_path, caplog):
+def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
     own = tmp_path / "own.py"
     own.write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n")
     picture = tmp_path / "private.png"
     picture.write_bytes(b"")
-    before = target.page.choice
+    before, rejected = target.page.choice, target.gate.rejected
     method, image = target.control("Method"), target.control("Hidden image")
     snr, place = target.control("SNR (dB)"), target.control("Ambient light")
     write = target.control("Write scene and pictures")
@@ -176,12 +213,35 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path, caplog
     with target.client() as client:
         for attack in attacks:
             send(client, attack)
-        target.until(lambda: len(caplog.messages) >= len(attacks))
-    assert len(caplog.messages) == len(attacks)
-    assert all(len(line) < 250 and "\n" not in line for line in caplog.messages)
+        target.until(lambda: target.gate.rejected >= rejected + len(attacks))
+    assert target.gate.rejected == rejected + len(attacks)
     assert target.page.choice == before
     assert not (tmp_path / "executed").exists() and not target.saved
     target.goes_on()
+
+
+def test_rejections_leave_a_line_a_second(caplog, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(gate, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    guard = gate.Gate("127.0.0.1", 0)
+    guard._socket.close()
+    for _ in range(1000):
+        guard.reject("\x1b[2J" + 300 * "x")
+    now[0] += 1.0
+    guard.reject("another host")
+    first, second = caplog.messages
+    assert first.isprintable() and len(first) < 250 and "others" not in first
+    assert "999 others" in second and guard.rejected == 1001
+
+
+@pytest.mark.parametrize(("host", "opened"), [("localhost", False), ("0.0.0.0", True)])
+def test_address_is_one_that_others_can_open(host, opened):
+    guard = gate.Gate(host, 0)
+    guard._socket.close()
+    place = urlsplit(guard.url)
+    assert guard.is_open == opened and place.hostname != "0.0.0.0"
+    request = Request(place.path, Headers(Host=place.netloc))
+    assert not guard.fault_of_request(request)
 
 
 def test_bytes_that_are_no_message_end_nothing(target):

@@ -5,8 +5,9 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Overtaken, averaged, coarse_sizes
+from periscopy_sim.live.level import Level, Overtaken, averaged, coarse_sizes
 from periscopy_sim.photograph import Photograph
+from periscopy_sim.shipped import find_scene
 
 
 def never():
@@ -97,6 +98,9 @@ def test_what_cannot_be_shown_is_told(level, choice):
         level().pictures(replace(choice, image=""), never)
     with pytest.raises(PeriscopyError, match="no method"):
         level().pictures(replace(choice, method="magic"), never)
+    small = Level(find_scene("plate"), {}, ((8, 8), (8, 8)), is_coarse=True)  # ambient light too
+    with pytest.raises(PeriscopyError, match="rank"):
+        small.pictures(replace(choice, method="preconditioned"), never)
 
 
 @pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])

@@ -16,6 +16,7 @@ from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.scene.document import literal
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import CALIBRATED, SceneDocument
@@ -78,7 +79,7 @@ def with_mesh(
     for child in list(shape.childNodes):
         if child.nodeName in _OWN:
             shape.removeChild(child)
-    file = element(document, "string", name="filename", value=mesh)
+    file = element(document, "string", name="filename", value=literal(mesh))
     normals = element(document, "boolean", name="face_normals", value="true")
     prepend(document, shape, [file, normals])
     return document

@@ -1,9 +1,10 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
-import signal
+import os
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,7 +14,7 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import output_folder, progress, say, write_json
+from periscopy_sim.cli.output import output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, provenance_of
 from periscopy_sim.errors import PeriscopyError
@@ -26,6 +27,9 @@ from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
     from periscopy_sim.live.level import LivePictures
+
+WRITING = Lock()
+"""Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
 
 def view(
@@ -84,16 +88,21 @@ def view(
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
-    def stop(which: int, _: object) -> None:
-        signal.signal(which, signal.default_int_handler)
-        live.stop()  # an exception anywhere could leave a lock held
-
-    with live:
-        signal.signal(signal.SIGINT, stop)
-        signal.signal(signal.SIGTERM, stop)
+    try:
+        worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
+        worker.start()
+        if live.page.gate.is_open:
+            warn(
+                "other computers can open the page, and its address is sent without encryption; "
+                "leave --host out to keep the page on this computer"
+            )
         say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
-        live.run()
-    say("closed")
+        while worker.is_alive():
+            worker.join(1.0)  # without an end, Windows would not interrupt it
+    except KeyboardInterrupt:
+        with WRITING:
+            say("closed")
+            os._exit(0)
 
 
 def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
@@ -111,7 +120,7 @@ def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
         **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,
     }
-    with output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
+    with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import SceneError, printable
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scenario import SceneDocument
@@ -168,6 +168,16 @@ class _Reader:
             return text
         filled = _references(tuple(self._values)).sub(lambda match: self._values[match[1]], text)
         return filled.replace("\\$", "$")
+
+
+def literal(text: str) -> str:
+    """Return text as a scene holds it in which no parameter is to be filled in."""
+    return text.replace("$", "\\$")
+
+
+def comment(text: str) -> str:
+    """Return text as a comment of a scene may hold it."""
+    return re.sub("-(?=-)", "- ", printable(text))
 
 
 @lru_cache(maxsize=64)

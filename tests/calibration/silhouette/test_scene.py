@@ -11,11 +11,11 @@ from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouett
 
 
 def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):
-    text = with_mesh(read_document(scene), "card", "a & b.ply", {}, scene.parent).toxml()
+    text = with_mesh(read_document(scene), "card", "a & $turn.ply", {}, scene.parent).toxml()
     before, after = SCENE.split('<shape type="rectangle" id="card">')
     assert text.partition('<shape type="ply" id="card">')[0].endswith(before.partition(">")[2])
     assert text.endswith(after[after.index("</shape>") :].strip())
-    assert 'value="a &amp; b.ply"' in text
+    assert 'value="a &amp; \\$turn.ply"' in text
     assert '<rotate z="1" angle="$turn"/>' in text
     assert '<rgb name="reflectance" value="0.1"/>' in text
 

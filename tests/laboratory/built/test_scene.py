@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import ConfigurationError, SceneError
+from periscopy_sim.laboratory.build import build_laboratory
 from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
 from periscopy_sim.laboratory.scene_parts import corners_seen
 from periscopy_sim.rendering.scene.document import read_document
@@ -11,6 +12,13 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import find_scene
 from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders, turned
+
+
+def test_names_of_files_are_no_markup_of_the_scene(tmp_path):
+    measurements = tmp_path / "a---b-->\x01.yaml"
+    measurements.write_text(EXAMPLE.read_text())
+    written = build_laboratory(measurements, tmp_path / "$width & <b>.xml")
+    assert read_document(written[0]).files == written
 
 
 def test_example_builds_a_scene(built):

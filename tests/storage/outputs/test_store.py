@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.dataset.reading import Layout, read_head
-from periscopy_sim.errors import DatasetError, OutputError
+from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
 from tests.contents import contents
@@ -161,19 +161,21 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     assert list(archive(tmp_path / "d").missing()) == [1]
 
 
+@pytest.mark.parametrize("place", ["making", "making/finished", "photograph", "photograph/c/0"])
+def test_no_link_leads_out_of_a_store(tmp_path, place):
+    whole, elsewhere = tmp_path / "d", tmp_path / "elsewhere"
+    filled(whole)
+    (whole / place).rename(elsewhere)
+    (whole / place).symlink_to(elsewhere)
+    before = contents(elsewhere)
+    with pytest.raises(OutputError, match=place):
+        archive(whole)
+    assert contents(elsewhere) == before
+
+
 def test_folder_is_free_again_after_an_error(tmp_path):
     for _ in range(2):
         with pytest.raises(KeyError), alone_in(tmp_path):
             raise KeyError
     with alone_in(tmp_path), pytest.raises(OutputError), alone_in(tmp_path):
         pass
-
-
-@pytest.mark.parametrize(
-    "content", ["", "{}", "[]", json.dumps({"attributes": {"kind": "sweep", "count": 1}})]
-)
-def test_head_of_no_data_set_is_refused(tmp_path, content):
-    (tmp_path / "zarr.json").write_text(content)
-    for path in (tmp_path, tmp_path / "none"):
-        with pytest.raises(DatasetError):
-            read_head(path)
