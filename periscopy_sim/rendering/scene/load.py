@@ -26,6 +26,12 @@ precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograp
 MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
+SIDES = 128
+"""Of the polygon that stands for a circle: a thin rod's A is right to 1e-5."""
+
+RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
+"""Shapes that become triangles between the unit circle and another: its radius and its z."""
+
 
 def load_scenario(
     path: str | Path,
@@ -90,7 +96,10 @@ def _load(
     pixels = _photograph_size(scene, photograph, hidden, path)
     wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
-    bodies = {name: _occluder(shape) for name, shape in shapes.items()}
+    bodies = {
+        name: _occluder(shape, layout.plugins.get(name, ""), layout.places.get(name))
+        for name, shape in shapes.items()
+    }
     scenario = Scenario(
         document=nodes.document,
         photograph_shape=pixels,
@@ -255,11 +264,22 @@ def _relief(wall: Occluder, points: Array, normals: Array) -> float:
     return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
 
 
-def _occluder(shape: Any) -> Occluder:
+def _occluder(shape: Any, plugin: str, place: Array | None) -> Occluder:
+    """Return a shape, given its plugin and its place in the `SceneLayout`."""
     box = shape.bbox()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
-    if not shape.is_mesh():
+    if shape.is_mesh():
+        vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+        faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
+        return Occluder(shape.id(), vertices, faces, bounds)
+    if plugin not in RINGS or place is None:
         return Occluder(shape.id(), None, None, bounds)
-    vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
-    faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
-    return Occluder(shape.id(), vertices, faces, bounds)
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SIDES), np.ones(SIDES)], axis=1)
+    scale, height = RINGS[plugin]
+    other = circle * [scale, scale, 0, 1] + [0, 0, height, 0]
+    vertices = (np.concatenate([circle, other]) @ place.T)[:, :3]
+    low = np.arange(SIDES)
+    after = np.roll(low, -1)
+    faces = np.stack([[low, after, after + SIDES], [low, after + SIDES, low + SIDES]])
+    return Occluder(shape.id(), vertices, faces.transpose(0, 2, 1).reshape(-1, 3), bounds)
