@@ -52,7 +52,7 @@ def photograph(
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     settings: dict[str, Any] = {
         "image": image, "hidden": session.hidden, "samples": samples, "ambient": ambient,
-        "sbr": sbr, "snr": snr, "target": target,
+        "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:

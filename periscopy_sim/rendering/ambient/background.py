@@ -93,9 +93,10 @@ def render_background(
     target
         Relative error of a pixel, both parts together, at which to stop.
     max_rounds
-        Most rounds of samples for each part of the light.
+        Most rounds of samples for each part of the light, each of the time of the first.
     seed
-        Seed of every sampler. The same seed and variant give the same bytes.
+        Seed of every sampler. The same seed and variant give the same picture, but for the last
+        digit of single precision: a ray that hits an edge may meet either side.
     progress
         Called with the fraction done, as estimated from the first round of all parts on.
 
