@@ -22,7 +22,6 @@ from periscopy_sim.storage.outputs.staging import staged_file
 TargetOption = Annotated[
     float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", min=1e-5, max=1)
 ]
-TARGET = 3e-4
 
 
 def photograph(
@@ -43,7 +42,7 @@ def photograph(
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
-    target: TargetOption = TARGET,
+    target: TargetOption = 3e-4,
 ) -> None:
     """Path trace a photograph of the wall, as an EXR file."""
     options.require_suffix(out, ".exr", "the photograph")
@@ -78,7 +77,7 @@ def ambient(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
     ] = None,
-    target: TargetOption = TARGET,
+    target: TargetOption = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:

@@ -18,8 +18,7 @@ SIDES = 128
 """Of the prism that replaces a cylinder: its width is right to 2e-4."""
 
 FOOT = 0.01
-"""Height of the foot that a mesh stands on, over the mesh's: a scan's lowest face is not flat, by
-some 3 mm of 30 cm."""
+"""Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""
 
 
 def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:

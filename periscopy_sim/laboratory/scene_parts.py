@@ -62,14 +62,6 @@ WALL = {"least": 1.0, "beyond": 1.5}
 """Metres that the wall reaches at least to each side of the middle of the camera's view; its size
 over that of the view: numbers may change."""
 
-PLACED = {
-    "base": "the middle of its lowest face",
-    "center": "its middle",
-    "corner": "its corner where x, y and z are least",
-    "origin": "its file's origin",
-}
-"""What of an occluder stands at its position, by its anchor."""
-
 CYLINDER = "cylinder"
 """Name of the mesh that cylinders share."""
 
@@ -214,7 +206,7 @@ def _add_body(
     """Add an occluder, given its bearer's tags to the world; return its own tags to the world."""
     name, entry, anchor = body.name, f"occluder '{body.name}'", getattr(body, "anchor", "base")
     scene.section(
-        f"The {body.kind} '{name}': the place of {PLACED[anchor]}, its tilt and turn there"
+        f"The {body.kind} '{name}': the place of its {anchor}, its tilt and turn there"
         f"{_beside(body)}."
     )
     position = [_placed(body, each) for each in body.position]

@@ -39,8 +39,7 @@ DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
 
 GRID = 33
-"""Rays along each side of an ambient scene's camera that must meet its wall: something of a
-thirtieth of the view hides from none."""
+"""Rays along each side of a place's camera that must meet its wall: of 3 % of it, nothing hides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,20 +199,15 @@ def refined(
         part.add_round(seeds)
     work, fraction = np.array([part.work for part in parts]), 0.0
     while True:
-        whole = sum((part.fit.replicas for part in parts), np.zeros(()))
-        bias = sum((part.fit.squared_bias for part in parts), np.zeros(3))
-        mean, errors = whole.mean(axis=0), relative_errors(whole, bias)
-        rounds = np.array([part.rounds for part in parts])
+        rounds, fits = np.array([part.rounds for part in parts]), [part.fit for part in parts]
+        whole, bias = sum(fit.replicas for fit in fits), sum(fit.squared_bias for fit in fits)
+        mean, errors = np.mean(whole, axis=0), relative_errors(np.asarray(whole), np.asarray(bias))
         if np.hypot(*errors) <= target or rounds.min() >= max_rounds:
             return mean, errors
+        alone = [(mean + f.replicas - f.replicas.mean(axis=0), f.squared_bias) for f in fits]
         # With the noise the bias falls: more is known of it, and higher powers serve better.
-        alone = [
-            relative_errors(
-                mean + part.fit.replicas - part.fit.replicas.mean(axis=0), part.fit.squared_bias
-            )
-            for part in parts
-        ]
-        plan = planned_rounds(np.sum(np.square(alone), axis=1), rounds, work, target, max_rounds)
+        squared = np.square([relative_errors(*each) for each in alone]).sum(axis=1)
+        plan = planned_rounds(squared, rounds, work, target, max_rounds)
         fraction = max(fraction, float(rounds @ work / (rounds @ work + work[plan].sum())))
         progress(fraction)
         parts[plan[0]].add_round(seeds)
@@ -222,11 +216,10 @@ def refined(
 def planned_rounds(
     squared: Array, rounds: NDArray[np.intp], work: Array, target: float, most: int
 ) -> list[int]:
-    """Return the parts to which to add a round, one after the other, until the target is met.
+    """Return the parts to add rounds to, in order, until the target is met; at least one part.
 
-    Each gains most for its `work`, and has at most so many rounds; the first, some part has fewer,
-    is added in any case. `squared` are the parts' squared errors after their `rounds`, which fall
-    in proportion to them.
+    Each gains most for its `work`, and has at most so many rounds. `squared` are the parts' squared
+    errors after their `rounds`, which they fall in proportion to.
     """
     squared, rounds, plan = squared.copy(), rounds.copy(), list[int]()
     while not plan or (squared.sum() > target**2 and rounds.min() < most):
@@ -272,13 +265,10 @@ def placed_in(
     view, lift, half = _view_of(scene, path)
     points, normals, shape = scenario.wall_points, scenario.wall_normals, scenario.photograph_shape
     own = wall_frame(points, normals, shape)
-    sides = np.stack([own.across, own.up], axis=1)
-    offsets = points - own.center
-    # How far the pixels reach from the middle.
-    reach = np.abs(offsets @ sides)
-    reach += np.abs(pixel_edges(points, normals, shape) @ sides).sum(axis=1) / 2
-    # Rounded: the wall's points are of single precision.
-    scale = float(f"{(half / reach.max(axis=0)).min():.4g}")
+    offsets, sides = points - own.center, np.stack([own.across, own.up], axis=1)
+    edges = pixel_edges(points, normals, shape) @ sides
+    reach = (np.abs(offsets @ sides) + np.abs(edges).sum(axis=1) / 2).max(axis=0)
+    scale = float(f"{(half / reach).min():.4g}")  # rounded: the points are of single precision
     turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
         [view.across, view.normal, view.up]
     )
@@ -290,10 +280,9 @@ def placed_in(
 
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
-    """Return what the ambient scene's camera sees of its wall.
+    """Return the centre and axes of what the ambient scene's camera sees of its wall.
 
-    That is centre and axes, the height of points just off the wall, and how far the camera sees
-    from the middle to each side at least, across and up.
+    And the height of points just off the wall, and how far it sees at least, across and up.
     """
     import drjit as dr
     import mitsuba as mi
@@ -306,13 +295,11 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
         return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), si.shape == mi.ShapePtr(wall)
 
     def seen(side: int) -> tuple[Array, Array]:
-        row, column = np.indices((side, side)).reshape(2, -1)
-        film = (np.stack([column, row], axis=1) + 0.5) / side
+        film = (np.indices((side, side))[::-1].reshape(2, -1).T + 0.5) / side
         points, normals, on_wall = map_points(meet, film)
         if not on_wall.all():
             raise SceneError(
-                f"scene '{path}': its camera does not see its wall alone; move what stands between "
-                "them, or narrow the camera's view"
+                f"scene '{path}': its camera does not see its wall alone; move what stands between"
             )
         return points, normals
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.motion import LoadedScene
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
 from periscopy_sim.rendering.variant import use_variant, without_warnings
@@ -96,10 +96,7 @@ def _load(
     pixels = _photograph_size(scene, photograph, hidden, path)
     wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
-    bodies = {
-        name: _occluder(shape, layout.plugins.get(name, ""), layout.places.get(name))
-        for name, shape in shapes.items()
-    }
+    bodies = {name: _occluder(shape, layout) for name, shape in shapes.items()}
     scenario = Scenario(
         document=nodes.document,
         photograph_shape=pixels,
@@ -264,22 +261,21 @@ def _relief(wall: Occluder, points: Array, normals: Array) -> float:
     return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
 
 
-def _occluder(shape: Any, plugin: str, place: Array | None) -> Occluder:
-    """Return a shape, given its plugin and its place in the `SceneLayout`."""
-    box = shape.bbox()
+def _occluder(shape: Any, layout: SceneLayout) -> Occluder:
+    box, name = shape.bbox(), shape.id()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
     if shape.is_mesh():
         vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
-        return Occluder(shape.id(), vertices, faces, bounds)
-    if plugin not in RINGS or place is None:
-        return Occluder(shape.id(), None, None, bounds)
+        return Occluder(name, vertices, faces, bounds)
+    plugin = layout.plugins.get(name)
+    if plugin not in RINGS:
+        return Occluder(name, None, None, bounds)
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SIDES), np.ones(SIDES)], axis=1)
     scale, height = RINGS[plugin]
     other = circle * [scale, scale, 0, 1] + [0, 0, height, 0]
-    vertices = (np.concatenate([circle, other]) @ place.T)[:, :3]
-    low = np.arange(SIDES)
-    after = np.roll(low, -1)
-    faces = np.stack([[low, after, after + SIDES], [low, after + SIDES, low + SIDES]])
-    return Occluder(shape.id(), vertices, faces.transpose(0, 2, 1).reshape(-1, 3), bounds)
+    vertices = (np.concatenate([circle, other]) @ layout.places[name].T)[:, :3]
+    here, after = np.arange(SIDES), np.roll(np.arange(SIDES), -1)
+    halves = (here, after, after + SIDES), (here, after + SIDES, here + SIDES)
+    return Occluder(name, vertices, np.concatenate([np.stack(f, axis=1) for f in halves]), bounds)

@@ -47,7 +47,7 @@ def _along(cylinder: Any) -> NDArray[np.float64]:
     """Return the matrix (4, 4) from the unit cylinder on z = 0 to that of a plugin's points."""
     start = np.array(cylinder.get("p0", [0, 0, 0]), np.float64)
     axis = np.array(cylinder.get("p1", [0, 0, 1]), np.float64) - start
-    length, radius = float(np.linalg.norm(axis)), float(cylinder.get("radius", 1.0))
+    length, radius = np.linalg.norm(axis), cylinder.get("radius", 1.0)
     # By way of a direction that no rod has, so that the turn changes smoothly with the axis.
     between = np.sqrt([1, 2, 3]) / np.sqrt(6)
     place = np.eye(4)

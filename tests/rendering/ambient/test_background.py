@@ -5,9 +5,7 @@ from scipy import stats
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import relative_errors, render_background
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import pixel_edges
-from periscopy_sim.shipped import find_scene
 from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 from tests.rendering.conftest import Room
 
@@ -46,14 +44,6 @@ def office(room, few_paths):  # noqa: ARG001
 def scenario(room):
     """The room, seen as in the office."""
     return room.load(camera=room.camera((12, 12)))
-
-
-def chair(folder, *, moved=""):
-    """The chair scene at 12 x 12 pixels, everything in it moved by further transforms."""
-    file = find_scene("chair")
-    text = file.read_text().replace('"meshes/', f'"{file.parent}/meshes/')
-    (folder / "moved.xml").write_text(text.replace("</transform>", f"{moved}</transform>"))
-    return load_scenario(folder / "moved.xml", (2, 3), {"resolution": 12})
 
 
 @pytest.mark.thorough
@@ -144,20 +134,6 @@ def test_wall_that_bends_is_lit_all_over(room):
     sky = '<emitter type="constant"/>'
     found = render_background(room.write(sky, monitor=""), room.load(wall=wall), target=0.01)
     assert 0.45 < found.photograph.min() < found.photograph.max() < 0.52
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("few_paths")
-def test_wall_elsewhere_and_turned_gets_the_same_background(tmp_path):
-    turned = '<rotate z="1" angle="37"/><rotate x="1" angle="-20"/><translate x="5" y="-3" z="2"/>'
-    here, there = (chair(tmp_path, moved=moved) for moved in ("", turned))
-    assert np.linalg.norm(here.wall_points - there.wall_points, axis=1).min() > 3
-    pictures = [
-        render_background("ambient/ceiling_panels", scenario, **COARSE).photograph
-        for scenario in (here, there)
-    ]
-    np.testing.assert_allclose(pictures[1], pictures[0], rtol=5e-3)
-    assert np.ptp(pictures[0]) > 0.1 * pictures[0].mean()
 
 
 @pytest.mark.thorough
