@@ -95,7 +95,7 @@ def render_background(
         Most rounds of samples for each part of the light, each of the time of the first.
     seed
         Seed of every sampler. The same seed and variant give the same picture, but for the last
-        digit of single precision: a ray that hits an edge may meet either side.
+        digit of single precision: in a scene loaded anew a ray rarely takes another path.
     progress
         Called with the fraction done, as estimated from the first round of all parts on.
 
