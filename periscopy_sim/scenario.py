@@ -52,9 +52,9 @@ class EmissionProfile:
 class Occluder:
     """A shape that may block light; `name` is its id in the scene file.
 
-    Of a triangle mesh `vertices` are (V, 3) positions in metres and `faces` (F, 3) vertex indices;
-    of any other shape both are None. `bounds`, (2, 3), are the lower and the upper corner of the
-    box about it, where they are known.
+    Of a triangle mesh `vertices` are (V, 3) positions in metres and `faces` (F, 3) vertex indices,
+    of a cylinder or a disk those of a fine polygon's; of any other shape both are None. `bounds`,
+    (2, 3), are the lower and the upper corner of the box about it, where they are known.
     """
 
     name: str

@@ -22,6 +22,10 @@ from periscopy_sim.storage.outputs.staging import staged_file
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
+TargetOption = Annotated[
+    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", min=1e-5, max=1)
+]
+
 
 def photograph(
     session: Annotated[Session, {"hidden": "29x36"}],
@@ -41,6 +45,7 @@ def photograph(
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
+    target: TargetOption = 3e-4,
 ) -> None:
     """Path trace a photograph of the wall, as an EXR file."""
     options.require_suffix(out, ".exr", "the photograph")
@@ -49,13 +54,13 @@ def photograph(
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     settings: dict[str, Any] = {
         "image": image, "hidden": session.hidden, "samples": samples, "ambient": ambient,
-        "sbr": sbr, "snr": snr,
+        "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
         session.check_shadows()
         shown = session.hidden_image(image)
-        background = None if ambient is None else session.ambient_light(ambient)
+        background = None if ambient is None else session.ambient_light(ambient, target)
         with fixable("photograph"), progress("path tracing the photograph") as report:
             y = ps.render_photograph(
                 session.scenario, shown, samples=samples, seed=session.seed, progress=report
@@ -75,9 +80,7 @@ def ambient(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
     ] = None,
-    target: Annotated[
-        float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
-    ] = 3e-4,
+    target: TargetOption = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:

@@ -17,6 +17,9 @@ from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 SIDES = 128
 """Of the prism that replaces a cylinder: its width is right to 2e-4."""
 
+FOOT = 0.01
+"""Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""
+
 
 def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     """Write the scene of a measured laboratory, and beside it a PLY file for each of its meshes.
@@ -101,11 +104,12 @@ def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
     turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up]
     vertices = np.stack(turned, axis=1)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle = (low + high) / 2
     if body.anchor == "base":
-        middle[2] = low[2]
+        foot = vertices[vertices[:, 2] <= low[2] + FOOT * (high - low)[2]]
+        low, high = foot.min(axis=0), foot.max(axis=0)
+        high[2] = low[2]
     if body.anchor != "origin":
-        vertices -= middle
+        vertices -= (low + high) / 2
     return TriangleMesh(vertices, mesh.faces, mesh.texture_coordinates)
 
 

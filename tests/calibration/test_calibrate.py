@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
@@ -177,6 +179,17 @@ def test_photographs_that_show_nothing_are_rejected(
 ) -> None:
     with pytest.raises(PhotographError):
         calibrated(photograph, **options)
+
+
+@pytest.mark.usefixtures("jit", "quick")
+def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
+    scene, *_ = ps.build_laboratory(EXAMPLE, tmp_path / "lab.xml")
+    film, shown = {"height": str(SIDE), "width": str(SIDE)}, np.ones((*HIDDEN, 3))
+    moved = ps.load_scenario(scene, HIDDEN, {**film, "stem_end_x": 0.51})
+    light = (area_transport(moved) @ shown.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
+    free, y = {"stem_end_x": 0.005}, ps.add_noise(light, 60, 0)
+    found = ps.calibrate(y, scene, HIDDEN, free, parameters=film, shown=[shown])
+    assert found.parameters[0].value == pytest.approx(0.51, abs=0.001)
 
 
 BALL = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>

@@ -38,6 +38,9 @@ of a sample of direct light: measured in a room with windows."""
 DIRECT_SAMPLES = 64
 """Samples of each emitter and pixel in a round."""
 
+GRID = 33
+"""Rays along each side of a place's camera that must meet its wall: of 3 % of it, nothing hides."""
+
 
 @dataclass(frozen=True, eq=False)
 class Background:
@@ -72,9 +75,10 @@ def render_background(
 ) -> Background:
     """Photograph a scenario's wall in an ambient scene, path traced.
 
-    The ambient scene is moved so that what its own camera sees of its own wall coincides, in
-    centre and axes, with what the scenario's camera sees. The wall takes the scenario's
-    reflectance; light between it and its surroundings is that of the ambient scene's wall.
+    The ambient scene is moved, turned and scaled as a whole, so that what its own camera sees of
+    its own wall encloses, with the same centre and axes, what the scenario's camera sees. The wall
+    takes the scenario's reflectance; light between it and its surroundings is that of the ambient
+    scene's wall.
 
     Parameters
     ----------
@@ -88,11 +92,12 @@ def render_background(
     target
         Relative error of a pixel, both parts together, at which to stop.
     max_rounds
-        Most rounds of samples for each part of the light.
+        Most rounds of samples for each part of the light, each of the time of the first.
     seed
-        Seed of every sampler. The same seed and variant give the same bytes.
+        Seed of every sampler. The same seed and variant give the same picture, but for the last
+        digit of single precision: in a scene loaded anew a ray rarely takes another path.
     progress
-        Called with the fraction done, as estimated.
+        Called with the fraction done, as estimated from the first round of all parts on.
 
     Returns
     -------
@@ -111,6 +116,8 @@ def render_background(
     RuntimeWarning
         The target was not reached within `max_rounds`.
     """
+    from threadpoolctl import threadpool_limits
+
     require_vectorized("ambient light")
     if scenario.wall_reflectance is None:
         raise SceneError(
@@ -124,7 +131,8 @@ def render_background(
         int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
         for number in itertools.count()
     )
-    irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+    with threadpool_limits(1):  # the last bits follow the number of threads
+        irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
     if not irradiance.any():
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"
@@ -132,8 +140,8 @@ def render_background(
     error = np.hypot(*errors)
     if error > target:
         warnings.warn(
-            f"'{path.stem}' stopped at a relative error of {error:.1e}, above {target:.1e}; "
-            "raise max_rounds",
+            f"'{path.stem}' stopped at a relative error of {error:.1e}, above {target:.1e}, after "
+            f"{max_rounds} rounds of samples; raise max_rounds, or accept it as the target",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -155,12 +163,9 @@ class Part:
 
     def add_round(self, seeds: Iterator[int]) -> None:
         """Add samples to every replica, and estimate the field anew."""
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(1):  # the last bits follow the number of threads
-            self._sum += np.array([self.estimate(next(seeds)) for _ in range(REPLICAS)])
-            self.rounds += 1
-            self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
+        self._sum += np.array([self.estimate(next(seeds)) for _ in range(REPLICAS)])
+        self.rounds += 1
+        self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
 
 
 def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
@@ -192,26 +197,38 @@ def refined(
     """
     for part in parts:
         part.add_round(seeds)
+    work, fraction = np.array([part.work for part in parts]), 0.0
     while True:
-        whole = sum((part.fit.replicas for part in parts), np.zeros(()))
-        bias = sum((part.fit.squared_bias for part in parts), np.zeros(3))
-        mean, errors = whole.mean(axis=0), relative_errors(whole, bias)
-        error = np.hypot(*errors)
-        open_parts = [part for part in parts if part.rounds < max_rounds]
-        if error <= target or not open_parts:
+        rounds, fits = np.array([part.rounds for part in parts]), [part.fit for part in parts]
+        whole, bias = sum(fit.replicas for fit in fits), sum(fit.squared_bias for fit in fits)
+        mean, errors = np.mean(whole, axis=0), relative_errors(np.asarray(whole), np.asarray(bias))
+        if np.hypot(*errors) <= target or rounds.min() >= max_rounds:
             return mean, errors
-        progress(min(1.0, (target / error) ** 2))
+        alone = [(mean + f.replicas - f.replicas.mean(axis=0), f.squared_bias) for f in fits]
+        # With the noise the bias falls: more is known of it, and higher powers serve better.
+        squared = np.square([relative_errors(*each) for each in alone]).sum(axis=1)
+        plan = planned_rounds(squared, rounds, work, target, max_rounds)
+        fraction = max(fraction, float(rounds @ work / (rounds @ work + work[plan].sum())))
+        progress(fraction)
+        parts[plan[0]].add_round(seeds)
 
-        def gain(part: Part, mean: Array = mean) -> float:
-            """Return by how much a round lowers the squared error, over its work.
 
-            With the noise the bias falls: more is known of it, and higher powers serve better.
-            """
-            alone = mean + part.fit.replicas - part.fit.replicas.mean(axis=0)
-            error = np.hypot(*relative_errors(alone, part.fit.squared_bias))
-            return float(error**2 / (part.rounds + 1) / part.work)
+def planned_rounds(
+    squared: Array, rounds: NDArray[np.intp], work: Array, target: float, most: int
+) -> list[int]:
+    """Return the parts to add rounds to, in order, until the target is met; at least one part.
 
-        max(open_parts, key=gain).add_round(seeds)
+    Each gains most for its `work`, and has at most so many rounds. `squared` are the parts' squared
+    errors after their `rounds`, which they fall in proportion to.
+    """
+    squared, rounds, plan = squared.copy(), rounds.copy(), list[int]()
+    while not plan or (squared.sum() > target**2 and rounds.min() < most):
+        gain = np.where(rounds < most, squared / (rounds + 1) / work, -1.0)
+        best = int(gain.argmax())
+        squared[best] *= rounds[best] / (rounds[best] + 1)
+        rounds[best] += 1
+        plan.append(best)
+    return plan
 
 
 def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
@@ -245,19 +262,28 @@ def placed_in(
     scene = nodes.instantiate()
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
-    view, size = _view_of(scene, path)
+    view, lift, half = _view_of(scene, path)
     points, normals, shape = scenario.wall_points, scenario.wall_normals, scenario.photograph_shape
     own = wall_frame(points, normals, shape)
+    offsets, sides = points - own.center, np.stack([own.across, own.up], axis=1)
+    edges = pixel_edges(points, normals, shape) @ sides
+    reach = (np.abs(offsets @ sides) + np.abs(edges).sum(axis=1) / 2).max(axis=0)
+    scale = float(f"{(half / reach).min():.4g}")  # rounded: the points are of single precision
     turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
         [view.across, view.normal, view.up]
     )
-    height = np.maximum(LIFT * size, rises(points, normals, shape))
-    lifted = points - own.center + height[:, np.newaxis] * normals
+    height = np.maximum(lift, scale * rises(points, normals, shape))
+    # A wall that bends lies on the place's wall by its lowest point.
+    lowest = lift * np.round(scale * (offsets @ own.normal).min() / lift)
+    lifted = scale * offsets - lowest * own.normal + height[:, np.newaxis] * normals
     return scene, lifted @ turn + view.center, normals @ turn
 
 
-def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
-    """Centre, axes and size of what the ambient scene's camera sees of its wall."""
+def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
+    """Return the centre and axes of what the ambient scene's camera sees of its wall.
+
+    And the height of points just off the wall, and how far it sees at least, across and up.
+    """
     import drjit as dr
     import mitsuba as mi
 
@@ -268,11 +294,18 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
         si = scene.ray_intersect(ray)
         return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), si.shape == mi.ShapePtr(wall)
 
-    row, column = np.indices((3, 3)).reshape(2, -1)
-    points, normals, seen = map_points(meet, np.stack([column + 0.5, row + 0.5], axis=1) / 3)
-    if not seen.all():
-        raise SceneError(
-            f"scene '{path}': its camera does not see its wall; move what stands between them"
-        )
-    size = 1.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    return wall_frame(points, normals, (3, 3)), size
+    def seen(side: int) -> tuple[Array, Array]:
+        film = (np.indices((side, side))[::-1].reshape(2, -1).T + 0.5) / side
+        points, normals, on_wall = map_points(meet, film)
+        if not on_wall.all():
+            raise SceneError(
+                f"scene '{path}': its camera does not see its wall alone; move what stands between"
+            )
+        return points, normals
+
+    points, normals = seen(3)
+    view = wall_frame(points, normals, (3, 3))
+    offsets = seen(GRID)[0].reshape(GRID, GRID, 3) - view.center
+    sides = offsets[:, [0, -1]] @ view.across, offsets[[0, -1]] @ view.up
+    half = np.array([np.abs(side).min() for side in sides]) * GRID / (GRID - 1)
+    return view, LIFT * 1.5 * float(np.linalg.norm(np.ptp(points, axis=0))), half

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.motion import LoadedScene
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
 from periscopy_sim.rendering.variant import use_variant, without_warnings
@@ -25,6 +25,12 @@ precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograp
 
 MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
+
+SIDES = 128
+"""Of the polygon that stands for a circle: a thin rod's A is right to 1e-5."""
+
+RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
+"""Shapes that become triangles between the unit circle and another: its radius and its z."""
 
 
 def load_scenario(
@@ -91,7 +97,7 @@ def _load(
     pixels = _photograph_size(scene, photograph, hidden, path)
     wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
-    bodies = {name: _occluder(shape) for name, shape in shapes.items()}
+    bodies = {name: _occluder(shape, layout) for name, shape in shapes.items()}
     scenario = Scenario(
         document=nodes.document,
         photograph_shape=pixels,
@@ -257,11 +263,21 @@ def _relief(wall: Occluder, points: Array, normals: Array) -> float:
     return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
 
 
-def _occluder(shape: Any) -> Occluder:
-    box = shape.bbox()
+def _occluder(shape: Any, layout: SceneLayout) -> Occluder:
+    box, name = shape.bbox(), shape.id()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
-    if not shape.is_mesh():
-        return Occluder(shape.id(), None, None, bounds)
-    vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
-    faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
-    return Occluder(shape.id(), vertices, faces, bounds)
+    if shape.is_mesh():
+        vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+        faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
+        return Occluder(name, vertices, faces, bounds)
+    plugin = layout.plugins.get(name)
+    if plugin not in RINGS:
+        return Occluder(name, None, None, bounds)
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(SIDES), np.ones(SIDES)], axis=1)
+    scale, height = RINGS[plugin]
+    other = circle * [scale, scale, 0, 1] + [0, 0, height, 0]
+    vertices = (np.concatenate([circle, other]) @ layout.places[name].T)[:, :3]
+    here, after = np.arange(SIDES), np.roll(np.arange(SIDES), -1)
+    halves = (here, after, after + SIDES), (here, after + SIDES, here + SIDES)
+    return Occluder(name, vertices, np.concatenate([np.stack(f, axis=1) for f in halves]), bounds)

@@ -36,13 +36,29 @@ class SceneLayout:
     """Where a scene has its shapes and sensors, and everything else that it says.
 
     `plugins` and `places`, matrices (4, 4) from a node's coordinates to the scene's, are by id; a
-    perspective camera's matrix is scaled by its field of view. `rest` are the nodes' properties
-    without these and without the monitor's angular profile.
+    perspective camera's matrix is scaled by its field of view, and a cylinder's is that of the
+    cylinder of radius 1 about the z axis from z = 0 to 1. `rest` are the nodes' properties without
+    these and without the monitor's angular profile.
     """
 
     plugins: dict[str, str]
     places: dict[str, NDArray[np.float64]]
     rest: list[Any]
+
+
+def _along(cylinder: Any) -> NDArray[np.float64]:
+    """Return the matrix (4, 4) from the unit cylinder on z = 0 to that of a plugin's points."""
+    start = np.array(cylinder.get("p0", [0, 0, 0]), np.float64)
+    axis = np.array(cylinder.get("p1", [0, 0, 1]), np.float64) - start
+    length, radius = np.linalg.norm(axis), cylinder.get("radius", 1.0)
+    # By way of a direction that no rod has, so that the turn changes smoothly with the axis.
+    between = np.sqrt([1, 2, 3]) / np.sqrt(6)
+    place = np.eye(4)
+    for bisector in (axis / (length or 1) - between, between - [0, 0, 1]):
+        place[:3, :3] @= np.eye(3) - 2 * np.outer(bisector, bisector) / (bisector @ bisector)
+    place[:3, :3] *= [radius, radius, length]
+    place[:3, 3] = start
+    return place
 
 
 class SceneNodes:
@@ -137,6 +153,10 @@ class SceneNodes:
                 if plugin == "perspective" and 0 < rest.get("fov", 0) < 180:
                     place[:, :2] *= np.tan(np.radians(rest["fov"] / 2))
                     del rest["fov"]
+                if plugin == "cylinder":
+                    place[:] = place @ _along(rest)
+                    for ruled in ("p0", "p1", "radius"):
+                        del rest[ruled]
             elif plugin == LCD:
                 for exponent in EXPONENTS:
                     del rest[exponent]

@@ -2,12 +2,16 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
 
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from tests.laboratory.built.conftest import (
     CAMERA,
+    HIDDEN,
     MONITOR,
     POSITION,
     WALL,
@@ -62,26 +66,40 @@ def test_cylinder_is_round_and_closed(built, anchor, low):
 
 
 def test_rod_lies_between_its_ends(built):
-    """Its shadow on the wall, from a small monitor, is that of the strip between its ends."""
-    monitor = "monitor: {width: 1 mm, height: 1 mm, center: [10 cm, 0 m, 30 cm]}\n"
     rod = """occluders: [{kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm],
              end: [30 cm, 50 cm, 35 cm], diameter: 4 cm}]
 """
-    scenario = built(WALL, CAMERA.replace("12x16", "60x96"), monitor, rod, hidden=(1, 1))
-    dark = render_transport(scenario, samples=1)[:, 0] == 0
-    light = np.array([0.1, 0, 0.3])
+    (found,) = built(WALL, CAMERA, MONITOR, rod).occluders
     start, end = np.array([0.2, 0.4, 0.15]), np.array([0.3, 0.5, 0.35])
-    along, length = (end - start) / np.linalg.norm(end - start), np.linalg.norm(end - start)
-    rays = scenario.wall_points - light
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    # Closest approach of a ray and the rod's axis.
-    cross = np.cross(rays, along)
-    apart = np.abs((start - light) @ cross.T) / np.linalg.norm(cross, axis=1)
-    where = np.einsum("ij,ij->i", np.cross(start - light, rays), cross)
-    where /= np.sum(cross**2, axis=1)
-    shadow = (where > 0.03) & (where < length - 0.03) & (apart < 0.019)
-    assert shadow.sum() > 100 and dark[shadow].all()
-    assert not dark[apart > 0.021].any()
+    length = np.linalg.norm(end - start)
+    along = (found.vertices - start) @ (end - start) / length
+    np.testing.assert_allclose(np.unique(along.round(6)), [0, length], atol=1e-6)
+    beside = found.vertices - start - np.outer(along / length, end - start)
+    np.testing.assert_allclose(np.linalg.norm(beside, axis=1), 0.02, atol=1e-6)
+
+
+def test_every_kind_of_part_has_areas_that_its_numbers_move(built, tmp_path):
+    parts = """occluders: [{kind: box, name: a, %s, width: 2 cm, depth: 2 cm, height: 4 cm},
+ {kind: plate, name: b, %s, width: 3 cm, height: 5 cm}, {kind: mesh, name: c, %s, file: c.ply,
+  unit: mm}, {kind: frame, name: d, %s, width: 4 cm, height: 4 cm, bar: 5 mm},
+ {kind: cylinder, name: e, %s, diameter: 3 cm, height: 4 cm}, {kind: rod, name: f, diameter: 1 cm,
+  start: [25 cm, 50 cm, 5 cm], end: [25 cm, 50 cm, 30 cm]},
+ {kind: rod, name: g, with: e, diameter: 1 cm, start: [0 m, 0 m, 4 cm], end: [0 m, 1 cm, 9 cm]}]
+"""
+    places = (f"position: [{x} cm, 50 cm, 20 cm], tilt: 9 deg" for x in range(12, 37, 5))
+    ball = trimesh.creation.icosphere(2, 20)
+    ball.export(tmp_path / "c.ply")
+    scenario = built(WALL, CAMERA, MONITOR, parts % tuple(places))
+    rays, areas = render_transport(scenario, samples=256), area_transport(scenario)
+    np.testing.assert_allclose(areas.sum(axis=1), rays.sum(axis=1), rtol=0.02)
+    for name in ("a_x", "b_turn", "c_z", "d_bar", "e_diameter", "f_radius", "f_end_y", "g_end_x"):
+        value = 1.01 * float(scenario.document.defaults[name]) + 0.001
+        moved = scenario.at(**{name: value})
+        anew = load_scenario(scenario.path, HIDDEN, {name: value})
+        for here, there in zip(moved.occluders, anew.occluders, strict=True):
+            np.testing.assert_allclose(here.vertices, there.vertices, atol=1e-6)
+            np.testing.assert_allclose(here.bounds, there.bounds, atol=1e-4)
+        assert np.any(area_transport(moved) != areas), name
 
 
 BORNE = """occluders:
@@ -158,6 +176,16 @@ def test_mesh_stands_in_metres_upright_at_its_anchor(built, up, axes, anchor):
     more = f"file: tent.stl, unit: mm, up: {up}, anchor: {anchor}"
     (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).occluders
     same_points(thing.vertices, turned(own - middle, -15, 25) + POSITION)
+
+
+def test_base_of_a_mesh_is_the_middle_of_its_lowest_face(built, tmp_path):
+    pot, leaf = trimesh.creation.box((2, 4, 6)), trimesh.creation.box((9, 1, 1))
+    trimesh.util.concatenate(pot, leaf.apply_translation((7, 5, 5))).export(tmp_path / "pot.stl")
+    more = "file: pot.stl, unit: cm, anchor: base"
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).occluders
+    upright = turned(turned(thing.vertices - POSITION, 0, -25), 15, 0)
+    np.testing.assert_allclose(upright.min(axis=0), [-0.01, -0.02, 0], atol=1e-6)
+    np.testing.assert_allclose(upright.max(axis=0), [0.115, 0.055, 0.085], atol=1e-6)
 
 
 @pytest.mark.usefixtures("tent")
