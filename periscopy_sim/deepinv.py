@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
+from periscopy_sim.model.ambient import background_basis
 
 torch = require("torch")
 if TYPE_CHECKING:
@@ -118,8 +119,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         if backgrounds is not None:
             if len(backgrounds) != len(light.A):
                 raise ValueError(f"backgrounds have {len(backgrounds)} rows, A has {len(light.A)}")
-            U, strength, _ = np.linalg.svd(np.asarray(backgrounds, float), full_matrices=False)
-            Q = torch.as_tensor(U[:, strength > 1e-12 * strength[0]]).to(light.A)
+            Q = torch.as_tensor(background_basis(np.asarray(backgrounds))).to(light.A)
         seen = light.A if Q is None else light.A - Q @ (Q.T @ light.A)
         self.norm = float(torch.linalg.eigvalsh(seen.T @ seen)[-1].sqrt() * light.gain.max())
         light.A = light.A / self.norm

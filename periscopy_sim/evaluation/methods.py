@@ -208,7 +208,7 @@ class OwnMethod(StillMethod[np.float64]):
         super().__init__(A, **observed)
         self.method = method
         self._A = self.observation.used_transport(A)
-        self._Q, _ = ambient_basis(self.observation, B, 1e-10, profiles=True)
+        self._Q, _ = ambient_basis(self.observation, B, profiles=True)
 
     def solve(self, photograph: Image) -> Solution[np.float64]:
         """Return the method's image; a ValueError unless it is (R, C, 3), real and finite."""

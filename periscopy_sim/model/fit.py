@@ -11,12 +11,19 @@ from functools import cached_property
 
 import numpy as np
 
-from periscopy_sim.model.ambient import ROUNDING, background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.ambient import (
+    RANK_TOLERANCE,
+    ROUNDING,
+    background_basis,
+    joined_basis,
+    wall_profiles,
+)
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import NOTHING_LEFT, TransportOperator
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.products import project_out, times_rows
 
 PRECISION = 3e-5
@@ -104,6 +111,8 @@ class Fit:
         (N, N) A⊥ᵀA⊥, ‖A⊥‖_F, and ‖A⊥‖_F/√N, over which f is near 1 in units of y⊥.
     patterns
         The spectral basis of A⊥ᵀA⊥ over the square of the unit.
+    least_curvature
+        Fraction of the largest curvature up to which a curvature counts as rounding of A.
     visible, curvatures
         Slice of the patterns that the wall shows, and their curvatures, (N',).
 
@@ -126,16 +135,19 @@ class Fit:
         used = observation.used_transport(A)
         Q, self.smooth_rank = ambient_basis(observation, B, rank_tolerance, profiles=profiles)
         self.background = np.ascontiguousarray(Q.T)
+        self._least_level = max(ROUNDING, 0.0 if B is None else precision_of(B))
         self.transport = np.ascontiguousarray(used.T, np.float32)
         self.gram: Array = TransportOperator(used, Q).gram()
         energy = float(np.trace(self.gram))
-        if not energy > PRECISION**2 * float(np.vdot(used, used)):
+        precision = precision_of(A)
+        if not energy > max(PRECISION, precision) ** 2 * float(np.vdot(used, used)):
             raise ValueError(NOTHING_LEFT)
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
         curvatures = self.patterns.curvatures  # ascending
-        self.visible = slice(int((curvatures <= ROUNDING * curvatures[-1]).sum()), None)
+        self.least_curvature = max(ROUNDING, precision**2)
+        self.visible = slice(int((curvatures <= self.least_curvature * curvatures[-1]).sum()), None)
         self.curvatures: Array = curvatures[self.visible]
 
     @property
@@ -160,8 +172,8 @@ class Fit:
         rows = self.project_out(planes.reshape(-1, self.pixels))
         y = np.asarray(rows, np.float64).reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
-        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
-        levels[levels <= ROUNDING * whole] = 1
+        is_ambient = levels <= self._least_level * whole  # which alone explains all of it
+        y[is_ambient], levels[is_ambient] = 0, 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
         products = times_rows(rows.astype(np.float32), self.transport) * np.float32(1 / self.unit)
         coefficients = times_rows(products, self.patterns.rows).astype(np.float64)
@@ -217,7 +229,11 @@ class Fit:
 
 
 def ambient_basis(
-    observation: Observation, B: Image | None, rank_tolerance: float, *, profiles: bool = False
+    observation: Observation,
+    B: Image | None,
+    rank_tolerance: float = RANK_TOLERANCE,
+    *,
+    profiles: bool = False,
 ) -> tuple[Array, int]:
     """Return an orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
 

@@ -16,8 +16,7 @@ from typing import Any, Literal, Unpack, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.ambient import background_basis
-from periscopy_sim.model.fit import Evidence
+from periscopy_sim.model.fit import Evidence, ambient_basis
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
@@ -207,7 +206,7 @@ class Differencing(StillMethod[np.float64]):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance, max_iterations)
-        self._ambient = self.observation.ambient(B)
+        self._B = B
         self._A = A = self.observation.used(A)
         self.tv_weight = tv_weight
         self.stop = stop
@@ -285,4 +284,4 @@ class Differencing(StillMethod[np.float64]):
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(self._A, background_basis(self._ambient))
+        return TransportOperator(self._A, ambient_basis(self.observation, self._B)[0])

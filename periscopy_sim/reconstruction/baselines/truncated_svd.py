@@ -10,6 +10,7 @@ from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.reconstruction.method import Observed, Report, StillMethod
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
@@ -67,7 +68,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         N = A.shape[1]
         self.rank = max(round(fraction * N), 1)
         energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
-        if not energy[0] > 1e-14 * energy[-1]:
+        if not energy[0] > max(1e-14, precision_of(A) ** 2) * energy[-1]:
             raise ValueError(
                 f"A has fewer than {self.rank} singular values above rounding: keep a smaller "
                 f"fraction than {fraction}"
