@@ -20,6 +20,10 @@ ROUNDING = 1e-12
 SKETCH = 96
 """Random mixtures of B's columns in the sketch: twice B's usual rank of 44."""
 
+SKETCHED = 0.02
+"""Last singular value within the sketch over the tolerance, at most. Outside, B in single precision,
+whose roundings have no decay, leaves 5 times that value (512 columns; the root of their number)."""
+
 PROFILE_DEGREE = 20
 """Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree
 12 costs 0.36, and one free number for each row and column 0.14; beside a window (rendered, SBR 0.2)
@@ -108,6 +112,6 @@ def _sketched_basis(
     mixtures = B @ (scale[:, np.newaxis] * random)
     S, _ = np.linalg.qr(mixtures)
     U, σ, _ = np.linalg.svd((S.T @ B) * scale, full_matrices=False)
-    if σ[-1] > 1e-3 * rank_tolerance * σ[0]:
+    if σ[-1] > SKETCHED * rank_tolerance * σ[0]:
         return None
     return np.asarray(S @ U[:, σ > rank_tolerance * σ[0]])
