@@ -106,6 +106,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         shape = (3, *light.photograph_shape)
         b = None
         if ambient is not None:
+            ambient = np.asarray(ambient)
             if np.shape(ambient) != (*shape[1:], 3) or not np.mean(ambient) > 0:
                 raise ValueError(f"ambient light is {(*shape[1:], 3)}, of a positive mean")
             b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)

@@ -29,7 +29,7 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
     photograph = Photograph.of(spoilt, mask=MASK, monitor_off={"off.npy": spoilt / 2})
     np.testing.assert_array_equal(photograph.used, LIGHT[MASK])
     np.testing.assert_array_equal(photograph.monitor_off["off.npy"], spoilt / 2)
-    assert photograph.mask is MASK and "nan" not in repr(photograph)
+    assert (photograph.mask == MASK).all() and "nan" not in repr(photograph)
     np.testing.assert_array_equal(Photograph.of(LIGHT).used, LIGHT.reshape(-1, 3))
 
 

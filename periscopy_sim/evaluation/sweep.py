@@ -21,8 +21,8 @@ from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registere
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import used_pixels
-from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.photograph import Mask, Photograph, unwrapped, used_pixels
+from periscopy_sim.reconstruction.method import Method, StillMethod
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
 
@@ -148,11 +148,11 @@ class Sweep:
     Attributes
     ----------
     signal
-        (rows, columns, 3) photograph without ambient light, in any unit.
+        (rows, columns, 3) photograph without ambient light, in any unit, or a `Photograph`.
     truth
         (R, C, 3) hidden image in [0, 1].
     backgrounds
-        Name to (rows, columns, 3) photograph of ambient light, in any unit.
+        Name to (rows, columns, 3) photograph of ambient light, in any unit, or to a `Photograph`.
     methods
         Name to method; anything with ``reconstruct(photograph) -> (R, C, 3)`` that pickle takes.
     sbrs
@@ -168,8 +168,12 @@ class Sweep:
         A store with other conditions is not resumed, so name everything that may change.
     mask
         (rows, columns), True where the wall is used: only there must the photographs be finite, and
-        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero. The
-        methods must have been fitted with it. None: everywhere.
+        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
+        None: everywhere. Masks of the photographs exclude more pixels. The package's methods are
+        fitted to it; a method of your own must have been fitted with it.
+    monitor_off
+        Photographs of the wall with the monitor off, by name, to which the package's methods are
+        fitted, beside those that the photographs have.
 
     Raises
     ------
@@ -177,9 +181,9 @@ class Sweep:
         If something to vary is missing or doubled, shapes differ, or a number is out of range.
     """
 
-    signal: Image
+    signal: Any
     truth: Image
-    backgrounds: Mapping[str, Image]
+    backgrounds: Mapping[str, Any]
     methods: Mapping[str, Method]
     sbrs: Sequence[float]
     snr: float = 60.0
@@ -187,9 +191,21 @@ class Sweep:
     seed: int = 0
     conditions: Mapping[str, Any] = field(default_factory=dict)
     mask: NDArray[np.bool_] | None = None
+    monitor_off: Mapping[str, Image] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Reject settings that no sweep can have."""
+        """Fit the methods to all of the photographs; reject settings that no sweep can have."""
+        given = [self.signal, *self.backgrounds.values()]
+        (signal, *ambient), mask, off = unwrapped(given, self.mask, self.monitor_off)
+        settings = {
+            "signal": signal,
+            "backgrounds": dict(zip(self.backgrounds, ambient, strict=True)),
+            "methods": {n: _fitted(n, m, signal, mask, off) for n, m in self.methods.items()},
+            "mask": mask,
+            "monitor_off": off,
+        }
+        for name, value in settings.items():
+            object.__setattr__(self, name, value)
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
@@ -240,9 +256,28 @@ class Sweep:
             "base_seed": int(self.seed),
             "signal_sha256": array_sha256(self.signal),
             "truth_sha256": image_sha256(self.truth),
-            "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
+            "background_sha256": _digests(self.backgrounds),
             **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
+            **({} if not (off := self.monitor_off) else {"monitor_off_sha256": _digests(off)}),
         }
+
+
+def _digests(photographs: Mapping[str, Image]) -> dict[str, str]:
+    return {name: array_sha256(each) for name, each in photographs.items()}
+
+
+def _fitted(
+    name: str, method: Method, signal: Array, mask: Mask | None, off: Mapping[str, Any]
+) -> Method:
+    """Return a method fitted to what a sweep's photographs share."""
+    if isinstance(method, StillMethod):
+        return method.fitted_to(Photograph(signal, mask, off))
+    if off:
+        raise PeriscopyError(
+            f"method '{name}' cannot be fitted to photographs with the monitor off; fit it with "
+            "them, and leave them out of the sweep"
+        )
+    return method
 
 
 def array_sha256(array: NDArray[Any]) -> str:

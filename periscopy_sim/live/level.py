@@ -123,13 +123,14 @@ class Level:
             truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         unless_overtaken()
-        mask = photograph.mask
         B = self._keep(
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
         )
         method = self._keep(
             "method", (choice.method, values),
-            lambda: fit_method(choice.method, scenario, A, B, mask),
+            lambda: fit_method(
+                choice.method, scenario, A, B, photograph.mask, photograph.monitor_off
+            ),
         )  # fmt: skip
         unless_overtaken()
         report = Report()
@@ -187,10 +188,14 @@ def averaged(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
         return photograph
     mask = np.ones(photograph.shape, bool) if photograph.mask is None else photograph.mask
     coverage = area_average(mask[..., None], shape)
-    light = area_average(blackened(photograph.values, mask), shape)
     used = coverage > 0.5
-    means = np.where(used, light / np.where(used, coverage, 1), 0)
-    return Photograph(means, None if used.all() else used[..., 0])
+
+    def means(values: Array) -> Array:
+        return blackened(area_average(blackened(values, mask), shape) / coverage, used[..., 0])
+
+    off = {name: means(each) for name, each in photograph.monitor_off.items()}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return Photograph(means(photograph.values), None if used.all() else used[..., 0], off)
 
 
 def coarse_sizes(

@@ -21,8 +21,8 @@ SKETCH = 96
 """Random mixtures of B's columns in the sketch: twice B's usual rank of 44."""
 
 SKETCHED = 0.02
-"""Last singular value within the sketch over the tolerance, at most. Outside, B in single precision,
-whose roundings have no decay, leaves 5 times that value (512 columns; the root of their number)."""
+"""Last singular value within the sketch over the tolerance, at most. B in single precision, whose
+roundings do not decay, leaves 5 times that value outside (512 columns; as the root of more)."""
 
 PROFILE_DEGREE = 20
 """Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree

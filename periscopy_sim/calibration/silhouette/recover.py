@@ -30,7 +30,8 @@ from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.numerics import Image
+from periscopy_sim.photograph import Photograph, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.storage.pictures import area_average
@@ -45,7 +46,7 @@ UNSEEN = 1e-2
 
 
 def recover_silhouette(
-    photograph: NDArray[np.floating[Any]] | Sequence[NDArray[np.floating[Any]]],
+    photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path,
     hidden: tuple[int, int],
     shape: str,
@@ -63,7 +64,8 @@ def recover_silhouette(
     Parameters
     ----------
     photograph
-        (rows, columns, 3), linear, of any unit; or one such for each picture shown.
+        A `Photograph`, or (rows, columns, 3), linear, of any unit; or one such for each picture
+        shown. The pixels used are those that all masks leave.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
@@ -111,14 +113,14 @@ def recover_silhouette(
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
-    light = [photograph] if np.ndim(photograph) == 3 else list(photograph)
+    light, mask, off = unwrapped(photograph, mask, named(backgrounds))
     if len(light) != max(1, len(shown)):
         raise PhotographError(
             f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each "
             "picture, or one photograph of an unknown one"
         )
-    size, off = first.photograph_shape, named(backgrounds)
-    read = [Photograph.of(np.asarray(y), size, mask=mask, monitor_off=off) for y in light]
+    size = first.photograph_shape
+    read = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in light]
     averaged = Averaged.of(read, int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST)))
     used, agreeing, starts = averaged.pixels, 0, 0
     patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)

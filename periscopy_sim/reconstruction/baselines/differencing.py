@@ -21,7 +21,13 @@ from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.method import Observed, Precision, Solution, StillMethod
+from periscopy_sim.reconstruction.method import (
+    Observed,
+    Precision,
+    Solution,
+    StillMethod,
+    of_all,
+)
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
@@ -229,6 +235,7 @@ class Differencing(StillMethod[np.float64]):
         self._unit = float(np.sqrt(np.trace(self._gram) / len(R)))  # ‖D A‖_F/√N
         self._mean_entry = float(np.mean(A, dtype=np.float64))
 
+    @of_all
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.observation.vectorized(photograph)

@@ -11,7 +11,7 @@ from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.precision import precision_of
-from periscopy_sim.reconstruction.method import Observed, Report, StillMethod
+from periscopy_sim.reconstruction.method import Observed, Report, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
 
@@ -80,11 +80,13 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, self._background)
 
+    @of_all
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 beside the image; see `StillMethod`."""
         stages = solution.stages("inverted by singular vectors")
         return replace(super().report(photograph, solution), stages=stages)
 
+    @of_all
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
