@@ -162,6 +162,7 @@ def _calibrated(
     reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
     errors = standard_errors(problem, joint)
     columns = problem.centers, values, errors.statistical, errors.total, problem.errors
+    channels = fine.groups[0].light.shape[2]
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
     before, after = ([each.noise for each in look.explanations] for look in (measured, best))
     progress(1.0)
@@ -176,8 +177,8 @@ def _calibrated(
         path=path.stages,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
-        residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
-        residual=_picture(fine, best.explanations[0].residual[:, :3] / scale),
+        residual_before=_picture(fine, measured.explanations[0].residual[:, :channels] / scale),
+        residual=_picture(fine, best.explanations[0].residual[:, :channels] / scale),
         gain=_picture(fine, fine.gain(best.point) - 1) + 1,
         overdispersion=κ,
         moved=moved,

@@ -108,12 +108,12 @@ class CalibrationProblem:
 
     @property
     def camera_noise(self) -> Array:
-        """(3 K,) standard deviation of white noise in the averaged photographs, 0 if unknown."""
+        """(K, C) standard deviation of white noise in the averaged photographs, 0 if unknown."""
         averaged = self._averaged
         light = np.where(averaged.pixels[..., None], averaged.light, np.nan)
         planes = np.moveaxis(light, 3, 1).reshape(-1, *averaged.pixels.shape)
         noise = camera_noise(planes)
-        return np.zeros(len(planes)) if noise is None else noise
+        return np.reshape(np.zeros(len(planes)) if noise is None else noise, (len(light), -1))
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
@@ -121,7 +121,8 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden))
+        channels = self.photographs[0].values.shape[2]
+        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden, channels))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -174,9 +175,9 @@ class CalibrationProblem:
             )
         light = [each[pixels] for each in averaged.light]
         groups = [
-            Group(y, SmoothImages.shown(area_average(picture, self._hidden)))
+            Group(y[None], SmoothImages.shown(area_average(picture, self._hidden)))
             for y, picture in zip(light, self.pictures, strict=False)
         ]
         if self.has_unknown_images:
-            groups.append(Group(np.hstack(light[len(self.pictures) :]), unknown))
+            groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
         return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))

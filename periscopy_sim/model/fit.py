@@ -225,7 +225,7 @@ class Fit:
         energy = (self.pixels - len(self.background)) * np.sum(noise**2, axis=-1)
         # A signal below its own standard error is none.
         least = np.sqrt(2 * len(self.curvatures) * np.sum(noise**4, axis=-1))
-        return np.asarray(energy / np.maximum(3 * self.pixels - energy, least))
+        return np.asarray(energy / np.maximum(noise.shape[-1] * self.pixels - energy, least))
 
 
 def ambient_basis(

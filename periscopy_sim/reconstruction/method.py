@@ -437,5 +437,5 @@ def _values(photograph: Photograph | Image) -> NDArray[Any]:
 def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
     """Return whether an image's light A⊥ f̂, (M', 3), is no more than what noise makes of images."""
     energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
-    count = 3 * min(transport.shape)
+    count = light.shape[1] * min(transport.shape)
     return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

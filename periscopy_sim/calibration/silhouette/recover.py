@@ -130,7 +130,7 @@ def recover_silhouette(
         if shown:
             pictures = [area_average(each, patches) for each in shown]
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
-            colours = np.hstack([picture.reshape(-1, 3) for picture in pictures])
+            colours = np.hstack([picture.reshape(-1, picture.shape[2]) for picture in pictures])
             masked = replace(masked, shadows=masked.shadows.before(colours))
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
@@ -151,7 +151,7 @@ def recover_silhouette(
     image = colours @ fit.explained.image if shown else fit.explained.image
     report(1.0)
     scale = float(np.sqrt(np.mean(np.square(ys))))
-    residual = np.zeros((*used.shape, 3))
+    residual = np.zeros((*used.shape, fit.explained.residual.shape[2]))
     residual[used] = fit.explained.residual[0] / scale
     unexplained, unexplained_open = (
         float(np.sqrt(np.mean(each.explained.residual**2))) / scale for each in (fit, without)
@@ -162,7 +162,7 @@ def recover_silhouette(
         plane=plane,
         opacities=fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
-        image=image.reshape(*patches, 3),
+        image=image.reshape(*patches, -1),
         unexplained=unexplained,
         unexplained_open=unexplained_open,
         residual=residual,

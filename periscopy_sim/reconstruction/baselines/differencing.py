@@ -244,7 +244,7 @@ class Differencing(StillMethod[np.float64]):
         start = self._inverse.solve(h)
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
         weight = self.tv_weight * noise * self._unit
-        images, ends = list(start.T), [(0, 0.0)] * 3
+        images, ends = list(start.T), [(0, 0.0)] * len(noise)
         for channel in np.flatnonzero(weight).tolist():  # not of a black one
             if self.stop == "published":
                 solved = self._published(h, start, channel, weight[channel])

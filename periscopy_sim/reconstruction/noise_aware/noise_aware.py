@@ -206,7 +206,7 @@ class NoiseAware(StillMethod[np.float64]):
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
         mixing = self.observation.mixing
-        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(3)  # of grey
+        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))

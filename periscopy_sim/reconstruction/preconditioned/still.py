@@ -160,9 +160,11 @@ class Periscope(StillMethod[np.floating[Any]]):
             scale = np.sqrt(np.mean(y**2, axis=1, keepdims=True))
             scale[scale == 0] = 1
             f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
-        noise = P.noise(y, f, self._factor).reshape(-1, 3)
+        noise = P.noise(y, f, self._factor).reshape(planes.shape[:2])
         return Estimate(
-            np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
+            np.moveaxis(f.reshape(*planes.shape[:2], *self.hidden_shape), 1, -1).astype(
+                self.precision
+            ),
             noise,
             self.tv_weight * self._unit_error * noise,
         )
