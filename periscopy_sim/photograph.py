@@ -88,9 +88,14 @@ class Photograph:
         return self.values.shape[0], self.values.shape[1]
 
     @property
+    def pixels(self) -> Mask:
+        """(rows, columns) bool, True inside the mask; without one, everywhere."""
+        return np.ones(self.shape, bool) if self.mask is None else self.mask
+
+    @property
     def used(self) -> Array:
         """(M', 3) values of the pixels inside the mask, row-major."""
-        return used_pixels(self.values, self.mask).reshape(-1, 3)
+        return self.values[self.pixels]
 
     @property
     def conditions(self) -> bytes | None:
@@ -184,9 +189,8 @@ def all_backgrounds(monitor_off: Mapping[str, Any], more: Mapping[str, Any]) -> 
     """Return photographs with the monitor off beside more of them; of equal ones, one."""
     off = dict(monitor_off)
     for name, each in more.items():
-        while name in off and not np.array_equal(off[name], each, equal_nan=True):
-            name += "'"
-        off[name] = each
+        if not any(np.array_equal(each, other, equal_nan=True) for other in off.values()):
+            off[f"{name} of the photograph" if name in off else name] = each
     return off
 
 

@@ -21,7 +21,7 @@ from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registere
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import Mask, Photograph, unwrapped, used_pixels
+from periscopy_sim.photograph import Photograph, unwrapped, used_pixels
 from periscopy_sim.reconstruction.method import Method, StillMethod
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
@@ -170,10 +170,8 @@ class Sweep:
         (rows, columns), True where the wall is used: only there must the photographs be finite, and
         only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
         None: everywhere. Masks of the photographs exclude more pixels. The package's methods are
-        fitted to it; a method of your own must have been fitted with it.
-    monitor_off
-        Photographs of the wall with the monitor off, by name, to which the package's methods are
-        fitted, beside those that the photographs have.
+        fitted to it, and to photographs with the monitor off that the photographs have; a method
+        of your own must have been fitted with it.
 
     Raises
     ------
@@ -191,18 +189,27 @@ class Sweep:
     seed: int = 0
     conditions: Mapping[str, Any] = field(default_factory=dict)
     mask: NDArray[np.bool_] | None = None
-    monitor_off: Mapping[str, Image] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject settings that no sweep can have."""
         given = [self.signal, *self.backgrounds.values()]
-        (signal, *ambient), mask, off = unwrapped(given, self.mask, self.monitor_off)
+        (signal, *ambient), mask, off = unwrapped(given, self.mask)
+        if off and not all(isinstance(each, StillMethod) for each in self.methods.values()):
+            raise PeriscopyError(
+                "the sweep's photographs have some with the monitor off; leave these out, and fit "
+                "your own methods with them"
+            )
+        wall = Photograph(signal, mask, off)
+        digests = {name: array_sha256(each) for name, each in off.items()}
         settings = {
             "signal": signal,
             "backgrounds": dict(zip(self.backgrounds, ambient, strict=True)),
-            "methods": {n: _fitted(n, m, signal, mask, off) for n, m in self.methods.items()},
             "mask": mask,
-            "monitor_off": off,
+            "methods": {
+                name: each.fitted_to(wall) if isinstance(each, StillMethod) else each
+                for name, each in self.methods.items()
+            },
+            "conditions": {**self.conditions, **({"monitor_off_sha256": digests} if off else {})},
         }
         for name, value in settings.items():
             object.__setattr__(self, name, value)
@@ -256,28 +263,9 @@ class Sweep:
             "base_seed": int(self.seed),
             "signal_sha256": array_sha256(self.signal),
             "truth_sha256": image_sha256(self.truth),
-            "background_sha256": _digests(self.backgrounds),
+            "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
             **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
-            **({} if not (off := self.monitor_off) else {"monitor_off_sha256": _digests(off)}),
         }
-
-
-def _digests(photographs: Mapping[str, Image]) -> dict[str, str]:
-    return {name: array_sha256(each) for name, each in photographs.items()}
-
-
-def _fitted(
-    name: str, method: Method, signal: Array, mask: Mask | None, off: Mapping[str, Any]
-) -> Method:
-    """Return a method fitted to what a sweep's photographs share."""
-    if isinstance(method, StillMethod):
-        return method.fitted_to(Photograph(signal, mask, off))
-    if off:
-        raise PeriscopyError(
-            f"method '{name}' cannot be fitted to photographs with the monitor off; fit it with "
-            "them, and leave them out of the sweep"
-        )
-    return method
 
 
 def array_sha256(array: NDArray[Any]) -> str:

@@ -135,7 +135,6 @@ class Fit:
         used = observation.used_transport(A)
         Q, self.smooth_rank = ambient_basis(observation, B, rank_tolerance, profiles=profiles)
         self.background = np.ascontiguousarray(Q.T)
-        self._least_level = max(ROUNDING, 0.0 if B is None else precision_of(B))
         self.transport = np.ascontiguousarray(used.T, np.float32)
         self.gram: Array = TransportOperator(used, Q).gram()
         energy = float(np.trace(self.gram))
@@ -172,8 +171,8 @@ class Fit:
         rows = self.project_out(planes.reshape(-1, self.pixels))
         y = np.asarray(rows, np.float64).reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
-        is_ambient = levels <= self._least_level * whole  # which alone explains all of it
-        y[is_ambient], levels[is_ambient] = 0, 1
+        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
+        levels[levels <= ROUNDING * whole] = 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
         products = times_rows(rows.astype(np.float32), self.transport) * np.float32(1 / self.unit)
         coefficients = times_rows(products, self.patterns.rows).astype(np.float64)

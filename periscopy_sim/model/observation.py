@@ -187,13 +187,13 @@ def observation_of(
         raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
-    planes = background_planes(alone, backgrounds)
+    planes = _background_planes(alone, backgrounds)
     if colour_matrix is None:
         return replace(alone, backgrounds=planes)
     return replace(alone, backgrounds=planes, mixing=colour_matrix.matrix * gain / gain[:, None])
 
 
-def background_planes(
+def _background_planes(
     observation: Observation, backgrounds: Backgrounds | None
 ) -> dict[str, Array]:
     """Return the planes of background photographs, by name; a ValueError names one that is none."""

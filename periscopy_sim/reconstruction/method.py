@@ -22,17 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import (
-    Backgrounds,
-    background_planes,
-    named,
-    observation_of,
-)
+from periscopy_sim.model.observation import Backgrounds, named, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import plain_array
-from periscopy_sim.photograph import Photograph, all_backgrounds
+from periscopy_sim.photograph import Photograph, all_backgrounds, common_pixels
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
 Fitted = TypeVar("Fitted", bound="StillMethod[Any]")
@@ -233,7 +228,8 @@ class StillMethod(ABC, Generic[Precision]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without A and B, which are large; so a copy cannot be fitted anew."""
-        return {k: v for k, v in vars(self).items() if k not in ("_given", "_latest")}
+        backgrounds = {"backgrounds": self._given[1].get("backgrounds")}
+        return {**vars(self), "_given": ((), backgrounds), "_latest": None}
 
     def __init__(self, A: Any, **observed: Unpack[Observed]) -> None:
         if "hidden_shape" not in observed:
@@ -296,24 +292,18 @@ class StillMethod(ABC, Generic[Precision]):
 
     def _fitted_to_more(self, photograph: Photograph) -> Self | None:
         """Return a method fitted to more than this one; None if a photograph has no more."""
-        observation = self.observation
-        observation.check_size((1, *photograph.values.shape))
-        own = np.ones(photograph.shape, bool)
-        if observation.mask is not None:
-            own = observation.mask.reshape(photograph.shape)
-        used = own if photograph.mask is None else own & photograph.mask
-        if (used == own).all():
-            known = list(observation.backgrounds.values())
-            off = background_planes(observation, photograph.monitor_off).values()
-            if all(any(np.array_equal(a, b) for b in known) for a in off):
-                return None
-        given = named(self._given[1].get("backgrounds"))
+        self.observation.check_size((1, *photograph.values.shape))
+        own, given = self.observation.mask, named(self._given[1].get("backgrounds"))
+        own = None if own is None else own.reshape(photograph.shape)
+        mask = common_pixels(own, photograph.mask)
         backgrounds = all_backgrounds(given, photograph.monitor_off)
-        return self._fitted_anew(None if used.all() else used, backgrounds)
+        if len(backgrounds) == len(given) and np.array_equal(np.array(mask), np.array(own)):
+            return None
+        return self._fitted_anew(mask, backgrounds)
 
     def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:
         arguments, settings = self._given
-        if not (arguments or settings):
+        if "hidden_shape" not in settings:
             raise ValueError(
                 "the photograph has another mask, or other monitor-off photographs, than this copy "
                 "of a method, which has no A; pass mask= and backgrounds= to the constructor"

@@ -20,7 +20,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import fitted
-from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES, Averaged
+from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
@@ -34,7 +34,7 @@ from periscopy_sim.numerics import Image
 from periscopy_sim.photograph import Photograph, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.pictures import area_average, averaged_photograph
 
 FEW = 8
 """Cells of first descents along the longer side, at most: a letter F of 16 x 16 is found from 8 x
@@ -121,12 +121,13 @@ def recover_silhouette(
         )
     size = first.photograph_shape
     read = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in light]
-    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST)))
-    used, agreeing, starts = averaged.pixels, 0, 0
+    longest = int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST))
+    averaged = [averaged_photograph(each, fitted(size, longest)) for each in read]
+    used, agreeing, starts = averaged[0].pixels, 0, 0
     patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)
-    ys = [each[used] for each in averaged.light]
+    ys = [each.used for each in averaged]
     with threadpool_limits(1):
-        masked, Q = _masked(first, plane, shape, cells, averaged, patches)
+        masked, Q = _masked(first, plane, shape, cells, averaged[0], patches)
         if shown:
             pictures = [area_average(each, patches) for each in shown]
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
@@ -134,11 +135,12 @@ def recover_silhouette(
             masked = replace(masked, shadows=masked.shadows.before(colours))
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
-            images, coarse = SmoothImages.hats(patches, patches), Averaged.of(read, LARGEST // 4)
+            images = SmoothImages.hats(patches, patches)
+            coarse = averaged_photograph(read[0], fitted(size, LARGEST // 4))
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
             unknown = UnknownImage(ys[0], Q, images)
-            seen = UnknownImage(coarse.light[0][coarse.pixels], Q_few, images)
+            seen = UnknownImage(coarse.used, Q_few, images)
             fit, agreeing = search((few, seen), (masked, unknown), seed, report)
             starts = STARTS
             likelihood = unknown.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
@@ -177,11 +179,11 @@ def _masked(
     plane: MaskPlane,
     name: str,
     cells: tuple[int, int],
-    averaged: Averaged,
+    photograph: Photograph,
     hidden: tuple[int, int],
 ) -> tuple[Mask, Array]:
     """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
-    used = averaged.pixels
+    used = photograph.pixels
     rows, columns = used.shape
     finer = -(-LARGEST // max(rows, columns))
     load = partial(load_scenario, scenario.path, hidden, scenario.parameters)
@@ -198,5 +200,6 @@ def _masked(
             "the camera sees of the wall, wherever in its rectangle it is opaque"
         )
     Q = background_basis(point_light_backgrounds(view)[used.ravel()])
-    Q = joined_basis(Q, np.hstack([Q[:, :0], *(each[used] for each in averaged.monitor_off)]))
+    off = [each[used] for each in photograph.monitor_off.values()]
+    Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
     return Mask.of(cells, shadows, used), Q
