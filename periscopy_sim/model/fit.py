@@ -245,5 +245,4 @@ def ambient_basis(
     shape = observation.rows_and_columns
     if profiles and Q.shape[1] and shape is not None:
         Q = joined_basis(Q, observation.used(wall_profiles(shape)))
-    own = observation.ambient(None)
-    return (joined_basis(Q, own) if observation.backgrounds else Q), Q.shape[1]
+    return joined_basis(Q, observation.ambient()), Q.shape[1]

@@ -76,22 +76,6 @@ class Method(Protocol):
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
 
 
-class SceneSizes(Protocol):
-    """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
-
-    @property
-    def photograph_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the photograph."""
-
-    @property
-    def hidden_shape(self) -> tuple[int, int]:
-        """(R, C) of the hidden image."""
-
-    @property
-    def channel_gain(self) -> Array:
-        """(3,) colour of the wall."""
-
-
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[Precision]):
     """A hidden image and how it came about.
@@ -246,7 +230,7 @@ class StillMethod(ABC, Generic[Precision]):
         return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
-    def for_scene(cls, scene: SceneSizes, A: Any, B: Any = None, **settings: Any) -> Self:
+    def for_scene(cls, scene: Any, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario, which gives the sizes and the colour of the wall.
 
         Parameters

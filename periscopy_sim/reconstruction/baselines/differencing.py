@@ -228,8 +228,7 @@ class Differencing(StillMethod[np.float64]):
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
                 "patches: leave out less of the wall, or use fewer patches"
             )
-        light = self.observation.ambient(None) if self.observation.backgrounds else None
-        self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
+        self._inverse = form_preconditioner(DA, self._differenced(self.observation.ambient()))
         R = self._inverse.cholesky
         self._gram: Array = R.T @ R
         self._unit = float(np.sqrt(np.trace(self._gram) / len(R)))  # ‖D A‖_F/√N

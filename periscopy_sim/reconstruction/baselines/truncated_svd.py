@@ -6,7 +6,7 @@ from typing import Any, Unpack
 import numpy as np
 from scipy import linalg
 
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
@@ -62,7 +62,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         used = self.observation.used_transport(A)
-        Q = background_basis(self.observation.ambient(None))
+        Q, _ = ambient_basis(self.observation, None)
         self._background = Q
         self._A = used - Q @ (Q.T @ used) if Q.size else used
         N = A.shape[1]
