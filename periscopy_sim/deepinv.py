@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
+from periscopy_sim.model.ambient import background_basis
 
 torch = require("torch")
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         shape = (3, *light.photograph_shape)
         b = None
         if ambient is not None:
+            ambient = np.asarray(ambient)
             if np.shape(ambient) != (*shape[1:], 3) or not np.mean(ambient) > 0:
                 raise ValueError(f"ambient light is {(*shape[1:], 3)}, of a positive mean")
             b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)
@@ -118,8 +120,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         if backgrounds is not None:
             if len(backgrounds) != len(light.A):
                 raise ValueError(f"backgrounds have {len(backgrounds)} rows, A has {len(light.A)}")
-            U, strength, _ = np.linalg.svd(np.asarray(backgrounds, float), full_matrices=False)
-            Q = torch.as_tensor(U[:, strength > 1e-12 * strength[0]]).to(light.A)
+            Q = torch.as_tensor(background_basis(np.asarray(backgrounds))).to(light.A)
         seen = light.A if Q is None else light.A - Q @ (Q.T @ light.A)
         self.norm = float(torch.linalg.eigvalsh(seen.T @ seen)[-1].sqrt() * light.gain.max())
         light.A = light.A / self.norm

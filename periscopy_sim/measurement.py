@@ -30,13 +30,13 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     ValueError
         If the shapes differ, the SBR is not positive, or a photograph has not a positive mean.
     """
+    signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     if signal.shape != background.shape:
         raise ValueError(f"signal {signal.shape} and background {background.shape} differ in shape")
     if not (np.isfinite(sbr) and sbr > 0):
         raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
     if not (signal.mean() > 0 and background.mean() > 0):
         raise ValueError("signal and background must have a positive mean")
-    signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     total = signal / signal.mean() + background / (background.mean() * sbr)
     return np.asarray(total / total.mean())
 
@@ -63,6 +63,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     ValueError
         If the SNR is not finite.
     """
+    photograph = np.asarray(photograph)
     σ = noise_level(photograph, snr)
     return np.asarray(photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape))
 

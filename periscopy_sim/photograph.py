@@ -1,6 +1,7 @@
 """One photograph of the relay wall with all that belongs to it, checked once."""
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,9 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """A photograph of the relay wall; make one with `Photograph.of` or by reading a file.
+
+    Methods, videos, sweeps and calibrations use all of it. An array cannot hold the mask or the
+    photographs with the monitor off: NumPy converts a photograph that has none alone.
 
     Attributes
     ----------
@@ -70,6 +74,7 @@ class Photograph:
         PhotographError
             If an array is no such photograph.
         """
+        mask = None if mask is None else np.array(mask)
         light = _checked(values, shape, name, mask)
         if np.mean(used_pixels(light, mask) < 0) > 0.5:
             warnings = (*warnings, f"{name}: most values are negative; check the dark frame")
@@ -83,9 +88,24 @@ class Photograph:
         return self.values.shape[0], self.values.shape[1]
 
     @property
+    def pixels(self) -> Mask:
+        """(rows, columns) bool, True inside the mask; without one, everywhere."""
+        return np.ones(self.shape, bool) if self.mask is None else self.mask
+
+    @property
     def used(self) -> Array:
         """(M', 3) values of the pixels inside the mask, row-major."""
-        return used_pixels(self.values, self.mask).reshape(-1, 3)
+        return self.values[self.pixels]
+
+    @property
+    def conditions(self) -> bytes | None:
+        """Digest of the mask and the photographs with the monitor off; None without any."""
+        if self.mask is None and not self.monitor_off:
+            return None
+        digest = hashlib.sha256()
+        for each in (np.array(self.mask), *self.monitor_off.values()):
+            digest.update(each.tobytes())
+        return digest.digest()
 
     def __repr__(self) -> str:
         """Return its size, its mean and how many warnings there are on one line."""
@@ -97,7 +117,12 @@ class Photograph:
     def __array__(
         self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
     ) -> NDArray[Any]:
-        """Return `values`, so that any function of arrays accepts a photograph."""
+        """Return `values`, for functions of arrays; a PhotographError if they are not all."""
+        if self.conditions is not None:
+            raise PhotographError(
+                "the photograph has a mask, or photographs with the monitor off, which an array "
+                "cannot hold; give its values and these apart"
+            )
         return np.array(self.values, dtype=dtype, copy=copy)
 
 
@@ -117,8 +142,10 @@ def _checked(
         check_size(array.shape[:2], shape, name)
     with np.errstate(over="ignore", invalid="ignore"):  # of longer floats, and signalling NaN
         light = np.asarray(array, dtype=np.float64)
-    if mask is not None and mask.shape != light.shape[:2]:
-        raise PhotographError(f"{name}: the mask has shape {mask.shape}, not {light.shape[:2]}")
+    if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
+        raise PhotographError(
+            f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
+        )
     broken = np.argwhere(blackened(~np.isfinite(light), mask))
     if len(broken):
         counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
@@ -135,6 +162,45 @@ def _checked(
     if not LIGHT_RANGE[0] <= (largest := np.abs(used).max()) <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return np.repeat(light, 3 // light.shape[2], axis=2)
+
+
+def unwrapped(
+    photographs: Any,
+    mask: Mask | None = None,
+    monitor_off: Mapping[str, Any] | None = None,
+) -> tuple[list[Any], Mask | None, dict[str, Any]]:
+    """Return the values of photographs of one wall, and the mask and the backgrounds of all.
+
+    They are one photograph, a sequence or a stack, of which `Photograph`s add to the mask and the
+    photographs with the monitor off that are given.
+    """
+    is_one = isinstance(photographs, Photograph)
+    if is_one or not (isinstance(photographs, Sequence) or np.ndim(photographs) == 4):
+        photographs = [photographs]
+    values, off = [], dict(monitor_off or {})
+    for each in photographs:
+        if isinstance(each, Photograph):
+            mask, off = common_pixels(mask, each.mask), all_backgrounds(off, each.monitor_off)
+        values.append(each.values if isinstance(each, Photograph) else each)
+    return values, mask, off
+
+
+def all_backgrounds(monitor_off: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Return photographs with the monitor off beside more of them; of equal ones, one."""
+    off = dict(monitor_off)
+    for name, each in more.items():
+        if not any(np.array_equal(each, other, equal_nan=True) for other in off.values()):
+            off[f"{name} of the photograph" if name in off else name] = each
+    return off
+
+
+def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:
+    """Return the mask of the pixels that two masks leave; None for everywhere."""
+    if mask is None or other is None:
+        return other if mask is None else mask
+    if mask.shape != other.shape:
+        raise PhotographError(f"masks of {mask.shape} and {other.shape} pixels; give one size")
+    return mask & other
 
 
 def used_pixels(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:

@@ -95,7 +95,7 @@ def broken_arrows(module, tree):
         else:
             allowed = FLOOR[other] <= FLOOR[own]
         if own in ("reconstruction", "model"):  # arrays in, arrays out
-            allowed = other in (own, "model", "numerics")
+            allowed = other in (own, "model", "photograph", "numerics")
             if module == LEARNED:  # but for what was learned: its own file, by an extra's libraries
                 allowed |= other in ("extras", "errors")
         if own == "analytic" and other == "rendering":  # twins that check each other
@@ -162,7 +162,7 @@ FORBIDDEN = [
 ]
 ALLOWED = [
     ("periscopy_sim.reconstruction.method", "import numpy\nfrom . import observation"),
-    ("periscopy_sim.reconstruction.method", "from ..numerics import machine"),
+    ("periscopy_sim.reconstruction.method", "from .. import numerics, photograph"),
     ("periscopy_sim.analytic.transport", "from periscopy_sim import errors, scenario"),
     ("periscopy_sim.cli.demo", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
     ("periscopy_sim.figures.panels", "from ..storage.formats.decoding import srgb_encode"),

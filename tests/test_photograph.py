@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import periscopy_sim as ps
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.photograph import Photograph, unwrapped
 
 SHAPE = (4, 5)
 LIGHT = np.random.default_rng(0).uniform(1, 2, (*SHAPE, 3))
@@ -29,7 +30,7 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
     photograph = Photograph.of(spoilt, mask=MASK, monitor_off={"off.npy": spoilt / 2})
     np.testing.assert_array_equal(photograph.used, LIGHT[MASK])
     np.testing.assert_array_equal(photograph.monitor_off["off.npy"], spoilt / 2)
-    assert photograph.mask is MASK and "nan" not in repr(photograph)
+    assert (photograph.mask == MASK).all() and "nan" not in repr(photograph)
     np.testing.assert_array_equal(Photograph.of(LIGHT).used, LIGHT.reshape(-1, 3))
 
 
@@ -48,3 +49,28 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
 def test_the_array_that_is_no_photograph_is_named(given, offender):
     with pytest.raises(PhotographError, match=offender):
         Photograph.of(**given)
+
+
+def test_photographs_of_one_wall_share_masks_and_backgrounds():
+    off, other = {"off": LIGHT}, {"off": 2 * LIGHT, "same": LIGHT}
+    left = np.indices(SHAPE)[1] < 3
+    given = [Photograph.of(LIGHT, mask=MASK, monitor_off=off), Photograph.of(LIGHT, mask=left)]
+    values, mask, backgrounds = unwrapped(given, None, other)
+    assert len(values) == 2 and (mask == MASK & left).all()
+    assert backgrounds.keys() == {"off", "same"}
+    assert unwrapped(given[0], None, {"off": 2 * LIGHT})[2].keys() == {
+        "off",
+        "off of the photograph",
+    }
+    with pytest.raises(PhotographError, match="size"):
+        unwrapped(given, MASK.T)
+
+
+def test_functions_of_arrays_take_what_an_array_holds():
+    plain, masked = Photograph.of(LIGHT), Photograph.of(LIGHT, mask=MASK)
+    np.testing.assert_array_equal(ps.add_noise(plain, 40, 1), ps.add_noise(LIGHT, 40, 1))
+    np.testing.assert_array_equal(ps.composite(plain, plain, 1), ps.composite(LIGHT, LIGHT, 1))
+    for use in (lambda y: ps.add_noise(y, 40, 1), lambda y: ps.composite(LIGHT, y, 1), np.mean):
+        with pytest.raises(PhotographError, match="mask"):
+            use(masked)
+    assert not ps.defective_pixels(masked).any_kind[~MASK].any()

@@ -24,7 +24,7 @@ from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.numerics import Image
-from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.photograph import Photograph, blackened, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
@@ -34,7 +34,7 @@ WEIGHTS = 0.2, 1, 8, 8
 
 
 def calibrate(
-    photograph: Image | Sequence[Image],
+    photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path,
     hidden: tuple[int, int],
     free: Free | None = None,
@@ -57,7 +57,8 @@ def calibrate(
     Parameters
     ----------
     photograph
-        (rows, columns, 3), linear, of any unit; or several such photographs of one laboratory.
+        A `Photograph`, or (rows, columns, 3), linear, of any unit; or several such photographs of
+        one laboratory. The pixels used are those that all masks leave.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
@@ -105,8 +106,7 @@ def calibrate(
     """
     from threadpoolctl import threadpool_limits
 
-    several = isinstance(photograph, Sequence) or np.ndim(photograph) == 4
-    photographs: list[Image] = list(photograph) if several else [np.asarray(photograph)]
+    photographs, mask, off = unwrapped(photograph, mask, named(backgrounds))
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
             f"shown pictures: {len(shown)}, photographs: {len(photographs)}; give one of each"
@@ -125,7 +125,7 @@ def calibrate(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
             "add an occluder, or move one into the view"
         )
-    size, off = scenario.photograph_shape, named(backgrounds)
+    size = scenario.photograph_shape
     checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
     if colour_matrix is not None:
         checked = [
@@ -162,6 +162,7 @@ def _calibrated(
     reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
     errors = standard_errors(problem, joint)
     columns = problem.centers, values, errors.statistical, errors.total, problem.errors
+    channels = fine.groups[0].light.shape[2]
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
     before, after = ([each.noise for each in look.explanations] for look in (measured, best))
     progress(1.0)
@@ -176,8 +177,8 @@ def _calibrated(
         path=path.stages,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
-        residual_before=_picture(fine, measured.explanations[0].residual[:, :3] / scale),
-        residual=_picture(fine, best.explanations[0].residual[:, :3] / scale),
+        residual_before=_picture(fine, measured.explanations[0].residual[:, :channels] / scale),
+        residual=_picture(fine, best.explanations[0].residual[:, :channels] / scale),
         gain=_picture(fine, fine.gain(best.point) - 1) + 1,
         overdispersion=κ,
         moved=moved,

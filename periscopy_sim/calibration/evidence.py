@@ -167,11 +167,11 @@ class SmoothImages:
 
         A PhotographError says that it is black.
         """
-        colours = np.asarray(picture, np.float64).reshape(-1, 3)
+        colours = np.asarray(picture, np.float64).reshape(-1, picture.shape[2])
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
-        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(3))
+        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(len(gram)))
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
         """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
@@ -230,7 +230,7 @@ def smoothness(shape: tuple[int, int], image: Array | None = None) -> Array:
     D = sparse.vstack(along, format="csr")
     weights = np.ones(D.shape[0])
     if image is not None:
-        edges = np.sum((D @ image.reshape(-1, 3)) ** 2, axis=1)
+        edges = np.sum((D @ image.reshape(rows * columns, -1)) ** 2, axis=1)
         weights = (edges + FLAT**2 * (np.mean(image**2) or 1.0)) ** -0.5
         weights /= weights.mean()
     K: Array = D.T @ (weights[:, None] * D.toarray())

@@ -20,7 +20,7 @@ DEGREE, SPREAD = 2, 0.07
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Photographs of one kind of image: (M, C) light of C channels in the pixels used."""
+    """K photographs of one kind of image: (K, M, C) light of C channels in the pixels used."""
 
     light: Array
     images: SmoothImages | SharpImages
@@ -127,7 +127,7 @@ class ResolutionLevel:
     @property
     def photographs(self) -> int:
         """Number of photographs."""
-        return sum(int(group.light.shape[1]) for group in self.groups) // 3
+        return sum(len(group.light) for group in self.groups)
 
     @cached_property
     def _places(self) -> Array:
@@ -169,9 +169,8 @@ class ResolutionLevel:
         groups = []
         for group, explained in zip(self.groups, found.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
-                lights = np.split(group.light, len(explained.images), axis=1)
-                images = map(SmoothImages.like, explained.images)
-                groups += [Group(*each) for each in zip(lights, images, strict=True)]
+                for light, image in zip(group.light, explained.images, strict=True):
+                    groups.append(Group(light[None], SmoothImages.like(image)))
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))
@@ -182,7 +181,10 @@ class ResolutionLevel:
             A = self.gain(point)[:, None] * self.scene.transport(self.values(point))
         except SceneError:
             return Candidate(point, (), self.penalty(point))
-        explained = (g.images.explain(A, self.background, g.light) for g in self.groups)
+        explained = (
+            group.images.explain(A, self.background, np.hstack([*group.light]))
+            for group in self.groups
+        )
         return Candidate(point, tuple(explained), self.penalty(point))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:

@@ -18,10 +18,10 @@ from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
-from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.pictures import area_average, averaged_photograph
 
 LARGEST = 126
 """Rows and columns to which photographs are averaged, and wall points along them, at least."""
@@ -34,45 +34,6 @@ COARSE_PIXELS, COARSE_HATS = 1000, 24
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Of the fine level, and of the one for errors, at least."""
-
-COVERED = 0.5
-"""Fraction of an averaged pixel that the mask must leave."""
-
-
-@dataclass(frozen=True, eq=False)
-class Averaged:
-    """Photographs averaged to few rows and columns.
-
-    Attributes
-    ----------
-    pixels
-        (rows, columns) True where the mask leaves enough of an averaged pixel.
-    light
-        (rows, columns, 3) of each photograph.
-    monitor_off
-        (rows, columns, 3) of each background photograph.
-    """
-
-    pixels: NDArray[np.bool_]
-    light: Sequence[Array]
-    monitor_off: Sequence[Array]
-
-    @classmethod
-    def of(cls, photographs: Sequence[Photograph], longest: int = LARGEST) -> Averaged:
-        """Average photographs of one mask to at most `longest` rows and columns."""
-        first = photographs[0]
-        shape = fitted(first.shape, longest)
-        mask = np.ones(first.shape, bool) if first.mask is None else first.mask
-        covered = area_average(mask[..., None], shape)
-
-        def average(values: Array) -> Array:
-            return area_average(blackened(values, mask), shape) / np.maximum(covered, COVERED)
-
-        return cls(
-            covered[..., 0] > COVERED + 1e-6,  # ties are decided alike in mirror images
-            [average(photograph.values) for photograph in photographs],
-            [average(values) for values in first.monitor_off.values()],
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +69,13 @@ class CalibrationProblem:
 
     @property
     def camera_noise(self) -> Array:
-        """(3 K,) standard deviation of white noise in the averaged photographs, 0 if unknown."""
-        averaged = self._averaged
-        light = np.where(averaged.pixels[..., None], averaged.light, np.nan)
-        planes = np.moveaxis(light, 3, 1).reshape(-1, *averaged.pixels.shape)
+        """(K, C) standard deviation of white noise in the averaged photographs, 0 if unknown."""
+        photographs = self._averaged
+        values = [np.where(each.pixels[..., None], each.values, np.nan) for each in photographs]
+        light = np.array(values)
+        planes = np.moveaxis(light, 3, 1).reshape(-1, *photographs[0].shape)
         noise = camera_noise(planes)
-        return np.zeros(len(planes)) if noise is None else noise
+        return np.reshape(np.zeros(len(planes)) if noise is None else noise, (len(light), -1))
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
@@ -121,7 +83,8 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden))
+        channels = self.photographs[0].values.shape[2]
+        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden, channels))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -146,37 +109,38 @@ class CalibrationProblem:
         return SmoothImages.hats(self._hidden, fitted(self._hidden, COARSE_HATS))
 
     @cached_property
-    def _averaged(self) -> Averaged:
-        return Averaged.of(self.photographs)
+    def _averaged(self) -> list[Photograph]:
+        shape = fitted(self.photographs[0].shape, LARGEST)
+        return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 
     def _level(self, a_patch: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
         """Return the level of pixels on a lattice, about so many a patch, `COARSE_PIXELS` at least.
 
         Fewer are used where there are not as many.
         """
-        averaged = self._averaged
-        count = max(COARSE_PIXELS, a_patch * np.prod(self._hidden))
-        stride = max(1, round(np.sqrt(averaged.pixels.sum() / count)))
-        pixels = np.zeros_like(averaged.pixels)
+        first, count = self._averaged[0], max(COARSE_PIXELS, a_patch * np.prod(self._hidden))
+        stride = max(1, round(np.sqrt(first.pixels.sum() / count)))
+        pixels = np.zeros_like(first.pixels)
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
-        pixels &= averaged.pixels
+        pixels &= first.pixels
         finer = -(-LARGEST // max(pixels.shape))
         path, parameters = self.scenario.path, self.scenario.parameters
         shape = finer * pixels.shape[0], finer * pixels.shape[1]
         scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
         scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
         Q = background_basis(scene.point_lights(self.centers))
-        Q = joined_basis(Q, np.hstack([Q[:, :0], *(off[pixels] for off in averaged.monitor_off)]))
+        off = [each[pixels] for each in first.monitor_off.values()]
+        Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
         if len(Q) <= 2 * Q.shape[1]:
             raise PhotographError(
                 f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "
                 "give a larger photograph, or mask less of it"
             )
-        light = [each[pixels] for each in averaged.light]
+        light = [each.values[pixels] for each in self._averaged]
         groups = [
-            Group(y, SmoothImages.shown(area_average(picture, self._hidden)))
+            Group(y[None], SmoothImages.shown(area_average(picture, self._hidden)))
             for y, picture in zip(light, self.pictures, strict=False)
         ]
         if self.has_unknown_images:
-            groups.append(Group(np.hstack(light[len(self.pictures) :]), unknown))
+            groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
         return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))

@@ -38,12 +38,13 @@ DARK = 1e-4
 
 @dataclass(frozen=True)
 class SharpImages:
-    """What a monitor of (R, C) patches may have shown; see the module."""
+    """What a monitor of (R, C) patches may have shown in some channels; see the module."""
 
     shape: tuple[int, int]
+    channels: int = 3
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SharpExplanation:
-        """Explain photographs y, (M, 3 K) of any unit, by a transport matrix A, (M, N).
+        """Explain photographs y, (M, C K) of any unit and C channels, by a matrix A, (M, N).
 
         The background is an orthonormal basis of range(B), (M, r).
         """
@@ -55,16 +56,16 @@ class SharpImages:
             corrections=(),
             tolerance=TOLERANCE,
         )
-        freedom, dimensions = len(A) - background.shape[1], 3 * A.shape[1]
+        freedom, dimensions = len(A) - background.shape[1], self.channels * A.shape[1]
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
         evidence, images, residuals, noises = 0.0, [], [], []
-        for light in y.T.reshape(-1, 3, len(A)):
+        for light in y.T.reshape(-1, self.channels, len(A)):
             (shown,) = method.evidence(light.T[None])
             method.regularization, split = REGULARIZATION, None
             for _ in range(ROUNDS):
                 solution, split = method.recover(shown, start=split)
                 image = solution.image
-                residual = method.fit.project_out(light - (A @ image.reshape(-1, 3)).T)
+                residual = method.fit.project_out(light - (A @ image.reshape(-1, self.channels)).T)
                 noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
                 variation = _variation(image) + darkest / method.fit.norm
                 λ = 2 * dimensions / variation
@@ -78,7 +79,7 @@ class SharpImages:
         return SharpExplanation(
             evidence=evidence,
             noise=np.concatenate(noises),
-            lights=np.hstack([image.reshape(-1, 3) for image in images]),
+            lights=np.hstack([image.reshape(-1, self.channels) for image in images]),
             residual=np.concatenate(residuals).T.astype(np.float64),
             energy=np.sum(method.fit.project_out(y.T) ** 2, axis=1, dtype=np.float64),
             background=background,
@@ -111,7 +112,7 @@ class SharpExplanation(Explanation):
     @cached_property
     def volume(self) -> Matrix:
         """(M, N) derivative of 3 N log ‖A⊥‖_F by the entries of A, of all photographs."""
-        weight = 3 * self.columns.shape[1] * len(self.images) / np.sum(self.columns**2)
+        weight = sum(image.size for image in self.images) / np.sum(self.columns**2)
         return np.asarray(weight * self.columns, np.float32)
 
     def beyond_image(self, motion: Array) -> Array:
@@ -124,7 +125,7 @@ class SharpExplanation(Explanation):
         for k, image in enumerate(self.images):
             λ = 2 * image.size / (_variation(image) or 1.0)  # of a black image nothing is lit
             stiffness = curvature_of_total_variation(image, λ).toarray()
-            for c, values in enumerate(image.reshape(-1, 3).T, 3 * k):
+            for c, values in enumerate(image.reshape(len(gram), -1).T, k * image.shape[2]):
                 lit = values > DARK * image.max()
                 X, J = self.columns[:, lit], motion[:, :, c].T
                 H = gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]

@@ -41,13 +41,15 @@ def misfits(look: Look, noise: Array) -> Array:
     """Return how much of each photograph no scene explains, (K,): the residual over the light.
 
     Both exclude the light of far lamps and the camera's white noise, of standard deviation
-    `noise`, (3 K,).
+    `noise`, (K, C) in C channels.
     """
     residuals = np.concatenate([np.sum(each.residual**2, axis=0) for each in look.explanations])
     energies = np.concatenate([each.energy for each in look.explanations])
     background = look.explanations[0].background
     grain = (len(background) - background.shape[1]) * noise**2
-    rest, whole = ((each - grain).reshape(-1, 3).sum(axis=1) for each in (residuals, energies))
+    rest, whole = (
+        (each.reshape(noise.shape) - grain).sum(axis=1) for each in (residuals, energies)
+    )
     return np.asarray(np.sqrt(np.maximum(rest, 0) / np.maximum(whole, np.abs(rest) + 1e-300)))
 
 

@@ -74,10 +74,10 @@ def reconstruct(
             fixable(f"{photo} by {method}"),
             own_errors(method, f"failed on {photo}"),
         ):
-            solution = fitted.solve(wall.values)
+            solution = fitted.solve(wall)
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         with session.timed("residual and standard errors"):
-            report = fitted.report(wall.values, solution)
+            report = fitted.report(wall, solution)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")
         with session.timed("draw"), progress("drawing"):

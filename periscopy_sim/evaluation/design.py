@@ -18,7 +18,7 @@ import numpy as np
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.measurement import noise_level
-from periscopy_sim.model.ambient import RANK_TOLERANCE, ROUNDING
+from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.observation import observation_of
 from periscopy_sim.numerics import Array, Image
@@ -115,7 +115,8 @@ def _unit_bound(fit: Fit) -> float:
     """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
     curvatures = np.linalg.eigvalsh(fit.gram)
     light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
-    return float(np.sqrt(np.mean(1 / curvatures))) if curvatures[0] > ROUNDING * light else np.inf
+    is_seen = curvatures[0] > fit.least_curvature * light
+    return float(np.sqrt(np.mean(1 / curvatures))) if is_seen else np.inf
 
 
 def values_of(row: Row) -> dict[str, str]:

@@ -91,10 +91,10 @@ def diagnose(
         column rank beside B.
     """
     scene = observation_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
-    A, B = np.asarray(scene.used(A), np.float64), scene.used(B)
-    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
-    alone = form_preconditioner(A)
-    matrix = P.matrix()
+    used, B = scene.used(A), scene.used(B)
+    P = form_preconditioner(used, B, rank_tolerance=rank_tolerance)
+    alone = form_preconditioner(used)
+    A, matrix = P.A, P.matrix()
     angles = np.rad2deg(linalg.subspace_angles(A, P.Q)) if P.Q.shape[1] else np.array([90.0])
     return Diagnostics(
         condition_A=condition_number(A),

@@ -7,14 +7,14 @@ import runpy
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import reduce
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image, Mask
-from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod
+from periscopy_sim.photograph import blackened
+from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 
@@ -208,10 +209,21 @@ class OwnMethod(StillMethod[np.float64]):
         super().__init__(A, **observed)
         self.method = method
         self._A = self.observation.used_transport(A)
-        self._Q, _ = ambient_basis(self.observation, B, 1e-10, profiles=True)
+        self._Q, _ = ambient_basis(self.observation, B, profiles=True)
 
+    def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:  # noqa: ARG002
+        raise PeriscopyError(
+            "the photograph has another mask, or other monitor-off photographs, than the method "
+            "was fitted with; pass mask= and backgrounds= to fit_method"
+        )
+
+    @of_all
     def solve(self, photograph: Image) -> Solution[np.float64]:
-        """Return the method's image; a ValueError unless it is (R, C, 3), real and finite."""
+        """Return the method's image; a ValueError unless it is (R, C, 3), real and finite.
+
+        The method sees the pixels that its mask excludes as black.
+        """
+        photograph = blackened(photograph, self.observation.mask)
         image = image_by(self.method, photograph, self.hidden_shape).astype(np.float64)
         return Solution(image, np.zeros(3), 0.0)
 
@@ -221,6 +233,7 @@ class OwnMethod(StillMethod[np.float64]):
             return TransportOperator(self._A, self._Q)
         return None
 
+    @of_all
     def report(self, photograph: Image, solution: Solution[np.float64]) -> Report:
         """Return the residual and its warnings; see `StillMethod`."""
         if (transport := self.projected_transport()) is None:

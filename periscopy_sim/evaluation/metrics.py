@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.precision import precision_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ def colour_matched_psnr(estimate: Image, truth: Image) -> float:
     truth best by least squares, and clipped to [0, 1]. So this is no measure of the colours.
     """
     pixels, known = (np.reshape(image, (-1, image.shape[2])) for image in (estimate, truth))
-    matrix = np.linalg.lstsq(pixels, known, rcond=None)[0]
+    matrix = np.linalg.lstsq(pixels, known, rcond=precision_of(pixels))[0]
     return _decibels(float(np.mean((np.clip(pixels @ matrix, 0, 1) - known) ** 2)))
 
 

@@ -21,8 +21,8 @@ from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registere
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import used_pixels
-from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.photograph import Photograph, unwrapped, used_pixels
+from periscopy_sim.reconstruction.method import Method, StillMethod
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
 
@@ -148,11 +148,11 @@ class Sweep:
     Attributes
     ----------
     signal
-        (rows, columns, 3) photograph without ambient light, in any unit.
+        (rows, columns, 3) photograph without ambient light, in any unit, or a `Photograph`.
     truth
         (R, C, 3) hidden image in [0, 1].
     backgrounds
-        Name to (rows, columns, 3) photograph of ambient light, in any unit.
+        Name to (rows, columns, 3) photograph of ambient light, in any unit, or to a `Photograph`.
     methods
         Name to method; anything with ``reconstruct(photograph) -> (R, C, 3)`` that pickle takes.
     sbrs
@@ -170,8 +170,10 @@ class Sweep:
         How each method's A was made, by its name: `TransportPlan.origin`, columns of the table.
     mask
         (rows, columns), True where the wall is used: only there must the photographs be finite, and
-        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero. The
-        methods must have been fitted with it. None: everywhere.
+        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
+        None: everywhere. Masks of the photographs exclude more pixels. The package's methods are
+        fitted to it, and to photographs with the monitor off that the photographs have; a method
+        of your own must have been fitted with it.
 
     Raises
     ------
@@ -179,9 +181,9 @@ class Sweep:
         If something to vary is missing or doubled, shapes differ, or a number is out of range.
     """
 
-    signal: Image
+    signal: Any
     truth: Image
-    backgrounds: Mapping[str, Image]
+    backgrounds: Mapping[str, Any]
     methods: Mapping[str, Method]
     sbrs: Sequence[float]
     snr: float = 60.0
@@ -192,7 +194,28 @@ class Sweep:
     mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        """Reject settings that no sweep can have."""
+        """Fit the methods to all of the photographs; reject settings that no sweep can have."""
+        given = [self.signal, *self.backgrounds.values()]
+        (signal, *ambient), mask, off = unwrapped(given, self.mask)
+        if off and not all(isinstance(each, StillMethod) for each in self.methods.values()):
+            raise PeriscopyError(
+                "the sweep's photographs have some with the monitor off; leave these out, and fit "
+                "your own methods with them"
+            )
+        wall = Photograph(signal, mask, off)
+        digests = {name: array_sha256(each) for name, each in off.items()}
+        settings = {
+            "signal": signal,
+            "backgrounds": dict(zip(self.backgrounds, ambient, strict=True)),
+            "mask": mask,
+            "methods": {
+                name: each.fitted_to(wall) if isinstance(each, StillMethod) else each
+                for name, each in self.methods.items()
+            },
+            "conditions": {**self.conditions, **({"monitor_off_sha256": digests} if off else {})},
+        }
+        for name, value in settings.items():
+            object.__setattr__(self, name, value)
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, panel_row
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
@@ -97,6 +98,8 @@ def show(
 
 def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
     """Return an image scaled to [0, 1], still linear, (rows, columns, 3)."""
+    if isinstance(image, Photograph):
+        image = blackened(image.values, image.mask)
     held = (getattr(image, name, None) for name in ("image", "photograph", "values"))
     values = np.asarray(next((each for each in held if isinstance(each, np.ndarray)), image))
     values = values[..., None] if values.ndim == 2 else values

@@ -15,13 +15,17 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_image
-from periscopy_sim.storage.pictures import area_average, read_hidden_image
+from periscopy_sim.storage.pictures import (
+    area_average,
+    averaged_photograph,
+    read_hidden_image,
+)
 
 COARSE = 32, 12
 """Pixels along a photograph's longer side, patches along a hidden image's: some 100 ms on one core
@@ -96,7 +100,9 @@ class Level:
         self.photograph_shape, self.hidden_shape = sizes
         self._light = None if light is None else area_average(light, sizes[0])
         self.is_coarse = is_coarse
-        self._given_photograph = photograph and averaged(photograph, self.photograph_shape)
+        self._given_photograph = photograph and averaged_photograph(
+            photograph, self.photograph_shape
+        )
         self._kept: dict[str, tuple[object, Any]] = {}
 
     def scenario(self, given: Mapping[str, str]) -> Scenario:
@@ -123,13 +129,14 @@ class Level:
             truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         unless_overtaken()
-        mask = photograph.mask
         B = self._keep(
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
         )
         method = self._keep(
             "method", (choice.method, values),
-            lambda: fit_method(choice.method, scenario, A, B, mask),
+            lambda: fit_method(
+                choice.method, scenario, A, B, photograph.mask, photograph.monitor_off
+            ),
         )  # fmt: skip
         unless_overtaken()
         report = Report()
@@ -179,18 +186,6 @@ class Level:
             y = composite(y, self._light, choice.sbr)
         # One seed: the noise is the same while a scene moves, and pictures do not flicker.
         return Photograph(add_noise(y, choice.snr, seed=0))
-
-
-def averaged(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
-    """Return a photograph with fewer pixels; the mask excludes those that it mostly covers."""
-    if shape == photograph.shape:
-        return photograph
-    mask = np.ones(photograph.shape, bool) if photograph.mask is None else photograph.mask
-    coverage = area_average(mask[..., None], shape)
-    light = area_average(blackened(photograph.values, mask), shape)
-    used = coverage > 0.5
-    means = np.where(used, light / np.where(used, coverage, 1), 0)
-    return Photograph(means, None if used.all() else used[..., 0])
 
 
 def coarse_sizes(

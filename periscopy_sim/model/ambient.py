@@ -8,15 +8,21 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.precision import precision_of
 
 RANK_TOLERANCE = 1e-10
-"""Relative tolerance on the singular values of B that are kept; see `background_basis`."""
+"""Relative tolerance on the singular values of B that are kept, or B's precision if that is more;
+see `background_basis`."""
 
 ROUNDING = 1e-12
 """Fraction of a vector, of the largest eigenvalue, or of an energy that counts as rounding."""
 
 SKETCH = 96
 """Random mixtures of B's columns in the sketch: twice B's usual rank of 44."""
+
+SKETCHED = 0.02
+"""Last singular value within the sketch over the tolerance, at most. B in single precision, whose
+roundings do not decay, leaves 5 times that value outside (512 columns; as the root of more)."""
 
 PROFILE_DEGREE = 20
 """Degree of `wall_profiles`. On the real chair photograph degree 20 costs 0.02 to 0.08 dB, degree
@@ -32,8 +38,8 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
 
     B is rank-deficient to working precision: its lights are far away, so their responses are nearly
     the same few smooth fields. The basis has the left singular vectors of B, its columns scaled to
-    unit norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest. Below
-    about 1e-13 the vectors kept are rounding errors.
+    unit norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest, or B's
+    own precision, `precision_of`, if that is more: beyond it, vectors are rounding errors.
 
     Raises
     ------
@@ -42,6 +48,7 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     """
     if not 0 < rank_tolerance < 1:
         raise ValueError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
+    rank_tolerance = max(rank_tolerance, precision_of(B))
     B = np.asarray(B, np.float64)
     if not np.isfinite(B).all():
         raise ValueError("B must be finite")
@@ -62,14 +69,14 @@ def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
     """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
 
     Q is orthonormal. The basis includes a column however little of it lies outside of range(Q),
-    unless that is rounding.
+    unless that is rounding in the precision of the columns.
     """
     outside = np.asarray(columns, np.float64)
-    sizes = np.linalg.norm(outside, axis=0)
+    outside = outside / np.maximum(np.linalg.norm(outside, axis=0), np.finfo(np.float64).tiny)
     for _ in range(2):  # the second pass removes what rounding left
         outside = outside - Q @ (Q.T @ outside)
-    own = outside[:, np.linalg.norm(outside, axis=0) > ROUNDING * sizes]
-    return np.hstack([Q, background_basis(own)])
+    U, σ, _ = np.linalg.svd(outside, full_matrices=False)
+    return np.hstack([Q, U[:, σ > max(ROUNDING, precision_of(columns))]])
 
 
 def wall_profiles(shape: tuple[int, int]) -> Array:
@@ -105,6 +112,6 @@ def _sketched_basis(
     mixtures = B @ (scale[:, np.newaxis] * random)
     S, _ = np.linalg.qr(mixtures)
     U, σ, _ = np.linalg.svd((S.T @ B) * scale, full_matrices=False)
-    if σ[-1] > 1e-3 * rank_tolerance * σ[0]:
+    if σ[-1] > SKETCHED * rank_tolerance * σ[0]:
         return None
     return np.asarray(S @ U[:, σ > rank_tolerance * σ[0]])

@@ -11,12 +11,19 @@ from functools import cached_property
 
 import numpy as np
 
-from periscopy_sim.model.ambient import ROUNDING, background_basis, joined_basis, wall_profiles
+from periscopy_sim.model.ambient import (
+    RANK_TOLERANCE,
+    ROUNDING,
+    background_basis,
+    joined_basis,
+    wall_profiles,
+)
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import NOTHING_LEFT, TransportOperator
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.products import project_out, times_rows
 
 PRECISION = 3e-5
@@ -104,6 +111,8 @@ class Fit:
         (N, N) A⊥ᵀA⊥, ‖A⊥‖_F, and ‖A⊥‖_F/√N, over which f is near 1 in units of y⊥.
     patterns
         The spectral basis of A⊥ᵀA⊥ over the square of the unit.
+    least_curvature
+        Fraction of the largest curvature up to which a curvature counts as rounding of A.
     visible, curvatures
         Slice of the patterns that the wall shows, and their curvatures, (N',).
 
@@ -129,13 +138,15 @@ class Fit:
         self.transport = np.ascontiguousarray(used.T, np.float32)
         self.gram: Array = TransportOperator(used, Q).gram()
         energy = float(np.trace(self.gram))
-        if not energy > PRECISION**2 * float(np.vdot(used, used)):
+        precision = precision_of(A)
+        if not energy > max(PRECISION, precision) ** 2 * float(np.vdot(used, used)):
             raise ValueError(NOTHING_LEFT)
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
         curvatures = self.patterns.curvatures  # ascending
-        self.visible = slice(int((curvatures <= ROUNDING * curvatures[-1]).sum()), None)
+        self.least_curvature = max(ROUNDING, precision**2)
+        self.visible = slice(int((curvatures <= self.least_curvature * curvatures[-1]).sum()), None)
         self.curvatures: Array = curvatures[self.visible]
 
     @property
@@ -213,11 +224,15 @@ class Fit:
         energy = (self.pixels - len(self.background)) * np.sum(noise**2, axis=-1)
         # A signal below its own standard error is none.
         least = np.sqrt(2 * len(self.curvatures) * np.sum(noise**4, axis=-1))
-        return np.asarray(energy / np.maximum(3 * self.pixels - energy, least))
+        return np.asarray(energy / np.maximum(noise.shape[-1] * self.pixels - energy, least))
 
 
 def ambient_basis(
-    observation: Observation, B: Image | None, rank_tolerance: float, *, profiles: bool = False
+    observation: Observation,
+    B: Image | None,
+    rank_tolerance: float = RANK_TOLERANCE,
+    *,
+    profiles: bool = False,
 ) -> tuple[Array, int]:
     """Return an orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
 
@@ -230,5 +245,4 @@ def ambient_basis(
     shape = observation.rows_and_columns
     if profiles and Q.shape[1] and shape is not None:
         Q = joined_basis(Q, observation.used(wall_profiles(shape)))
-    own = observation.ambient(None)
-    return (joined_basis(Q, own) if observation.backgrounds else Q), Q.shape[1]
+    return joined_basis(Q, observation.ambient()), Q.shape[1]

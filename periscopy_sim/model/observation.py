@@ -47,12 +47,9 @@ class Observation:
             raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
         return matrix if self.mask is None else matrix[self.mask.ravel()]
 
-    def ambient(self, B: Image | None) -> Image:
-        """Return the columns of ambient light, (M', L + 3 K): B's used rows, and K backgrounds."""
-        used = self.used(B)
-        if not self.backgrounds:
-            return used
-        return np.hstack([used, *(planes.T for planes in self.backgrounds.values())])
+    def ambient(self) -> Image:
+        """Return the columns of ambient light that K backgrounds show, (M', 3 K)."""
+        return np.hstack([self.used(None), *(each.T for each in self.backgrounds.values())])
 
     def joined(self, B: Image) -> Image:
         """Return B beside the backgrounds, (M, L + 3 K), for callers that select used rows later.
@@ -61,7 +58,7 @@ class Observation:
         """
         if not self.backgrounds:
             return B
-        columns = self.ambient(None)
+        columns = self.ambient()
         whole = np.zeros((self.pixels, columns.shape[1]))
         whole[... if self.mask is None else self.mask.ravel()] = columns
         return np.hstack([B, whole])

@@ -95,13 +95,14 @@ class Unevenness:
         levels = np.sqrt(np.mean(planes**2, axis=1, keepdims=True))
         y = planes / np.where(levels > 0, levels, 1)
         count, kinds = len(self._fields), [self._fields, *self._others]
-        terms = np.stack(kinds) * y[:, None, None]  # (3, kinds, J, M')
+        terms = np.stack(kinds) * y[:, None, None]  # (C, kinds, J, M')
         rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
         rest = unexplained(rows).astype(np.float64)
-        rest, own = rest[:3], rest[3:].reshape(3, len(kinds), count, -1)
+        channels = len(planes)
+        rest, own = rest[:channels], rest[channels:].reshape(channels, len(kinds), count, -1)
         even = np.ones(planes.shape)
         explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms
-        for channel in range(3):
+        for channel in range(channels):
             variance = float(np.mean(rest[channel] ** 2)) + 1e-14
             for kind in range(len(kinds)):
                 shares, energy, rank = _fit_fields(own[channel, kind], rest[channel])

@@ -110,7 +110,7 @@ def residual_of(
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
     freedom = max(len(y) - transport.Q.shape[1], 1)
-    unexplained = float(np.sqrt(np.sum(r**2) / (3 * freedom))) / level
+    unexplained = float(np.sqrt(np.sum(r**2) / (r.shape[1] * freedom))) / level
     light = np.moveaxis(place(r), 0, -1)
 
     random = np.random.default_rng(0).standard_normal((len(y), DRAWS))

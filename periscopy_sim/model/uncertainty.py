@@ -79,8 +79,8 @@ def standard_errors(
     """
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
-    noises, pulls = np.empty((2, len(gram), 3))
-    moved = np.zeros((0 if response is None else len(response), len(gram), 3))
+    noises, pulls = np.empty((2, len(gram), len(precision)))
+    moved = np.zeros((0 if response is None else len(response), *noises.shape))
     pulled = squared = 0.0
     π, V = np.linalg.eigh(precision)
     response = None if response is None else np.einsum("ck,jcn->jkn", V, response)
@@ -101,7 +101,7 @@ def standard_errors(
         noises[:, channel] = np.diag(inverse) - pulls[:, channel]
         pulled += float(np.trace(X))
         squared += float(np.sum(X * X.T))
-    unseen = 3 * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
+    unseen = len(π) * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
     τ = contrast(misfit, pulled - unseen, squared - unseen)
     variances = (noises + τ * pulls) @ (V**2).T + np.sum((moved @ V.T) ** 2, axis=0)
     return np.asarray(np.sqrt(variances).reshape(f.shape))
@@ -123,7 +123,7 @@ def displacement(gram: Array, image: NDArray[np.floating[Any]], response: Array)
         (K, 3, N) A⊥ᵀT Σ^½, as `standard_errors` counts it.
     """
     f = np.asarray(image, np.float64)
-    slopes = np.stack([_moved(f, axis).reshape(-1, 3).T for axis in (0, 1)])
+    slopes = np.stack([_moved(f, axis).reshape(len(gram), -1).T for axis in (0, 1)])
     information = np.einsum("acn,nm,bcm->ab", slopes, gram, slopes, optimize=True)
     shifts = np.einsum("acn,kcn->ka", slopes, response) @ np.linalg.pinv(information)
     return np.asarray(np.sqrt(np.sum(shifts**2, axis=0)))
@@ -163,7 +163,7 @@ def curvature_of_total_variation(image: Array, weight: float) -> Any:
     rows, columns, _ = image.shape
     down = sparse.kron(_differences(rows), sparse.eye(columns)).tocsr()
     across = sparse.kron(sparse.eye(rows), _differences(columns)).tocsr()
-    f = image.reshape(-1, 3)
+    f = image.reshape(rows * columns, -1)
     squares = sum((np.asarray(d @ f) ** 2).sum(axis=1) for d in (down, across))
     precision = sparse.diags(weight / 2 / np.sqrt(squares + (2 * ROUNDING / weight) ** 2))
     return (down.T @ precision @ down + across.T @ precision @ across).tocsr()

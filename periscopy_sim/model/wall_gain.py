@@ -125,12 +125,12 @@ class WallGain:
         count, σ = len(self._terms), noise[:, None]
         explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
         both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
-        signal, explained = combine_rows(both, self._fit.transport).reshape(2, 3, -1) / σ
+        signal, explained = combine_rows(both, self._fit.transport).reshape(2, *y.shape) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
         terms = project_out(light.astype(np.float32), self._background)
         shown = self._coordinates(terms)
-        whole = products(terms)
-        H = whole - products(shown) - products(times_rows(terms, self._ambient))
+        whole = products(terms, count)
+        H = whole - products(shown, count) - products(times_rows(terms, self._ambient), count)
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
         rest = (y / σ - project_out(explained, self._background)).astype(np.float32)
         r = np.asarray(project_out(rest, self._ambient), np.float64)
@@ -149,7 +149,7 @@ class WallGain:
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
-        added = np.tensordot(a, terms.reshape(count, 3, -1), 1) * σ
+        added = np.tensordot(a, terms.reshape(count, *y.shape), 1) * σ
         return GainEstimate(
             probability=probability,
             field=field,
@@ -201,7 +201,7 @@ def unit_rows(rows: Image) -> Image:
     return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
 
 
-def products(vectors: Image) -> Array:
-    """Return the products of terms, (K, K), from (3 K, M') vectors, three channels a term."""
-    terms = vectors.reshape(len(vectors) // 3, -1).astype(np.float64)
+def products(vectors: Image, count: int) -> Array:
+    """Return the products of so many terms, (K, K), from (C K, M') vectors, C channels a term."""
+    terms = vectors.reshape(count, -1).astype(np.float64)
     return np.asarray(np.einsum("km,lm->kl", terms, terms))

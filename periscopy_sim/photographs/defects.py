@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.photograph import Mask
+from periscopy_sim.photograph import Mask, Photograph, common_pixels
 from periscopy_sim.scenario import Array
 
 PLATEAU = 5
@@ -67,7 +67,9 @@ class DefectivePixels:
         return self.saturated | self.dead | self.hot
 
 
-def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> DefectivePixels:
+def defective_pixels(
+    photograph: Photograph | NDArray[Any], mask: Mask | None = None
+) -> DefectivePixels:
     """Return the pixels of a photograph to exclude.
 
     - Saturated: `PLATEAU` values or more that equal the largest of their channel, more than one and
@@ -90,7 +92,7 @@ def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> Defe
     Parameters
     ----------
     photograph
-        (rows, columns, channels) or (rows, columns), in any linear unit.
+        A `Photograph`; or (rows, columns, channels) or (rows, columns), in any linear unit.
     mask
         (rows, columns), True in the pixels to examine; None for all. Values that are not finite are
         left aside as well.
@@ -100,7 +102,9 @@ def defective_pixels(photograph: NDArray[Any], mask: Mask | None = None) -> Defe
     ValueError
         If the photograph has another number of dimensions, or the mask another shape.
     """
-    values = np.asarray(photograph)
+    if isinstance(photograph, Photograph):
+        mask = common_pixels(mask, photograph.mask)
+    values = photograph.values if isinstance(photograph, Photograph) else np.asarray(photograph)
     values = values[..., np.newaxis] if values.ndim == 2 else values
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:

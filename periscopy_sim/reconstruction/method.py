@@ -1,20 +1,38 @@
 """The base of all methods for single photographs."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Protocol, Self, TypedDict, TypeVar, Unpack
+from functools import wraps
+from itertools import groupby, islice
+from typing import (
+    Any,
+    Concatenate,
+    Generic,
+    ParamSpec,
+    Protocol,
+    Self,
+    TypedDict,
+    TypeVar,
+    Unpack,
+    cast,
+)
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, observation_of
+from periscopy_sim.model.observation import Backgrounds, named, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.photograph import Photograph, all_backgrounds, common_pixels
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
+Fitted = TypeVar("Fitted", bound="StillMethod[Any]")
+Rest = ParamSpec("Rest")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -56,22 +74,6 @@ class Method(Protocol):
 
     def reconstruct(self, photograph: Image) -> Image:
         """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
-
-
-class SceneSizes(Protocol):
-    """The sizes and the wall's colour of a scene, as a `Scenario` has them."""
-
-    @property
-    def photograph_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the photograph."""
-
-    @property
-    def hidden_shape(self) -> tuple[int, int]:
-        """(R, C) of the hidden image."""
-
-    @property
-    def channel_gain(self) -> Array:
-        """(3,) colour of the wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +124,30 @@ class Observed(TypedDict, total=False):
     colour_matrix: ColourMatrix | None
 
 
+def of_all(
+    function: Callable[Concatenate[Fitted, Image, Rest], Result],
+) -> Callable[Concatenate[Fitted, Photograph | Image, Rest], Result]:
+    """Let a method's function of a photograph accept a `Photograph`, and use all of it."""
+
+    @wraps(function)
+    def accepting(
+        self: Fitted, photograph: Photograph | Image, *rest: Rest.args, **named: Rest.kwargs
+    ) -> Result:
+        if not isinstance(photograph, Photograph):
+            return function(self, photograph, *rest, **named)
+        same: Callable[..., Result] = getattr(self.fitted_to(photograph), function.__name__)
+        return same(photograph.values, *rest, **named)
+
+    # With arguments that can be named, which a Callable does not promise.
+    return cast("Callable[Concatenate[Fitted, Photograph | Image, Rest], Result]", accepting)
+
+
 class StillMethod(ABC, Generic[Precision]):
     """A method fitted to one scene; it recovers the hidden image of each photograph separately.
 
     `solve` returns the image and its numbers, `report` everything else that the method knows of
-    them.
+    them. Both accept arrays, and `Photograph`s, to whose masks and monitor-off photographs the
+    method is then fitted as well, see `fitted_to`.
 
     Parameters
     ----------
@@ -176,13 +197,23 @@ class StillMethod(ABC, Generic[Precision]):
     judges_scene = True
     """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
 
-    def __new__(cls, *arguments: Any, **_: Any) -> Self:
+    _given: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
+    _latest: tuple[bytes, Any] | None = None
+
+    def __new__(cls, *arguments: Any, **settings: Any) -> Self:
         """Reject a scene in the place of A, by a TypeError that names `for_scene`."""
         if arguments and hasattr(arguments[0], "photograph_shape"):
             raise TypeError(
                 f"A comes first; to fit to a scene, {cls.__name__}.for_scene(scene, A, B)"
             )
-        return super().__new__(cls)
+        method = super().__new__(cls)
+        method._given = arguments, settings
+        return method
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without A and B, which are large; so a copy cannot be fitted anew."""
+        backgrounds = {"backgrounds": self._given[1].get("backgrounds")}
+        return {**vars(self), "_given": ((), backgrounds), "_latest": None}
 
     def __init__(self, A: Any, **observed: Unpack[Observed]) -> None:
         if "hidden_shape" not in observed:
@@ -199,7 +230,7 @@ class StillMethod(ABC, Generic[Precision]):
         return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
 
     @classmethod
-    def for_scene(cls, scene: SceneSizes, A: Any, B: Any = None, **settings: Any) -> Self:
+    def for_scene(cls, scene: Any, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario, which gives the sizes and the colour of the wall.
 
         Parameters
@@ -225,17 +256,68 @@ class StillMethod(ABC, Generic[Precision]):
         )
         return fitted
 
+    def fitted_to(self, photograph: Photograph | Image) -> Self:
+        """Return the method that uses all of a photograph: this one, or one fitted to more.
+
+        It uses the pixels that the masks of the method and of the photograph leave, and projects
+        out the light of the monitor-off photographs of both. The latest such method is kept:
+        photographs that share them are fitted once. An array is for the method as it is.
+
+        Raises
+        ------
+        ValueError
+            As the class, or if this method is a copy, which has no A.
+        """
+        if not isinstance(photograph, Photograph) or (key := photograph.conditions) is None:
+            return self
+        if self._latest is None or self._latest[0] != key:
+            self._latest = key, self._fitted_to_more(photograph)
+        return self._latest[1] or self
+
+    def _fitted_to_more(self, photograph: Photograph) -> Self | None:
+        """Return a method fitted to more than this one; None if a photograph has no more."""
+        self.observation.check_size((1, *photograph.values.shape))
+        own, given = self.observation.mask, named(self._given[1].get("backgrounds"))
+        own = None if own is None else own.reshape(photograph.shape)
+        mask = common_pixels(own, photograph.mask)
+        backgrounds = all_backgrounds(given, photograph.monitor_off)
+        if len(backgrounds) == len(given) and np.array_equal(np.array(mask), np.array(own)):
+            return None
+        return self._fitted_anew(mask, backgrounds)
+
+    def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:
+        arguments, settings = self._given
+        if "hidden_shape" not in settings:
+            raise ValueError(
+                "the photograph has another mask, or other monitor-off photographs, than this copy "
+                "of a method, which has no A; pass mask= and backgrounds= to the constructor"
+            )
+        return type(self)(*arguments, **{**settings, "mask": mask, "backgrounds": backgrounds})
+
+    def batches(
+        self, photographs: Image | Iterable[Photograph | Image]
+    ) -> Iterator[tuple[Self, Image]]:
+        """Yield photographs in turn, `BATCH` at most, beside the method that uses all of them."""
+        stack: Any = photographs
+        if hasattr(stack, "shape"):
+            for start in range(0, len(stack), BATCH):
+                yield self, np.asarray(stack[start : start + BATCH])
+            return
+        for method, group in groupby(photographs, self.fitted_to):
+            while part := [*islice(group, BATCH)]:
+                yield method, np.stack([_values(each) for each in part])
+
     @abstractmethod
-    def solve(self, photograph: Image) -> Solution[Precision]:
+    def solve(self, photograph: Photograph | Image) -> Solution[Precision]:
         """Recover the hidden image, with its noise and weight; see `reconstruct`."""
 
-    def reconstruct(self, photograph: Image) -> NDArray[Precision]:
+    def reconstruct(self, photograph: Photograph | Image) -> NDArray[Precision]:
         """Recover the hidden image from one photograph.
 
         Parameters
         ----------
         photograph
-            (rows, columns, 3) or (M, 3), linear, in any unit.
+            A `Photograph`; or (rows, columns, 3) or (M, 3), linear, in any unit.
 
         Returns
         -------
@@ -257,6 +339,7 @@ class StillMethod(ABC, Generic[Precision]):
         """
         return self.solve(photograph).image
 
+    @of_all
     def report(self, photograph: Image, solution: Any) -> Report:
         """Return what the method knows of a solution beside its image.
 
@@ -287,6 +370,7 @@ class StillMethod(ABC, Generic[Precision]):
             warnings.append(Note("unexplained", {"unexplained": 100 * residual.unexplained}))
         return Report(numbers=numbers, warnings=warnings, residual=residual)
 
+    @of_all
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
         """Return what the scene and a solution leave of a photograph, and whether it is noise.
 
@@ -320,8 +404,12 @@ class StillMethod(ABC, Generic[Precision]):
         return None
 
 
+def _values(photograph: Photograph | Image) -> NDArray[Any]:
+    return photograph.values if isinstance(photograph, Photograph) else plain_array(photograph)
+
+
 def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
     """Return whether an image's light A⊥ f̂, (M', 3), is no more than what noise makes of images."""
     energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
-    count = 3 * min(transport.shape)
+    count = light.shape[1] * min(transport.shape)
     return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

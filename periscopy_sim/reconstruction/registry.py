@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from periscopy_sim.model.observation import Backgrounds
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Mask
-    from periscopy_sim.reconstruction.method import SceneSizes, StillMethod
+    from periscopy_sim.reconstruction.method import StillMethod
     from periscopy_sim.reconstruction.video_method import FrameByFrame
 
 Matrix = NDArray[np.floating[Any]]
@@ -74,7 +74,7 @@ class MethodEntry:
 
     def __call__(
         self,
-        scene: SceneSizes,
+        scene: Any,
         A: Matrix,
         B: Matrix,
         mask: Mask | None = None,

@@ -1,14 +1,15 @@
 """The base of all methods for video: a frame follows from its photograph and the last frame."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Image
-from periscopy_sim.numerics.validation import check_weight, plain_array
+from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod
 
 FrameSolution = TypeVar("FrameSolution", bound=Solution[Any])
@@ -67,13 +68,16 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         self.previous: NDArray[Precision] | None = None
 
     @abstractmethod
-    def recoveries(self, photographs: Image) -> Iterator[Callable[[], FrameSolution]]:
+    def recoveries(
+        self, photographs: Image | Iterable[Photograph | Image]
+    ) -> Iterator[Callable[[], FrameSolution]]:
         """Prepare many photographs together, and yield what recovers each frame.
 
         Parameters
         ----------
         photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order.
+            (K, rows, columns, 3) or (K, M, 3), linear, in time's order; or K `Photograph`s, to
+            which `still` is fitted, see `StillMethod.fitted_to`.
 
         Yields
         ------
@@ -86,13 +90,14 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
             As in `next_frame`.
         """
 
-    def next_frame(self, photograph: Image) -> NDArray[Precision]:
+    def next_frame(self, photograph: Photograph | Image) -> NDArray[Precision]:
         """Recover the frame that follows the latest one.
 
         Parameters
         ----------
         photograph
-            (rows, columns, 3) or (M, 3), linear, in the unit of the photographs before it.
+            A `Photograph`; or (rows, columns, 3) or (M, 3), linear. It is in the unit of the
+            photographs before it.
 
         Returns
         -------
@@ -113,12 +118,12 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         image: NDArray[Precision] = self.solve_next(photograph).image
         return image
 
-    def solve_next(self, photograph: Image) -> FrameSolution:
+    def solve_next(self, photograph: Photograph | Image) -> FrameSolution:
         """Recover the next frame, with its noise and weight; see `next_frame`."""
-        (recover,) = self.recoveries(plain_array(photograph)[None])
+        (recover,) = self.recoveries([photograph])
         return recover()
 
-    def frames(self, photographs: Image) -> NDArray[Precision]:
+    def frames(self, photographs: Image | Iterable[Photograph | Image]) -> NDArray[Precision]:
         """Recover the frames, (K, R, C, 3), that follow the latest one; see `recoveries`."""
         images = [recover().image for recover in self.recoveries(photographs)]
         return np.array(images, self.precision).reshape(-1, *self.hidden_shape, 3)

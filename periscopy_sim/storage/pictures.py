@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import with_channels
+from periscopy_sim.photograph import Photograph, blackened, with_channels
 from periscopy_sim.storage.formats.decoding import LINEAR
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_light
 from periscopy_sim.storage.formats.table import decode_picture
@@ -114,3 +114,21 @@ def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
     edges, pixel = np.arange(boxes + 1) * (pixels / boxes), np.arange(pixels)
     covered = np.minimum(edges[1:, None], pixel + 1) - np.maximum(edges[:-1, None], pixel)
     return np.asarray(np.maximum(covered, 0) * (boxes / pixels))
+
+
+def averaged_photograph(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
+    """Return a photograph averaged to fewer pixels, with those of which the mask leaves over half.
+
+    Its photographs with the monitor off are averaged alike.
+    """
+    if shape == photograph.shape:
+        return photograph
+    coverage = area_average(photograph.pixels[..., None], shape)
+    used = coverage > 0.5 + 1e-6  # ties are decided alike in mirror images
+
+    def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        light = area_average(blackened(values, photograph.mask), shape)
+        return np.asarray(light / np.where(used, coverage, np.inf))
+
+    off = {name: means(each) for name, each in photograph.monitor_off.items()}
+    return Photograph(means(photograph.values), None if used.all() else used[..., 0], off)

@@ -88,7 +88,7 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
         bounced_of(path).unlink(missing_ok=True)  # of a matrix that stood there before
 
 
-def read_prototypes(path: Path, pixels: int) -> NDArray[np.float64]:
+def read_prototypes(path: Path, pixels: int) -> NDArray[Any]:
     """Read B, (M, L), of a photograph of M pixels, row-major; another file is a PhotographError."""
     B = _finite_matrix(path)
     if B.ndim != 2 or B.shape[0] != pixels or not B.shape[1]:
@@ -96,7 +96,7 @@ def read_prototypes(path: Path, pixels: int) -> NDArray[np.float64]:
             f"{path}: holds an array of shape {B.shape}; prototype backgrounds are ({pixels}, "
             "lights), a row for each pixel of the scene's camera"
         )
-    return np.asarray(B, np.float64)
+    return B  # of its own type, whose rounding is no light
 
 
 def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT) -> Transport:

@@ -100,8 +100,10 @@ def test_units_masked_pixels_and_projected_light_change_nothing(small: Small) ->
     mask[8:12, 4:20] = False
     paint = np.random.default_rng(0).random((SIDE, SIDE, 1)) * np.ones(3)
     spoiled = np.where(mask[..., None], 1e3 * (y + 0.3 * paint), np.nan)
-    plain, again, scaled = (
-        calibrated(each, shown=shown, mask=mask, backgrounds=[paint]) for each in (y, y, spoiled)
+    whole = ps.Photograph.of(y, mask=mask, monitor_off={"paint": paint})
+    again = calibrated(whole, shown=shown)
+    plain, scaled = (
+        calibrated(each, shown=shown, mask=mask, backgrounds=[paint]) for each in (y, spoiled)
     )
     assert plain.values == again.values
     for one, other in zip(plain.parameters, scaled.parameters, strict=True):

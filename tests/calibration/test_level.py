@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import pixel_transport
-from periscopy_sim.calibration.level import SPREAD
+from periscopy_sim.calibration.level import SPREAD, Group
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, ruled_values
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.search import descend
@@ -25,6 +27,13 @@ def test_slope_is_the_derivative_of_the_objective(small: Small, shown: int, coun
         sides = [each.objective_at(temperature) for each in candidates]
         numeric = (sides[0] - sides[1]) / (4 * steps[k])
         assert look.downhill[k] == pytest.approx(numeric, rel=0.1)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_photographs_are_counted_in_any_number_of_channels(small: Small, channels: int) -> None:
+    level = small.level(shown=1, count=2)
+    groups = tuple(Group(np.ones((k, 5, channels)), level.groups[0].images) for k in (1, 2))
+    assert replace(level, groups=groups).photographs == 3
 
 
 def test_a_newton_step_gains_what_it_promises(small: Small) -> None:

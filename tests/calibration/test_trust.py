@@ -43,7 +43,7 @@ def test_misfits_are_of_each_photograph_s_light_beyond_noise() -> None:
         energy=np.sum((light + grain) ** 2, axis=0),
         background=np.zeros((count, 0)),
     )
-    found = misfits(look(explanation=explanation), noise)
+    found = misfits(look(explanation=explanation), noise.reshape(2, 3))
     # The mean of 15,000 squares of noise errs by 1 %, of 300 beside 30,000 of light.
     np.testing.assert_allclose(found, [0, 0.5], atol=0.05)
     (doubt,) = doubts(NAMES, np.zeros(2), 1.0, found)

@@ -10,6 +10,8 @@ from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from tests.contents import contents
 
 RNG = np.random.default_rng(5)
@@ -266,3 +268,22 @@ def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
     ) as cluster:  # fmt: skip
         run_sweep(sweep_of(), tmp_path, scheduler=cluster.scheduler_address)
     assert contents(tmp_path) == contents(done[0])
+
+
+def test_photographs_give_a_sweep_their_mask_and_their_monitor_off_photographs():
+    given = Photograph.of(np.where(MASK[..., None], SIGNAL, np.nan), mask=MASK)
+    A, off = RNG.uniform(0.1, 1, (42, 4)), RNG.uniform(0.5, 1, SIGNAL.shape)
+    settings = {"hidden_shape": (2, 2), "photograph_shape": (6, 7)}
+    method, masked = Periscope(A, **settings), Periscope(A, **settings, mask=MASK)
+    ours = sweep_of(signal=given, methods={"p": method})
+    theirs = sweep_of(signal=given.values, methods={"p": masked}, mask=MASK)
+    y = ours.photograph("sun", 1, 0)
+    np.testing.assert_array_equal(y, theirs.photograph("sun", 1, 0))
+    np.testing.assert_array_equal(ours.methods["p"].reconstruct(y), masked.reconstruct(y))
+    assert ours.configuration() == theirs.configuration()
+    lit = Photograph.of(SIGNAL, monitor_off={"off": off})
+    with_off = sweep_of(signal=lit, methods={"p": method})
+    assert with_off.methods["p"].observation.backgrounds.keys() == {"off"}
+    assert with_off.configuration() != sweep_of(methods={"p": method}).configuration()
+    with pytest.raises(PeriscopyError, match="monitor off"):
+        sweep_of(signal=lit)

@@ -38,6 +38,9 @@ def test_what_cannot_be_shown_is_black(image):
     image[3, 4], image[5, 6] = np.nan, -1
     encoded = ps.to_srgb(image)
     assert not encoded[[3, 5], [4, 6]].any()
+    mask = np.arange(30) > 10 * np.ones((20, 1))
+    shown = ps.to_srgb(ps.Photograph.of(np.ones((20, 30, 3)), mask=mask), 1)
+    np.testing.assert_allclose(shown.max(axis=2), mask, atol=1e-9)
     image[3, 4] = image[5, 6] = 0
     np.testing.assert_allclose(encoded, ps.to_srgb(image), atol=0.02)
 

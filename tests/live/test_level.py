@@ -5,9 +5,10 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Level, Overtaken, averaged, coarse_sizes
+from periscopy_sim.live.level import Level, Overtaken, coarse_sizes
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.pictures import averaged_photograph
 
 
 def never():
@@ -73,7 +74,7 @@ def test_masked_pixels_of_a_photograph_are_averaged_out():
     used = np.ones((8, 8), bool)
     values[:4, :4], used[:4, :4] = np.nan, False
     values[4, 4], used[4, 4] = 1e9, False
-    coarse = averaged(Photograph(values, used), (4, 4))
+    coarse = averaged_photograph(Photograph(values, used), (4, 4))
     assert coarse.mask.tolist() == [[False, False, True, True]] * 2 + [[True] * 4] * 2
     np.testing.assert_allclose(coarse.used, 1)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
+from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 M = 400
@@ -71,6 +72,28 @@ def test_columns_count_alike_whatever_their_brightness():
     dimmed = B * np.logspace(0, 9, B.shape[1])
     Q, same = background_basis(B, 1e-6), background_basis(dimmed, 1e-6)
     np.testing.assert_allclose(Q @ Q.T, same @ same.T, atol=1e-8)
+
+
+@pytest.mark.parametrize("cast", [[np.float32], [np.float32, np.float64], [np.float16]])
+def test_rounding_of_backgrounds_counts_as_no_light(cast):
+    B = exact = backgrounds(150)
+    for kind in cast:
+        B = B.astype(kind)
+    Q = background_basis(B)
+    assert 4 < Q.shape[1] < background_basis(exact).shape[1] < 60
+    unit = exact / np.linalg.norm(exact, axis=0)
+    assert np.linalg.norm(unit - Q @ (Q.T @ unit), 2) < 3 * np.finfo(cast[0]).eps * np.sqrt(150)
+    assert background_basis(np.hstack([exact, B])).shape[1] < 60 or np.float16 in cast
+    assert joined_basis(exact_Q := background_basis(exact), B).shape == exact_Q.shape
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.float16])
+def test_precision_is_that_of_the_narrowest_type_that_values_went_through(kind):
+    values = np.random.default_rng(0).normal(size=(50, 3)).astype(kind)
+    assert precision_of(values) == np.finfo(kind).eps
+    assert kind == np.float16 or precision_of(values.astype(float)) == np.finfo(kind).eps
+    for exact in (np.ones((9, 2)), np.zeros((9, 0)), np.arange(9)[:, None]):
+        assert precision_of(exact) == np.finfo(float).eps
 
 
 @pytest.mark.parametrize("alone", [0.3, 1e-6])

@@ -138,7 +138,7 @@ def test_joined_columns_are_black_where_the_mask_is():
     joined = seen.joined(B)
     expected = np.hstack([B, np.where(MASK.ravel()[:, None], LAMP, 0)])
     np.testing.assert_allclose(joined, expected)
-    np.testing.assert_array_equal(seen.used(joined), seen.ambient(B))
+    np.testing.assert_array_equal(seen.used(joined), np.hstack([seen.used(B), seen.ambient()]))
     assert observation_of(A, HIDDEN, GAIN).joined(B) is B
 
 

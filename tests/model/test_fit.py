@@ -5,7 +5,10 @@ import pytest
 
 from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
+from periscopy_sim.model.paint import Unevenness
+from periscopy_sim.model.residual import residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.model.uncertainty import standard_errors
 
 HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
 M, N = 180, 12
@@ -179,3 +182,20 @@ def test_matrices_that_cannot_be_used_are_refused():
             fitted(**{name: broken})
     with pytest.raises(ValueError, match="B has 179 rows"):
         fitted(B=B[1:])
+
+
+def test_one_channel_is_as_three_alike(fit):
+    grey = fit.observation.planar(Y[None])[:, 1:2]
+    three = np.repeat(grey, 3, axis=1)
+    (one,), _ = fit.evidence(grey)
+    (alike,), _ = fit.evidence(three)
+    assert one.noise_to_signal == pytest.approx(alike.noise_to_signal, rel=1e-3)
+    lights = [planes[0].T for planes in (grey, three)]
+    light = [residual_of(y, 0 * y, fit.operator, fit.observation.placed) for y in lights]
+    assert light[0].unexplained == pytest.approx(light[1].unexplained)
+    images = [np.repeat(TRUTH[:, :1], count, axis=1).reshape(*HIDDEN, -1) for count in (1, 3)]
+    for f in images:
+        count = f.shape[2]
+        assert standard_errors(fit.gram, np.eye(count), f, 3.0, 5.0, N).shape == f.shape
+    paint = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
+    assert paint.evenness(grey[0], fit.unexplained).shape == grey.shape[1:]

@@ -125,7 +125,7 @@ def known_pictures(
 
     The columns of A are the light of each picture's three colours, (M, 3 P).
     """
-    columns = np.hsplit(np.eye(3 * len(pictures)), len(pictures))
+    columns = np.hsplit(np.eye(sum(picture.shape[2] for picture in pictures)), len(pictures))
     images = [
         replace(SmoothImages.shown(picture), basis=basis)
         for picture, basis in zip(pictures, columns, strict=True)

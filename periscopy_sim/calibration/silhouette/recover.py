@@ -20,7 +20,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import fitted
-from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES, Averaged
+from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
@@ -30,10 +30,11 @@ from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.numerics import Image
+from periscopy_sim.photograph import Photograph, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
-from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.pictures import area_average, averaged_photograph
 
 FEW = 8
 """Cells of first descents along the longer side, at most: a letter F of 16 x 16 is found from 8 x
@@ -45,7 +46,7 @@ UNSEEN = 1e-2
 
 
 def recover_silhouette(
-    photograph: NDArray[np.floating[Any]] | Sequence[NDArray[np.floating[Any]]],
+    photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path,
     hidden: tuple[int, int],
     shape: str,
@@ -63,7 +64,8 @@ def recover_silhouette(
     Parameters
     ----------
     photograph
-        (rows, columns, 3), linear, of any unit; or one such for each picture shown.
+        A `Photograph`, or (rows, columns, 3), linear, of any unit; or one such for each picture
+        shown. The pixels used are those that all masks leave.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
@@ -111,32 +113,34 @@ def recover_silhouette(
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
-    light = [photograph] if np.ndim(photograph) == 3 else list(photograph)
+    light, mask, off = unwrapped(photograph, mask, named(backgrounds))
     if len(light) != max(1, len(shown)):
         raise PhotographError(
             f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each "
             "picture, or one photograph of an unknown one"
         )
-    size, off = first.photograph_shape, named(backgrounds)
-    read = [Photograph.of(np.asarray(y), size, mask=mask, monitor_off=off) for y in light]
-    averaged = Averaged.of(read, int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST)))
-    used, agreeing, starts = averaged.pixels, 0, 0
+    size = first.photograph_shape
+    read = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in light]
+    longest = int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST))
+    averaged = [averaged_photograph(each, fitted(size, longest)) for each in read]
+    used, agreeing, starts = averaged[0].pixels, 0, 0
     patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)
-    ys = [each[used] for each in averaged.light]
+    ys = [each.used for each in averaged]
     with threadpool_limits(1):
-        masked, Q = _masked(first, plane, shape, cells, averaged, patches)
+        masked, Q = _masked(first, plane, shape, cells, averaged[0], patches)
         if shown:
             pictures = [area_average(each, patches) for each in shown]
             likelihood: Likelihood = known_pictures(Q, ys, pictures)
-            colours = np.hstack([picture.reshape(-1, 3) for picture in pictures])
+            colours = np.hstack([picture.reshape(-1, picture.shape[2]) for picture in pictures])
             masked = replace(masked, shadows=masked.shadows.before(colours))
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
-            images, coarse = SmoothImages.hats(patches, patches), Averaged.of(read, LARGEST // 4)
+            images = SmoothImages.hats(patches, patches)
+            coarse = averaged_photograph(read[0], fitted(size, LARGEST // 4))
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
             unknown = UnknownImage(ys[0], Q, images)
-            seen = UnknownImage(coarse.light[0][coarse.pixels], Q_few, images)
+            seen = UnknownImage(coarse.used, Q_few, images)
             fit, agreeing = search((few, seen), (masked, unknown), seed, report)
             starts = STARTS
             likelihood = unknown.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
@@ -149,7 +153,7 @@ def recover_silhouette(
     image = colours @ fit.explained.image if shown else fit.explained.image
     report(1.0)
     scale = float(np.sqrt(np.mean(np.square(ys))))
-    residual = np.zeros((*used.shape, 3))
+    residual = np.zeros((*used.shape, fit.explained.residual.shape[2]))
     residual[used] = fit.explained.residual[0] / scale
     unexplained, unexplained_open = (
         float(np.sqrt(np.mean(each.explained.residual**2))) / scale for each in (fit, without)
@@ -160,7 +164,7 @@ def recover_silhouette(
         plane=plane,
         opacities=fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
-        image=image.reshape(*patches, 3),
+        image=image.reshape(*patches, -1),
         unexplained=unexplained,
         unexplained_open=unexplained_open,
         residual=residual,
@@ -175,11 +179,11 @@ def _masked(
     plane: MaskPlane,
     name: str,
     cells: tuple[int, int],
-    averaged: Averaged,
+    photograph: Photograph,
     hidden: tuple[int, int],
 ) -> tuple[Mask, Array]:
     """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
-    used = averaged.pixels
+    used = photograph.pixels
     rows, columns = used.shape
     finer = -(-LARGEST // max(rows, columns))
     load = partial(load_scenario, scenario.path, hidden, scenario.parameters)
@@ -196,5 +200,6 @@ def _masked(
             "the camera sees of the wall, wherever in its rectangle it is opaque"
         )
     Q = background_basis(point_light_backgrounds(view)[used.ravel()])
-    Q = joined_basis(Q, np.hstack([Q[:, :0], *(each[used] for each in averaged.monitor_off)]))
+    off = [each[used] for each in photograph.monitor_off.values()]
+    Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
     return Mask.of(cells, shadows, used), Q

@@ -52,7 +52,7 @@ few cells have coarse edges."""
 class UnknownImage:
     """The likelihood of a photograph, (M, 3), of an image that is nowhere negative."""
 
-    photograph: Array  # (M, 3)
+    photograph: Array  # (M, C)
     background: Array  # (M, r) orthonormal basis of range(B)
     images: SmoothImages  # of patches
     ratio: float = 1.0  # α
@@ -66,7 +66,7 @@ class UnknownImage:
     def __call__(self, A: Matrix) -> Explained:
         """Explain the photograph by a matrix, (M, N)."""
         X, y = self._projected(A), self._projected(self.photograph)
-        K, α = self.images.precision, self.ratio
+        K, α, channels = self.images.precision, self.ratio, y.shape[1]
         X64 = X.astype(float)  # in single precision H need not be positive definite
         H = X64.T @ X64 + α * K
         correlation = X64.T @ y
@@ -82,8 +82,8 @@ class UnknownImage:
         residual = y - X @ image
         pull = (freedom / misfit * residual).astype(np.float32) @ image.T.astype(np.float32)
         return Explained(
-            float(freedom * np.log(misfit).sum() + 3 * volume),
-            self._projected(3 * X @ inverse - pull),
+            float(freedom * np.log(misfit).sum() + channels * volume),
+            self._projected(channels * X @ inverse - pull),
             image,
             residual[None],
         )

@@ -16,13 +16,18 @@ from typing import Any, Literal, Unpack, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.ambient import background_basis
-from periscopy_sim.model.fit import Evidence
+from periscopy_sim.model.fit import Evidence, ambient_basis
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
-from periscopy_sim.reconstruction.method import Observed, Precision, Solution, StillMethod
+from periscopy_sim.reconstruction.method import (
+    Observed,
+    Precision,
+    Solution,
+    StillMethod,
+    of_all,
+)
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
@@ -207,7 +212,7 @@ class Differencing(StillMethod[np.float64]):
             raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance, max_iterations)
-        self._ambient = self.observation.ambient(B)
+        self._B = B
         self._A = A = self.observation.used(A)
         self.tv_weight = tv_weight
         self.stop = stop
@@ -223,13 +228,13 @@ class Differencing(StillMethod[np.float64]):
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
                 "patches: leave out less of the wall, or use fewer patches"
             )
-        light = self.observation.ambient(None) if self.observation.backgrounds else None
-        self._inverse = form_preconditioner(DA, None if light is None else self._differenced(light))
+        self._inverse = form_preconditioner(DA, self._differenced(self.observation.ambient()))
         R = self._inverse.cholesky
         self._gram: Array = R.T @ R
         self._unit = float(np.sqrt(np.trace(self._gram) / len(R)))  # ‖D A‖_F/√N
         self._mean_entry = float(np.mean(A, dtype=np.float64))
 
+    @of_all
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.observation.vectorized(photograph)
@@ -238,7 +243,7 @@ class Differencing(StillMethod[np.float64]):
         start = self._inverse.solve(h)
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
         weight = self.tv_weight * noise * self._unit
-        images, ends = list(start.T), [(0, 0.0)] * 3
+        images, ends = list(start.T), [(0, 0.0)] * len(noise)
         for channel in np.flatnonzero(weight).tolist():  # not of a black one
             if self.stop == "published":
                 solved = self._published(h, start, channel, weight[channel])
@@ -285,4 +290,4 @@ class Differencing(StillMethod[np.float64]):
 
     def projected_transport(self) -> TransportOperator:
         """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(self._A, background_basis(self._ambient))
+        return TransportOperator(self._A, ambient_basis(self.observation, self._B)[0])

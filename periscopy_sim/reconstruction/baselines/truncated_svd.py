@@ -6,11 +6,12 @@ from typing import Any, Unpack
 import numpy as np
 from scipy import linalg
 
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.reconstruction.method import Observed, Report, StillMethod
+from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.reconstruction.method import Observed, Report, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
 
@@ -61,13 +62,13 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         used = self.observation.used_transport(A)
-        Q = background_basis(self.observation.ambient(None))
+        Q, _ = ambient_basis(self.observation, None)
         self._background = Q
         self._A = used - Q @ (Q.T @ used) if Q.size else used
         N = A.shape[1]
         self.rank = max(round(fraction * N), 1)
         energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
-        if not energy[0] > 1e-14 * energy[-1]:
+        if not energy[0] > max(1e-14, precision_of(A) ** 2) * energy[-1]:
             raise ValueError(
                 f"A has fewer than {self.rank} singular values above rounding: keep a smaller "
                 f"fraction than {fraction}"
@@ -79,11 +80,13 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self._A, self._background)
 
+    @of_all
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 beside the image; see `StillMethod`."""
         stages = solution.stages("inverted by singular vectors")
         return replace(super().report(photograph, solution), stages=stages)
 
+    @of_all
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         y = self.observation.vectorized(photograph)

@@ -37,7 +37,7 @@ from periscopy_sim.model.transport_operator import (
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
-from periscopy_sim.reconstruction.method import Observed, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Observed, Solution, StillMethod, of_all
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥, computed once for a scene; of few patches an eighth. See `matrix_free`."""
@@ -122,6 +122,7 @@ class IterativePeriscope(StillMethod[np.float64]):
                 "ambient light; use more pixels, or fewer patches or backgrounds"
             )
 
+    @of_all
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))

@@ -19,7 +19,7 @@ from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
-from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.reconstruction.method import Report, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
@@ -68,6 +68,7 @@ class Learned(NoiseAware):
         self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
         self._pattern_curvatures = torch.from_numpy(self.fit.patterns.curvatures.astype(np.float32))
 
+    @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         solution = super().solve(photograph)
@@ -98,6 +99,7 @@ class Learned(NoiseAware):
             image = np.maximum(image, 0)
         return np.ascontiguousarray(np.moveaxis(image, 0, -1) * problem.scale)
 
+    @of_all
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return the noise-aware report and the weights; see `StillMethod`.
 

@@ -32,7 +32,14 @@ from periscopy_sim.model.uncertainty import UncertainTransport, displacement, st
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
-from periscopy_sim.reconstruction.method import Note, Observed, Report, Solution, StillMethod
+from periscopy_sim.reconstruction.method import (
+    Note,
+    Observed,
+    Report,
+    Solution,
+    StillMethod,
+    of_all,
+)
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     Objective,
     Schedule,
@@ -154,6 +161,7 @@ class NoiseAware(StillMethod[np.float64]):
             corrections = self._default_corrections()
         self.corrections = [correction(self.fit) for correction in corrections]
 
+    @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         (planes,) = self.observation.planar(plain_array(photograph)[None])
@@ -198,7 +206,7 @@ class NoiseAware(StillMethod[np.float64]):
         if schedule is None:
             schedule = self._schedule(self.max_iterations)
         mixing = self.observation.mixing
-        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(3)  # of grey
+        strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))
@@ -229,6 +237,7 @@ class NoiseAware(StillMethod[np.float64]):
         """
         return self.fit.evidence(self.observation.planar(photographs))[0]
 
+    @of_all
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return standard errors, residual and corrections beside the image; see `StillMethod`."""
         report = super().report(photograph, solution)

@@ -1,6 +1,6 @@
 """Video by the noise-aware method: each frame is drawn towards the one before it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Literal, get_args
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.numerics import Image
-from periscopy_sim.reconstruction.method import BATCH
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
@@ -54,26 +54,24 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().restart()
         self._split: Splitting | None = None
 
-    def recoveries(self, photographs: Image) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+    def recoveries(
+        self, photographs: Image | Iterable[Photograph | Image]
+    ) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Apply A to many photographs in one product; see `FrameByFrame.recoveries`."""
-        for start in range(0, len(photographs), BATCH):
-            part = np.asarray(photographs[start : start + BATCH])
-            for evidence in self.still.evidence(part):
-                yield partial(self.finish, evidence)
+        for still, part in self.still.batches(photographs):
+            for evidence in still.evidence(part):
+                yield partial(self.finish, still, evidence)
 
-    def finish(self, evidence: Evidence) -> NoiseAwareReconstruction:
-        """Return the next frame from its photograph's evidence."""
+    def finish(self, still: NoiseAware, evidence: Evidence) -> NoiseAwareReconstruction:
+        """Return the next frame from its photograph's evidence by the still that it is for."""
         if self.previous is None:
-            solution, split = self.still.recover(evidence)
+            solution, split = still.recover(evidence)
         else:
             weight = self.l1_weight if self.coupling == "l1" else 0.0
-            still = self.still
             tolerance = LOOSER * still.tolerance
             penalty = PENALTY / max(1.0, weight)  # the step follows the larger of λ and λ₂
             schedule = Schedule(tolerance, still.max_iterations, penalty)
-            solution, split = self.still.recover(
-                evidence, schedule, self._split, self.previous, weight
-            )
+            solution, split = still.recover(evidence, schedule, self._split, self.previous, weight)
         solution.warn_unless_converged()
         self._split = split
         self.previous = solution.image.copy()  # the caller may change what is returned

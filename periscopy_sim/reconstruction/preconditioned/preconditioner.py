@@ -20,6 +20,7 @@ from scipy import linalg
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import InputError
 
@@ -138,7 +139,7 @@ def form_preconditioner(
         cholesky = np.zeros_like(gram)
     # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
     # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
-    if (np.diag(cholesky) <= 1e-6 * norms).any():
+    if (np.diag(cholesky) <= max(1e-6, precision_of(A)) * norms).any():
         dark = int((norms <= 1e-7 * norms.max()).sum())
         raise InputError(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "

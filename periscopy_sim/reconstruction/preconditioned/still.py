@@ -1,6 +1,6 @@
 """Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
@@ -14,7 +14,8 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
-from periscopy_sim.reconstruction.method import BATCH, Observed, Report, Solution, StillMethod
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.method import Observed, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
@@ -119,6 +120,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         self._background = np.ascontiguousarray(self.preconditioner.Q.T)
         self._unit_error = np.sqrt(self.preconditioner.noise_gain.mean())
 
+    @of_all
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         estimate = self.estimate(plain_array(photograph)[None])
@@ -129,6 +131,7 @@ class Periscope(StillMethod[np.floating[Any]]):
             repair_threshold=self.repair_threshold,
         )
 
+    @of_all
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
         """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
         report = super().report(photograph, solution)
@@ -140,11 +143,10 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
-    def estimates(self, photographs: Image) -> Iterator[Estimate]:
-        """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), `BATCH` at a time."""
-        photographs = np.asarray(photographs)
-        for start in range(0, max(len(photographs), 1), BATCH):
-            yield self.estimate(photographs[start : start + BATCH])
+    def estimates(self, photographs: Image | Iterable[Photograph | Image]) -> Iterator[Estimate]:
+        """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), see `batches`."""
+        for method, part in self.batches(photographs):
+            yield method.estimate(part)
 
     def estimate(self, photographs: Image) -> Estimate:
         """Precondition photographs and estimate the noise of each; see `estimates`."""
@@ -158,9 +160,11 @@ class Periscope(StillMethod[np.floating[Any]]):
             scale = np.sqrt(np.mean(y**2, axis=1, keepdims=True))
             scale[scale == 0] = 1
             f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
-        noise = P.noise(y, f, self._factor).reshape(-1, 3)
+        noise = P.noise(y, f, self._factor).reshape(planes.shape[:2])
         return Estimate(
-            np.moveaxis(f.reshape(-1, 3, *self.hidden_shape), 1, -1).astype(self.precision),
+            np.moveaxis(f.reshape(*planes.shape[:2], *self.hidden_shape), 1, -1).astype(
+                self.precision
+            ),
             noise,
             self.tv_weight * self._unit_error * noise,
         )

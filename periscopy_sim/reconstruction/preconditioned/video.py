@@ -1,6 +1,6 @@
 """Video (Sec. 3.2): each frame is denoised and repaired together with the one before it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
     Periscope,
@@ -73,7 +74,9 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         super().restart()
         self._dual: NDArray[np.float64] | None = None
 
-    def recoveries(self, photographs: Image) -> Iterator[Callable[[], Reconstruction]]:
+    def recoveries(
+        self, photographs: Image | Iterable[Photograph | Image]
+    ) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
         for estimate in self.still.estimates(photographs):
             for k in range(len(estimate.noise)):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from periscopy_sim.reconstruction.noise_aware import video as noise_aware_video
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Schedule
 from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
@@ -140,7 +139,7 @@ def test_coupling_lowers_the_error_in_motion_and_more_at_rest(still):
 
 @pytest.mark.parametrize("coupling", ["l1", "none"])
 def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(still, coupling, monkeypatch):
-    monkeypatch.setattr(noise_aware_video, "BATCH", 2)
+    monkeypatch.setattr("periscopy_sim.reconstruction.method.BATCH", 2)
     live, batch = (NoiseAwareVideo(still, coupling=coupling) for _ in range(2))
     one_at_a_time = np.stack([live.next_frame(y) for y in PHOTOGRAPHS])
     at_once = np.concatenate([batch.frames(PHOTOGRAPHS[:3]), batch.frames(PHOTOGRAPHS[3:])])

@@ -156,7 +156,7 @@ def test_weights_out_of_range_are_refused_at_once(settings):
 
 
 def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch):
-    monkeypatch.setattr("periscopy_sim.reconstruction.preconditioned.still.BATCH", 2)
+    monkeypatch.setattr("periscopy_sim.reconstruction.method.BATCH", 2)
     rng = np.random.default_rng(1)
     periscope = Periscope(rng.random((20, 6)), hidden_shape=(2, 3))
     photographs = rng.random((5, 20, 3))
