@@ -1,7 +1,8 @@
-"""Choose a Mitsuba variant: CUDA or Metal where a device answers, else LLVM, else scalar.
+"""The door to Mitsuba: `mi` and `dr` are Mitsuba and Dr.Jit, imported at their first use.
 
-This is the only module that calls `mi.set_variant`, and the only one that chooses a libLLVM. In the
-scalar variant scenes load, which is all that closed forms need; rays need another.
+By then a libLLVM and a variant are chosen: CUDA or Metal where a device answers, else LLVM, else
+scalar. Only this module imports the two, chooses a libLLVM and sets a variant. In the scalar
+variant scenes load, which is all that closed forms need; rays need another.
 """
 
 import os
@@ -9,11 +10,12 @@ import platform
 import re
 import site
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
+from threading import Lock, RLock
+from types import ModuleType
 from typing import Any
 
 from periscopy_sim.errors import VariantError
@@ -80,15 +82,16 @@ def examine_variants() -> list[VariantReport]:
     """Report on each variant in `PREFERENCE`; a VariantError names a library Mitsuba lacks."""
     origin = choose_llvm()
     try:
-        import drjit as dr
+        import drjit
     except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
         install = "install what is missing, such as apt-get install libatomic1"
         raise VariantError(f"Mitsuba: {error.__context__ or error}; {install}") from error
 
     cuda, metal, llvm = (
-        bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")
+        bool(drjit.has_backend(getattr(drjit.JitBackend, name)))
+        for name in ("CUDA", "Metal", "LLVM")
     )
-    version = dr.detail.llvm_version()[0] if llvm else 0
+    version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
     works = version >= OLDEST_LLVM
     return [
@@ -121,38 +124,59 @@ def use_variant(name: str | None = None) -> str:
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
     """
     reports = {report.name: report for report in examine_variants()}
-    import mitsuba as mi
+    import mitsuba
 
-    asked = name or os.environ.get(OVERRIDE) or mi.variant()
+    asked = name or os.environ.get(OVERRIDE) or mitsuba.variant()
+    installed = mitsuba.variants()
     if asked is None:
-        installed = mi.variants()
         asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
-    if asked not in mi.variants() or "_rgb" not in asked:
-        usable = ", ".join(variant for variant in mi.variants() if "_rgb" in variant)
+    if asked not in installed or "_rgb" not in asked:
+        usable = ", ".join(variant for variant in installed if "_rgb" in variant)
         raise VariantError(
             f"'{asked}' is no RGB variant of Mitsuba here; use one of {usable}, or unset {OVERRIDE}"
         )
     report = reports.get(asked)
     if report is not None and not report.works:
         raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
-    if mi.variant() != asked:
-        mi.set_variant(asked)
-    from periscopy_sim.rendering.emitters.lcd import register_lcd
-
-    register_lcd()
+    with _SETTING:
+        if mitsuba.variant() != asked:
+            mitsuba.set_variant(asked)
+        for register in PLUGINS:
+            register(mitsuba)
+        _Renderer.ready_for = asked
     return asked
+
+
+class _Renderer(ModuleType):
+    """A module of the renderer, imported and given a variant when an attribute is first used."""
+
+    ready_for: str | None = None
+    """The variant whose plugins are registered; a user may have set another since."""
+
+    def __getattr__(self, name: str) -> Any:
+        mitsuba = sys.modules.get("mitsuba")
+        if mitsuba is None or mitsuba.variant() != _Renderer.ready_for:
+            use_variant()
+        return getattr(sys.modules[self.__name__], name)
+
+
+dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
+
+PLUGINS: list[Callable[[Any], None]] = []
+"""Functions that register this package's plugins with Mitsuba, again for each variant."""
+
+_SETTING = RLock()
+"""Held while a variant is set, so that no other thread uses it before its plugins are there."""
 
 
 def is_vectorized() -> bool:
     """Return whether the variant now set evaluates whole arrays at once, as rays need it."""
-    import mitsuba as mi
-
     return not mi.variant().startswith("scalar")
 
 
 def require_vectorized(purpose: str) -> None:
     """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
-    if use_variant().startswith("scalar"):
+    if not is_vectorized():
         raise VariantError(f"{purpose}: {INSTALL_LLVM}")
 
 
@@ -165,8 +189,6 @@ _QUIET_LOCK = Lock()
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
-    import mitsuba as mi
-
     with _QUIET_LOCK:
         _QUIET.append(mi.log_level())
         mi.set_log_level(mi.LogLevel.Error)

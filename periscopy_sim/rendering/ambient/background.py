@@ -23,7 +23,7 @@ from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.scene.wall import map_points
-from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, rises, wall_frame
 from periscopy_sim.shipped import find_scene
@@ -258,9 +258,6 @@ def placed_in(
 
 def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float]:
     """Centre, axes and size of what the ambient scene's camera sees of its wall."""
-    import drjit as dr
-    import mitsuba as mi
-
     camera, wall = camera_of(scene), shape_of(scene, "wall")
 
     def meet(film: Any) -> tuple[Any, ...]:
