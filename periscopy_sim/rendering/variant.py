@@ -30,15 +30,16 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
+CUDA_FILE = "DRJIT_LIBCUDA_PATH"
+"""The environment variable that names the driver's library that Dr.Jit loads."""
+
 _LLVM_OF_SYSTEM = {
     "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
     "Darwin": "brew install llvm",
     "Windows": f"github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}",
 }
-INSTALL_LLVM = (
-    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
-    f"{_LLVM_OF_SYSTEM.get(platform.system(), 'conda install libllvm19')}"
-)
+_NEED = f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
+INSTALL_LLVM = _NEED + _LLVM_OF_SYSTEM.get(platform.system(), "conda install libllvm19")
 
 
 @dataclass(frozen=True)
@@ -60,27 +61,33 @@ def own_llvm() -> Path | None:
     return file if version >= OLDEST_LLVM else None
 
 
-def choose_llvm() -> str:
-    """Have Dr.Jit load this environment's libLLVM, and return which one it loads, in words.
+def choose_llvm() -> tuple[str, str]:
+    """Have Dr.Jit load this environment's libLLVM.
 
     What the user's `LLVM_FILE` names goes before it. Dr.Jit loads its libLLVM as it is imported:
     where ``import mitsuba`` came first, the system's serves, if there is one.
+
+    Returns
+    -------
+    tuple
+        Which libLLVM Dr.Jit loads, and what to do where that is none or too old.
     """
-    own = own_llvm()
-    if own is not None and "drjit" not in sys.modules:
-        os.environ.setdefault(LLVM_FILE, str(own))
-    named = os.environ.get(LLVM_FILE)
-    if named is None:
-        late = f"; call periscopy_sim.use_variant() before importing mitsuba to use {own}"
-        return f"the system's{late if own is not None else ''}"
-    if named != str(own):
-        return f"by {LLVM_FILE}, {named}"
-    return f"{named}; this environment's goes before the system's"
+    own, named = own_llvm(), os.environ.get(LLVM_FILE)
+    if own is not None and not named and "drjit" not in sys.modules:
+        os.environ[LLVM_FILE] = named = str(own)
+    if own is not None and named == str(own):
+        return f"{named}; this environment's goes before the system's", INSTALL_LLVM
+    if named:
+        return f"by {LLVM_FILE}, {named}", f"{_NEED}correct or unset {LLVM_FILE}"
+    if own is not None:
+        before = "call periscopy_sim.use_variant() before importing mitsuba"
+        return "the system's", f"{_NEED}{before} to use {own}"
+    return "the system's", INSTALL_LLVM
 
 
 def examine_variants() -> list[VariantReport]:
     """Report on each variant in `PREFERENCE`; a VariantError names a library Mitsuba lacks."""
-    origin = choose_llvm()
+    origin, remedy = choose_llvm()
     try:
         import drjit
     except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
@@ -94,10 +101,13 @@ def examine_variants() -> list[VariantReport]:
     version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
     works = version >= OLDEST_LLVM
+    nvidia = f"{'an' if cuda else 'no'} NVIDIA device answers"
+    if named := os.environ.get(CUDA_FILE):
+        nvidia += f" (by {CUDA_FILE}, {named}){'' if cuda else f'; correct or unset {CUDA_FILE}'}"
     return [
-        VariantReport("cuda_ad_rgb", cuda, f"{'an' if cuda else 'no'} NVIDIA device answers"),
+        VariantReport("cuda_ad_rgb", cuda, nvidia),
         VariantReport("metal_ad_rgb", metal, f"{'an' if metal else 'no'} Apple device answers"),
-        VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {INSTALL_LLVM}"),
+        VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {remedy}"),
         VariantReport("scalar_rgb", True, "needs nothing; for closed forms, it traces no rays"),
     ]
 
@@ -150,7 +160,7 @@ def use_variant(name: str | None = None) -> str:
 class _Renderer(ModuleType):
     """A module of the renderer, imported and given a variant when an attribute is first used."""
 
-    ready_for: str | None = None
+    ready_for = ""
     """The variant whose plugins are registered; a user may have set another since."""
 
     def __getattr__(self, name: str) -> Any:
@@ -176,8 +186,14 @@ def is_vectorized() -> bool:
 
 def require_vectorized(purpose: str) -> None:
     """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
-    if not is_vectorized():
-        raise VariantError(f"{purpose}: {INSTALL_LLVM}")
+    if is_vectorized():
+        return
+    reports = {report.name: report for report in examine_variants()}
+    best = next(name for name in PREFERENCE if reports[name].works)
+    reason = f"scalar variants trace no rays; choose {best} ({OVERRIDE}, or use_variant)"
+    if best == "scalar_rgb":
+        reason = reports["llvm_ad_rgb"].reason
+    raise VariantError(f"{purpose}: {reason}")
 
 
 _QUIET: list[Any] = []
