@@ -189,6 +189,16 @@ def test_mitsuba_has_one_door():
     assert {m for m in importers if not m.startswith(STANDING_APART)} == {door}
 
 
+def test_matplotlib_has_one_door():
+    """Whatever comes through it needs no backend."""
+    importers = {
+        module
+        for module in SOURCES
+        if any(name.split(".")[0] == "matplotlib" for name in imported_names(module, tree_of(module)))
+    }
+    assert importers == {"periscopy_sim.figures.style"}
+
+
 def test_only_the_command_line_writes_of_its_options():
     """Other rooms state facts; `cli.messages` gives advice about options."""
     parser = typer.main.get_command(app)

@@ -75,7 +75,7 @@ def inputs(tmp_path_factory):
 def test_command_runs_in_a_fresh_process(command, inputs):
     pytest.importorskip(EXTRAS.get(command, "numpy"))
     # Without what the process of the tests has chosen; a notebook's own values are a user's.
-    chosen = {LLVM_FILE: "", OVERRIDE: "", "MPLBACKEND": "module://no_such_backend"}
+    chosen = {LLVM_FILE: "", OVERRIDE: "", "MPLBACKEND": "nonsense"}
     if os.environ.get(LLVM_FILE) != str(own_llvm()):
         del chosen[LLVM_FILE]
     with subprocess.Popen(
