@@ -5,6 +5,7 @@ import inspect
 import re
 import subprocess
 import sys
+import zipfile
 from collections import Counter
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -178,25 +179,19 @@ def test_forbidden_arrows_alone_are_noticed(module, source):
     assert len(broken) == ((module, source) in FORBIDDEN)
 
 
-def test_mitsuba_has_one_door():
-    """Whatever comes through it finds a libLLVM and a variant chosen."""
-    importers = {
+def importers_of(libraries):
+    return {
         module
         for module in SOURCES
-        if any(name.split(".")[0] in RENDERERS for name in imported_names(module, tree_of(module)))
+        if any(name.split(".")[0] in libraries for name in imported_names(module, tree_of(module)))
     }
-    door = "periscopy_sim.rendering.variant"
-    assert {m for m in importers if not m.startswith(STANDING_APART)} == {door}
 
 
-def test_matplotlib_has_one_door():
-    """Whatever comes through it needs no backend."""
-    importers = {
-        module
-        for module in SOURCES
-        if any(name.split(".")[0] == "matplotlib" for name in imported_names(module, tree_of(module)))
-    }
-    assert importers == {"periscopy_sim.figures.style"}
+def test_mitsuba_and_matplotlib_have_one_door_each():
+    """Behind it a libLLVM and a variant are chosen, and no backend is asked for."""
+    importers = {m for m in importers_of(RENDERERS) if not m.startswith(STANDING_APART)}
+    assert importers == {"periscopy_sim.rendering.variant"}
+    assert importers_of({"matplotlib"}) == {"periscopy_sim.figures.style"}
 
 
 def test_only_the_command_line_writes_of_its_options():
@@ -250,6 +245,17 @@ def test_no_import_brings_in_a_heavy_library_before_it_is_needed(code, heavy):
     loaded = set(result.stdout.split())
     assert "periscopy_sim" in loaded
     assert loaded & (heavy | RENDERERS) == set()
+
+
+def test_package_in_an_archive_asks_to_be_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "package.zip", "w") as archive:
+        archive.write(PACKAGE / "__init__.py", "periscopy_sim/__init__.py")
+        archive.write(PACKAGE / "__init__.pyi", "periscopy_sim/__init__.pyi")
+    script = "import sys; sys.path.insert(0, 'package.zip'); import periscopy_sim"
+    ended = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert re.search(r"^ImportError: .*package\.zip.*unpack", ended.stderr, re.MULTILINE)
 
 
 def test_public_names_resolve_and_are_documented():

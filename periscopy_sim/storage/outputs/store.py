@@ -25,6 +25,7 @@ from periscopy_sim.storage.outputs.staging import (
     out_of_space_reported,
     staged_file,
     staged_folder,
+    unwritable_reported,
 )
 
 MAKING = "making"
@@ -205,8 +206,9 @@ def attributes_of(path: Path) -> dict[str, Any]:
 
 def check_place(path: Path, what: str) -> None:
     """Raise an `OutputError` if a place holds anything but a store, whole or begun."""
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a file; name a folder")
+    with unwritable_reported(path):
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"cannot write {path}: it is a file; name a folder")
     begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
     if not begun and any(each.is_file() for each in path.rglob("*")):
         raise OutputError(f"{path} is not empty and no {what}; name another folder")
