@@ -83,8 +83,6 @@ def test_shell_completes_commands_and_methods(words, completions):
         (("transport", "x" * 5000, *TINY, "--out", "A.npy"), "xxx"),
         ((*TRANSPORT[:-1], "y" * 5000 + ".npy"), "yyy"),
         ((*TRANSPORT[:-1], "s3://bucket/A.npy"), "--out 's3://bucket/A.npy'"),
-        ((*TRANSPORT[:-2], "--out=memory://A.npy"), "memory://A.npy"),
-        (("reconstruct", "https://host/y.npy", *TINY), "https://host/y.npy"),
         (("sweep", "chair", *TINY, "--ambient", "all,gs://y.exr", "--out", "s"), "gs://y.exr"),
         (("transport", os.fsdecode(b"\xe9.xml"), *TINY, "--out", "A.npy"), "udce9"),
     ],
