@@ -133,6 +133,11 @@ def use_variant(name: str | None = None) -> str:
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
     """
+    with _CHOICE:
+        return _use_variant(name)
+
+
+def _use_variant(name: str | None) -> str:
     reports = {report.name: report for report in examine_variants()}
     import mitsuba
 
@@ -148,13 +153,12 @@ def use_variant(name: str | None = None) -> str:
     report = reports.get(asked)
     if report is not None and not report.works:
         raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
-    with _SETTING:
-        if mitsuba.variant() != asked:
-            mitsuba.set_variant(asked)
-        for register in PLUGINS:
-            register(mitsuba)
-        _Renderer.ready_for = asked
-    return asked
+    if mitsuba.variant() != asked:
+        mitsuba.set_variant(asked)
+    for register in PLUGINS:
+        register(mitsuba)
+    _Renderer.ready_for = asked
+    return str(asked)
 
 
 class _Renderer(ModuleType):
@@ -164,8 +168,8 @@ class _Renderer(ModuleType):
     """The variant whose plugins are registered; a user may have set another since."""
 
     def __getattr__(self, name: str) -> Any:
-        mitsuba = sys.modules.get("mitsuba")
-        if mitsuba is None or mitsuba.variant() != _Renderer.ready_for:
+        ready_for = _Renderer.ready_for
+        if not ready_for or sys.modules["mitsuba"].variant() != ready_for:
             use_variant()
         return getattr(sys.modules[self.__name__], name)
 
@@ -175,8 +179,8 @@ dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
 PLUGINS: list[Callable[[Any], None]] = []
 """Functions that register this package's plugins with Mitsuba, again for each variant."""
 
-_SETTING = RLock()
-"""Held while a variant is set, so that no other thread uses it before its plugins are there."""
+_CHOICE = RLock()
+"""Held while Mitsuba is imported and a variant set: other threads wait until it can be used."""
 
 
 def is_vectorized() -> bool:

@@ -49,6 +49,7 @@ def backends(monkeypatch):
         fake = Backends(**facts)
         monkeypatch.setitem(sys.modules, "mitsuba", fake.mitsuba)
         monkeypatch.setitem(sys.modules, "drjit", fake.drjit)
+        monkeypatch.setattr(variant._Renderer, "ready_for", "")
         monkeypatch.setattr(variant, "PLUGINS", [lambda _: fake.events.append("plugins")])
         return fake
 
