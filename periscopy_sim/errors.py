@@ -69,4 +69,4 @@ def path_fault(path: str | os.PathLike[str]) -> str:
     if _URL.search(text):
         return "is a URL; name a path on this machine"
     is_utf8 = text.encode("utf-8", "replace").decode() == text
-    return "" if is_utf8 else "is no UTF-8; rename it"
+    return "" if is_utf8 else "has a name that is no UTF-8; rename it"

@@ -41,7 +41,7 @@ def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again")
     The message names the file, the `kind` of its format, the reason and the `remedy`.
     """
     if fault := path_fault(path):
-        raise PhotographError(f"{path}: its name {fault}")
+        raise PhotographError(f"{path}: {fault}")
     try:
         yield
     except PhotographError:
