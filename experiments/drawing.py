@@ -35,9 +35,7 @@ COLORS = {
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw in the style of all; matplotlib takes sizes when a thing is drawn, not when saved."""
-    from matplotlib import rc_context
-
-    with rc_context(style.STYLE):
+    with style.mpl.rc_context(style.STYLE):
         yield
 
 
@@ -52,10 +50,8 @@ def drawn(out: Path, name: str, width: float, height: float) -> Iterator[Any]:
 
 def new_figure(width: float, height: float) -> Any:
     """Make a matplotlib figure of a size in inches; what is drawn in it follows `styled`."""
-    from matplotlib.figure import Figure
-
     with styled():
-        return Figure(figsize=(width, height), layout="constrained")
+        return style.mpl.figure.Figure(figsize=(width, height), layout="constrained")
 
 
 def save(figure: Any, out: Path, name: str) -> Path:

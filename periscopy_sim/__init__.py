@@ -6,4 +6,7 @@ package imports no renderer.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+try:
+    __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+except ValueError:
+    raise ImportError(f"{__file__} is in an archive; unpack it, scenes are files too") from None

@@ -1,6 +1,11 @@
 """What a user can fix: each error says what is wrong, where, and what would fix it."""
 
+import os
+import re
 from collections.abc import Iterable
+
+_URL = re.compile(r"(?:^|[:=,])[A-Za-z][A-Za-z0-9+.-]+:[/\\]")
+"""A URL, alone or in a list, or what `Path` makes of it: one slash. A drive has a single letter."""
 
 _LONGEST = 900
 """Characters of a message; it may quote what a damaged or hostile file holds."""
@@ -58,3 +63,15 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     near = get_close_matches(name.lower(), names := {each.lower(): each for each in known}, 1)
     return f"did you mean '{names[near[0]]}'?" if near else ""
+
+
+def path_fault(path: str | os.PathLike[str]) -> str:
+    """Return why no file can be read or written by this path, in words that follow it; or none.
+
+    Libraries differ in what they make of a URL, and of a name that is no UTF-8.
+    """
+    text = os.fspath(path)
+    if _URL.search(text):
+        return "is a URL; name a path on this machine"
+    is_utf8 = text.encode("utf-8", "replace").decode() == text
+    return "" if is_utf8 else "has a name that is no UTF-8; rename it"

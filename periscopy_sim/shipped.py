@@ -2,7 +2,13 @@
 
 from pathlib import Path
 
-from periscopy_sim.errors import PeriscopyError, PhotographError, SceneError, did_you_mean
+from periscopy_sim.errors import (
+    PeriscopyError,
+    PhotographError,
+    SceneError,
+    did_you_mean,
+    path_fault,
+)
 
 REALISTIC = (
     "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
@@ -64,11 +70,15 @@ def find_image(name: str | Path) -> Path:
 
 def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
     try:
-        if path.is_file():
-            return path
+        is_file = path.is_file()
     except (OSError, ValueError) as reason:  # no file system has such a name
         text = getattr(reason, "strerror", None) or reason
         raise error(f"{what} '{path}': {text}; name a file or a shipped {what}") from None
+    place = path.absolute() if is_file else path
+    if fault := path_fault(place):
+        raise error(f"{what} '{place}' {fault}")
+    if is_file:
+        return path
     folder = scenes_folder() / subfolder
     # Also as the checkout's own paths: scenes/chair.xml, scenes/images/mushroom.png.
     inside = [part for part in path.parts if part not in ("scenes", subfolder)]

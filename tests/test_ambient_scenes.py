@@ -11,7 +11,13 @@ import pytest
 
 from periscopy_sim.rendering.scene.load import camera_of, load_scenario, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, is_vectorized, use_variant
+from periscopy_sim.rendering.variant import (
+    OVERRIDE,
+    examine_variants,
+    is_vectorized,
+    mi,
+    use_variant,
+)
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -55,8 +61,6 @@ def direct(name: str) -> np.ndarray:
 
 
 def render(name: str, depth: int, samples: int) -> np.ndarray:
-    import mitsuba as mi
-
     scene = place(name)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     camera = camera_of(scene)
@@ -82,8 +86,6 @@ def roughness(picture: np.ndarray) -> float:
 
 def meet_wall(name: str, film: np.ndarray, sensor: str = "camera") -> tuple[np.ndarray, np.ndarray]:
     """Where a sensor's rays through film points (n, 2) end, and whether that is on the wall."""
-    import mitsuba as mi
-
     scene = place(name)
     sensors = {each.id(): each for each in scene.sensors()}
     rays, _ = sensors[sensor].sample_ray(
@@ -182,8 +184,6 @@ def sun_directions(name: str) -> np.ndarray:
     ("name", "expected"), [*((n, True) for n in IN_SUN), *((n, False) for n in BEHIND_WINDOWS)]
 )
 def test_board_is_wholly_in_the_sun_or_wholly_out_of_it(name: str, expected: bool) -> None:
-    import mitsuba as mi
-
     points, _ = meet_wall(name, grid(41, 1e-4))
     points[:, 1] -= 1e-4
     for sun in sun_directions(name):

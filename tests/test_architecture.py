@@ -5,6 +5,7 @@ import inspect
 import re
 import subprocess
 import sys
+import zipfile
 from collections import Counter
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -23,6 +24,8 @@ HEAVY = {
     *("numpy", "scipy", "numba", "matplotlib", "typer", "PIL", "OpenEXR", "png", "tifffile"),
     *("yaml", "zarr", "xarray", "distributed"),
 }
+STANDING_APART = "experiments.laboratories.making"
+"""What renders stand-ins knows nothing of the package; the room around it chooses a libLLVM."""
 OF_OUTPUT = {"matplotlib", "zarr", "xarray", "distributed"}
 LEARNED = "periscopy_sim.reconstruction.learned.weights"
 # From the top floor down: a part imports from its own floor and from those below.
@@ -176,21 +179,19 @@ def test_forbidden_arrows_alone_are_noticed(module, source):
     assert len(broken) == ((module, source) in FORBIDDEN)
 
 
-def test_only_the_rendering_and_the_variants_name_need_mitsuba():
-    importers = {
+def importers_of(libraries):
+    return {
         module
         for module in SOURCES
-        if module.startswith("periscopy_sim")
-        and any(name.split(".")[0] in RENDERERS for name in imported_names(module, tree_of(module)))
+        if any(name.split(".")[0] in libraries for name in imported_names(module, tree_of(module)))
     }
-    assert "periscopy_sim.rendering.transport.kernel" in importers
-    others = {name for name in importers if not name.startswith("periscopy_sim.rendering.")}
-    # These ask for the variant's name alone.
-    assert others <= {
-        "periscopy_sim.cli.session",
-        "periscopy_sim.dataset.make",
-        "periscopy_sim.storage.ambient_library",
-    }
+
+
+def test_mitsuba_and_matplotlib_have_one_door_each():
+    """Behind it a libLLVM and a variant are chosen, and no backend is asked for."""
+    importers = {m for m in importers_of(RENDERERS) if not m.startswith(STANDING_APART)}
+    assert importers == {"periscopy_sim.rendering.variant"}
+    assert importers_of({"matplotlib"}) == {"periscopy_sim.figures.style"}
 
 
 def test_only_the_command_line_writes_of_its_options():
@@ -219,9 +220,7 @@ def test_only_the_variant_module_sets_the_variant():
         or (isinstance(node, ast.Constant) and node.value == "set_variant")
         or (isinstance(node, ast.alias) and node.name == "set_variant")
     }
-    # What renders stand-ins knows nothing of the package.
-    standing_apart = "experiments.laboratories.making.render"
-    assert setters == {"periscopy_sim.rendering.variant", standing_apart}
+    assert setters == {"periscopy_sim.rendering.variant", f"{STANDING_APART}.render"}
 
 
 READERS = "storage.sequences", "storage.outputs.provenance", "storage.photographs"
@@ -246,6 +245,17 @@ def test_no_import_brings_in_a_heavy_library_before_it_is_needed(code, heavy):
     loaded = set(result.stdout.split())
     assert "periscopy_sim" in loaded
     assert loaded & (heavy | RENDERERS) == set()
+
+
+def test_package_in_an_archive_asks_to_be_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "package.zip", "w") as archive:
+        archive.write(PACKAGE / "__init__.py", "periscopy_sim/__init__.py")
+        archive.write(PACKAGE / "__init__.pyi", "periscopy_sim/__init__.pyi")
+    script = "import sys; sys.path.insert(0, 'package.zip'); import periscopy_sim"
+    ended = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert re.search(r"^ImportError: .*package\.zip.*unpack", ended.stderr, re.MULTILINE)
 
 
 def test_public_names_resolve_and_are_documented():

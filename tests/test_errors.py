@@ -1,6 +1,9 @@
+import os
+from pathlib import Path
+
 import pytest
 
-from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean, path_fault
 
 
 @pytest.mark.parametrize("held", ["a\nb", "a\r\x1b[2Jb", "a\0b", "a\u2028b", "a\ud800b"])
@@ -42,3 +45,14 @@ def test_long_message_keeps_its_start_and_its_end():
 def test_unknown_name_is_answered_by_what_is_most_like_it(name, question):
     assert did_you_mean(name, ["lamp_x", "lamp_z", "lamp_turn", "view_width"]) == question
     assert did_you_mean(name, []) == ""
+
+
+URLS = ("s3://b/y", "gs:/b/y", "file:///y", "zip::s3://b/y", "--out=az://y", "all,http://h/y")
+PATHS = ("y.npy", "C:/y", "C:\\y", "/a/b:c/y", "--out=C:/y", "occluder_dx=-0.1:0.1", "größe", "")
+
+
+@pytest.mark.parametrize("name", [*URLS, *PATHS, os.fsdecode(b"a/\xe9")])
+def test_url_and_name_that_is_no_utf_8_are_no_paths(name):
+    fault = path_fault(name)
+    assert bool(fault) == (name not in PATHS) and ("URL" in fault) == (name in URLS)
+    assert path_fault(Path(name)) == fault

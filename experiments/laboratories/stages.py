@@ -24,6 +24,7 @@ from experiments.page import described
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import package_sha256
 from periscopy_sim.evaluation.metrics import registered
+from periscopy_sim.figures.style import mpl
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -339,8 +340,6 @@ def _parameters_table(ways: Sequence[Way]) -> Table:
 
 def _draw(gone: Way, place: Workplace) -> Picture:
     """Draw the pictures and what is left of the photographs, one row a step."""
-    import matplotlib.image as mpl_image
-
     from periscopy_sim.storage.formats.srgb import srgb_encode
 
     name = f"{gone.laboratory}_{gone.ruler}"
@@ -366,7 +365,7 @@ def _draw(gone: Way, place: Workplace) -> Picture:
             seen.imshow(np.clip(srgb_encode(gain * picture), 0, 1), interpolation="nearest")
             residual = Path(stage.folder) / "residual.png"
             if residual.is_file():
-                left.imshow(mpl_image.imread(residual))
+                left.imshow(mpl.image.imread(residual))
                 left.set_anchor("W")
     return Picture(
         place.out / f"{name}.png",

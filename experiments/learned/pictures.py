@@ -20,6 +20,7 @@ import typer
 from numpy.typing import NDArray
 
 from experiments.learned.resuming import digest_of, hold_settings
+from periscopy_sim.figures.style import mpl
 from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -53,10 +54,8 @@ DARK = 0.2
 def photograph(name: str) -> Picture:
     """Return a shipped photograph, (rows, columns, 3), display values in [0, 1]."""
     if name == "grace_hopper":
-        from matplotlib import cbook, image
-
-        with cbook.get_sample_data("grace_hopper.jpg") as file:
-            values = image.imread(file, format="jpg")
+        with mpl.cbook.get_sample_data("grace_hopper.jpg") as file:
+            values = mpl.image.imread(file, format="jpg")
     elif name in ("china", "flower"):
         from sklearn.datasets import load_sample_image
 

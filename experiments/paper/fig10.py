@@ -18,7 +18,7 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, wall_extent
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import Setting
-from periscopy_sim.figures.style import plain_ticks
+from periscopy_sim.figures.style import mpl, plain_ticks
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.scenario import Scenario
 
@@ -179,8 +179,6 @@ def _draw(
     spectra: dict[str, tuple[Array, Array]],
     scenario: Scenario,
 ) -> None:
-    from matplotlib.ticker import MaxNLocator
-
     top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.05))
     overview, spectrum = top.subplots(1, 2, width_ratios=(1.1, 1))
     _draw_overview(overview, rows)
@@ -197,19 +195,21 @@ def _draw(
         ax.set(xticks=(-200, 0, 200), yticks=(-200, 0, 200), xlabel="across (mm)")
         bottom.colorbar(
             picture, ax=ax, orientation="horizontal", extend="both", label="entry of P", aspect=14,
-            ticks=MaxNLocator(3),
+            ticks=mpl.ticker.MaxNLocator(3),
         )  # fmt: skip
         if place == PLACES[0]:
             ax.set_ylabel("up (mm)")
 
 
 def _draw_overview(ax: Any, rows: Array) -> None:
-    from matplotlib.colors import LogNorm
-
     magnitude = np.sqrt(np.mean(rows**2, axis=2))
     low, high = np.percentile(magnitude, (1, 99))
     picture = ax.imshow(
-        magnitude, cmap="cividis", norm=LogNorm(low, high), aspect="auto", interpolation="nearest"
+        magnitude,
+        cmap="cividis",
+        norm=mpl.colors.LogNorm(low, high),
+        aspect="auto",
+        interpolation="nearest",
     )
     ax.set(xlabel="photograph's row", ylabel="patch (row of P)", title="magnitude of P")
     bar = ax.figure.colorbar(picture, ax=ax, label="rms entry", extend="both")

@@ -18,6 +18,7 @@ from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import SNR, Measured, Setting
 from experiments.sweeps import errors_of, of_method, swept
+from periscopy_sim.figures.style import mpl
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -275,8 +276,6 @@ def _draw_places(setting: Setting) -> None:
 
 
 def _curves(ax: Any, results: xr.Dataset, title: str) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     for method in METHODS:
         error = errors_of(results, method)
         low, high = np.quantile(error, (0.1, 0.9), axis=(1, 2))
@@ -285,9 +284,9 @@ def _curves(ax: Any, results: xr.Dataset, title: str) -> None:
         ax.plot(SBRS, error.mean(axis=(1, 2)), **style)
     ax.set(xscale="log", yscale="log", xlabel="signal-to-background ratio", title=title)
     ax.set_xticks([0.05, 0.2, 1, 5], ["0.05", "0.2", "1", "5"])
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(mpl.ticker.NullFormatter())
 
 
 def _ends(results: xr.Dataset) -> dict[str, tuple[float, str]]:

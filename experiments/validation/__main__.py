@@ -20,6 +20,7 @@ import periscopy_sim as ps
 from experiments.validation import coverage, solver
 from experiments.validation.solver import within
 from periscopy_sim.rendering.photograph import path_trace
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -118,8 +119,6 @@ def check_columns(count: int = 20) -> dict[str, Any]:
 
 def check_point_light() -> dict[str, Any]:
     """Compare a point emitter on a diffuse wall, seen orthographically, with Eq. 4."""
-    import mitsuba as mi
-
     scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
     center = scene.wall_points.mean(axis=0)
     lights = center + ps.paper_grid()[np.random.default_rng(2).choice(512, 8)] * [1, -1, 1]

@@ -73,11 +73,11 @@ def demo(
 def tutorial(out: Out) -> None:
     """Copy the tutorial's files; overwrite nothing."""
     shipped = scenes_folder() / "tutorial"
-    for file in sorted(shipped.rglob("*")):
-        own = out / file.relative_to(shipped)
-        if file.is_file() and own.exists():
-            raise OutputError(f"{own} exists already and stays; name another folder")
     with output_folder(out) as folder:
+        for file in sorted(shipped.rglob("*")):
+            own = out / file.relative_to(shipped)
+            if file.is_file() and own.exists():
+                raise OutputError(f"{own} exists already and stays; name another folder")
         # Not their modes: an installed package may be read-only.
         shutil.copytree(shipped, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
     say(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")

@@ -22,6 +22,7 @@ from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
 def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     """Return versions, scene, variant, seed and command line."""
-    import mitsuba as mi
-
     command = ["periscopy", *sys.argv[1:]]
     record = provenance(scenario.document, mi.variant(), seed, command)
     return {**record, "parameters": dict(scenario.parameters)}

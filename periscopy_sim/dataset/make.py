@@ -21,6 +21,7 @@ from periscopy_sim.dataset.samples import (
 )
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.machine import ahead
+from periscopy_sim.rendering.variant import mi, require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
@@ -89,13 +90,12 @@ def make_dataset(
         Light that bounces is not known well enough, see `render_bounced_light`. The archive's
         `bounced_error` has the error of each geometry.
     """
-    import mitsuba as mi
-
     out, report = Path(out), progress or (lambda *_: None)
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})
     check_place(out, "data set")
+    require_vectorized("a data set")
     draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():

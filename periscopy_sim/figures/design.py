@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
+from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -62,8 +62,6 @@ def _draw_curves(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked:
 
 def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked) -> None:
     """Draw a map of each error over the two parameters."""
-    from matplotlib.colors import LogNorm
-
     across, up = values_of(rows[0])
     figure.set_size_inches(2.7 * len(shown) + 0.3, 2.9)
     axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
@@ -72,7 +70,7 @@ def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: M
         ax.set(facecolor=GREY, title=DRAWN[number], xlabel=f"{across} (scene unit)")
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
-            picture = ax.pcolormesh(x, y, values, norm=LogNorm(), cmap="viridis_r")
+            picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
             plain_ticks(figure.colorbar(picture, ax=ax, label="% of white").ax.yaxis)
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
         ax.locator_params(axis="x", nbins=5)

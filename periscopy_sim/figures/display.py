@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, panel_row
+from periscopy_sim.figures.style import mpl
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
@@ -85,8 +86,7 @@ def show(
     pictures = [to_srgb(image, white) for image in (*images, *titled.values())]
     names = [*(titles or ("{} x {}".format(*picture.shape) for picture in pictures[: len(images)]))]
     names += [title.replace("_", " ") for title in titled]
-    from matplotlib import pyplot as plt
-
+    plt = mpl.pyplot
     figure: Any = plt.figure(layout="constrained")
     panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
@@ -114,8 +114,7 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
 def _display_once(figure: Any) -> None:
     """Display a figure, and close it: notebooks display open figures again after each cell."""
     from IPython import display
-    from matplotlib import pyplot as plt
 
     del figure._ipython_display_
-    plt.close(figure)
+    mpl.pyplot.close(figure)
     display.display(figure)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.style import OKABE_ITO, drawn, plain_ticks
+from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Image
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_encode
@@ -57,9 +57,7 @@ def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, un
 
     Colours end at `bound` either way; NaN is grey.
     """
-    from matplotlib import colormaps
-
-    colours = colormaps["RdBu_r"].with_extremes(bad="0.6")
+    colours = mpl.colormaps["RdBu_r"].with_extremes(bad="0.6")
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8, label=unit)
@@ -107,10 +105,8 @@ def draw_maps(
 
     The maps are (rows, columns). The label is the quantity and its unit.
     """
-    from matplotlib.colors import LogNorm
-
     values = np.concatenate([np.ravel(values) for _, values in maps])
-    norm = LogNorm(float(values.min()), float(values.max()))
+    norm = mpl.colors.LogNorm(float(values.min()), float(values.max()))
     aspect = max(each.shape[0] / each.shape[1] for _, each in maps)
     with drawn(path, metadata) as figure:
         figure.set_size_inches(3.6 * len(maps) + 0.9, 3.1 * aspect + 1.1)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, residual_map
+from periscopy_sim.figures.style import mpl
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.srgb import srgb_bytes
@@ -86,7 +87,5 @@ def _errors(pictures: LivePictures) -> Tile:
 
 def _colours(name: str, values: Array) -> Pixels:
     """Return false colours of values in [0, 1]; NaN is grey."""
-    from matplotlib import colormaps
-
-    colormap: Any = colormaps[name].with_extremes(bad="0.6")
+    colormap: Any = mpl.colormaps[name].with_extremes(bad="0.6")
     return np.ascontiguousarray(colormap(np.ma.masked_invalid(values), bytes=True)[..., :3])

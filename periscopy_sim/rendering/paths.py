@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
+from periscopy_sim.rendering.variant import dr, mi
+
 DIMENSIONS = 32
 """Dimensions of the sequence, which takes four bytes per dimension and path: those of the first
 five surfaces. With numbers by chance two places took 2.3 and 2.5 times the paths."""
@@ -56,8 +58,6 @@ class PathNumbers:
     """
 
     def __init__(self, origins: int, parts: tuple[int, ...]) -> None:
-        import mitsuba as mi
-
         self._paths = count = origins * sum(parts)
         sequence = qmc.Sobol(1 + DIMENSIONS, rng=np.random.default_rng(0))
         points = sequence.random_base2(int(np.ceil(np.log2(count))))[:count]
@@ -68,9 +68,6 @@ class PathNumbers:
 
     def shifted(self, seed: int) -> Numbers:
         """Return the numbers of a seed of 32 bits, by dimension."""
-        import drjit as dr
-        import mitsuba as mi
-
         dimensions, key = len(self._digits) // self._paths, dr.opaque(mi.UInt32, seed)
 
         def at(dimension: Any) -> Any:
@@ -91,8 +88,6 @@ def survivors(surface: Any, throughput: Any, number: Any, active: Any) -> tuple[
     `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From five
     surfaces on the largest chance to go on is 0.95, as in Mitsuba's path tracer.
     """
-    import drjit as dr
-
     strongest = dr.max(throughput)
     chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
     active &= (strongest > 0) & (number < chance)
@@ -117,9 +112,6 @@ def trace_paths(
     light. Of what the rays meet, the arrays hold positions, normals towards the rays' origins,
     whether there is a surface at all, and whether it scatters alike in all directions.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     context = mi.BSDFContext()
     # A BSDF without these scatters alike in all directions; Delta lets light pass straight, too.
     other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)

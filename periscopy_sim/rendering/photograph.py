@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
-from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
 WAVEFRONT = 1 << 24
@@ -80,8 +80,6 @@ class Monitor:
         bounces: int | None = None,
         only_monitor: bool = False,
     ) -> None:
-        import mitsuba as mi
-
         require_vectorized("a photograph")
         if samples < 1 or (bounces is not None and bounces < 1):
             raise ValueError("samples and bounces must be at least 1")
@@ -121,8 +119,6 @@ class Monitor:
 
     def show(self, image: NDArray[np.floating[Any]]) -> None:
         """Show another image, (R, C, 3) as in `photograph`, at first a white one."""
-        import mitsuba as mi
-
         image = _checked_image(image)
         if image.shape[:2] != self.hidden_shape:
             raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
@@ -155,9 +151,6 @@ def path_trace(
     by `mi.render`, but in several wavefronts: independent renderings of fewer samples would have
     larger strata, and larger errors.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     camera = camera_of(scene) if sensor is None else sensor
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
     columns, rows = (int(n) for n in camera.film().crop_size())

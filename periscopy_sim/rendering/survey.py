@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
 from periscopy_sim.rendering.scene.wall import map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.rendering.variant import is_vectorized, mi
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 
 EDGE = 1e-4
@@ -55,8 +55,6 @@ class Survey:
         film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            import mitsuba as mi
-
             ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
             return ray.o, ray.d, self._scene.ray_intersect(ray).p
 
@@ -84,8 +82,6 @@ class Survey:
 
     def blocked(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """Return whether anything stands between points (n, 3) and others (n, 3)."""
-        import mitsuba as mi
-
         path = ends - starts
         first = starts + SHADOW_EPSILON * path
 

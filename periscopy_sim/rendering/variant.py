@@ -1,7 +1,8 @@
-"""Choose a Mitsuba variant: CUDA or Metal where a device answers, else LLVM, else scalar.
+"""The door to Mitsuba: `mi` and `dr` are Mitsuba and Dr.Jit, imported at their first use.
 
-This is the only module that calls `mi.set_variant`, and the only one that chooses a libLLVM. In the
-scalar variant scenes load, which is all that closed forms need; rays need another.
+By then a libLLVM and a variant are chosen: CUDA or Metal where a device answers, else LLVM, else
+scalar. Only this module imports the two, chooses a libLLVM and sets a variant. In the scalar
+variant scenes load, which is all that closed forms need; rays need another.
 """
 
 import os
@@ -9,11 +10,12 @@ import platform
 import re
 import site
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
+from threading import Lock, RLock
+from types import ModuleType
 from typing import Any
 
 from periscopy_sim.errors import VariantError
@@ -28,15 +30,16 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
+CUDA_FILE = "DRJIT_LIBCUDA_PATH"
+"""The environment variable that names the driver's library that Dr.Jit loads."""
+
 _LLVM_OF_SYSTEM = {
     "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
     "Darwin": "brew install llvm",
     "Windows": f"github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}",
 }
-INSTALL_LLVM = (
-    f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
-    f"{_LLVM_OF_SYSTEM.get(platform.system(), 'conda install libllvm19')}"
-)
+_NEED = f"rays need LLVM {OLDEST_LLVM} or newer, or a GPU: "
+INSTALL_LLVM = _NEED + _LLVM_OF_SYSTEM.get(platform.system(), "conda install libllvm19")
 
 
 @dataclass(frozen=True)
@@ -58,43 +61,53 @@ def own_llvm() -> Path | None:
     return file if version >= OLDEST_LLVM else None
 
 
-def choose_llvm() -> str:
-    """Have Dr.Jit load this environment's libLLVM, and return which one it loads, in words.
+def choose_llvm() -> tuple[str, str]:
+    """Have Dr.Jit load this environment's libLLVM.
 
     What the user's `LLVM_FILE` names goes before it. Dr.Jit loads its libLLVM as it is imported:
     where ``import mitsuba`` came first, the system's serves, if there is one.
+
+    Returns
+    -------
+    tuple
+        Which libLLVM Dr.Jit loads, and what to do where that is none or too old.
     """
-    own = own_llvm()
-    if own is not None and "drjit" not in sys.modules:
-        os.environ.setdefault(LLVM_FILE, str(own))
-    named = os.environ.get(LLVM_FILE)
-    if named is None:
-        late = f"; call periscopy_sim.use_variant() before importing mitsuba to use {own}"
-        return f"the system's{late if own is not None else ''}"
-    if named != str(own):
-        return f"by {LLVM_FILE}, {named}"
-    return f"{named}; this environment's goes before the system's"
+    own, named = own_llvm(), os.environ.get(LLVM_FILE)
+    if own is not None and not named and "drjit" not in sys.modules:
+        os.environ[LLVM_FILE] = named = str(own)
+    if own is not None and named == str(own):
+        return f"{named}; this environment's goes before the system's", INSTALL_LLVM
+    if named:
+        return f"by {LLVM_FILE}, {named}", f"{_NEED}correct or unset {LLVM_FILE}"
+    if own is not None:
+        before = "call periscopy_sim.use_variant() before importing mitsuba"
+        return "the system's", f"{_NEED}{before} to use {own}"
+    return "the system's", INSTALL_LLVM
 
 
 def examine_variants() -> list[VariantReport]:
     """Report on each variant in `PREFERENCE`; a VariantError names a library Mitsuba lacks."""
-    origin = choose_llvm()
+    origin, remedy = choose_llvm()
     try:
-        import drjit as dr
+        import drjit
     except (ImportError, NameError) as error:  # Dr.Jit's own handler of ImportError has a NameError
         install = "install what is missing, such as apt-get install libatomic1"
         raise VariantError(f"Mitsuba: {error.__context__ or error}; {install}") from error
 
     cuda, metal, llvm = (
-        bool(dr.has_backend(getattr(dr.JitBackend, name))) for name in ("CUDA", "Metal", "LLVM")
+        bool(drjit.has_backend(getattr(drjit.JitBackend, name)))
+        for name in ("CUDA", "Metal", "LLVM")
     )
-    version = dr.detail.llvm_version()[0] if llvm else 0
+    version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
     works = version >= OLDEST_LLVM
+    nvidia = f"{'an' if cuda else 'no'} NVIDIA device answers"
+    if named := os.environ.get(CUDA_FILE):
+        nvidia += f" (by {CUDA_FILE}, {named}){'' if cuda else f'; correct or unset {CUDA_FILE}'}"
     return [
-        VariantReport("cuda_ad_rgb", cuda, f"{'an' if cuda else 'no'} NVIDIA device answers"),
+        VariantReport("cuda_ad_rgb", cuda, nvidia),
         VariantReport("metal_ad_rgb", metal, f"{'an' if metal else 'no'} Apple device answers"),
-        VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {INSTALL_LLVM}"),
+        VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {remedy}"),
         VariantReport("scalar_rgb", True, "needs nothing; for closed forms, it traces no rays"),
     ]
 
@@ -120,40 +133,71 @@ def use_variant(name: str | None = None) -> str:
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
     """
-    reports = {report.name: report for report in examine_variants()}
-    import mitsuba as mi
+    with _CHOICE:
+        return _use_variant(name)
 
-    asked = name or os.environ.get(OVERRIDE) or mi.variant()
+
+def _use_variant(name: str | None) -> str:
+    reports = {report.name: report for report in examine_variants()}
+    import mitsuba
+
+    asked = name or os.environ.get(OVERRIDE) or mitsuba.variant()
+    installed = mitsuba.variants()
     if asked is None:
-        installed = mi.variants()
         asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
-    if asked not in mi.variants() or "_rgb" not in asked:
-        usable = ", ".join(variant for variant in mi.variants() if "_rgb" in variant)
+    if asked not in installed or "_rgb" not in asked:
+        usable = ", ".join(variant for variant in installed if "_rgb" in variant)
         raise VariantError(
             f"'{asked}' is no RGB variant of Mitsuba here; use one of {usable}, or unset {OVERRIDE}"
         )
     report = reports.get(asked)
     if report is not None and not report.works:
         raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
-    if mi.variant() != asked:
-        mi.set_variant(asked)
-    from periscopy_sim.rendering.emitters.lcd import register_lcd
+    if mitsuba.variant() != asked:
+        mitsuba.set_variant(asked)
+    for register in PLUGINS:
+        register(mitsuba)
+    _Renderer.ready_for = asked
+    return str(asked)
 
-    register_lcd()
-    return asked
+
+class _Renderer(ModuleType):
+    """A module of the renderer, imported and given a variant when an attribute is first used."""
+
+    ready_for = ""
+    """The variant whose plugins are registered; a user may have set another since."""
+
+    def __getattr__(self, name: str) -> Any:
+        ready_for = _Renderer.ready_for
+        if not ready_for or sys.modules["mitsuba"].variant() != ready_for:
+            use_variant()
+        return getattr(sys.modules[self.__name__], name)
+
+
+dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
+
+PLUGINS: list[Callable[[Any], None]] = []
+"""Functions that register this package's plugins with Mitsuba, again for each variant."""
+
+_CHOICE = RLock()
+"""Held while Mitsuba is imported and a variant set: other threads wait until it can be used."""
 
 
 def is_vectorized() -> bool:
     """Return whether the variant now set evaluates whole arrays at once, as rays need it."""
-    import mitsuba as mi
-
     return not mi.variant().startswith("scalar")
 
 
 def require_vectorized(purpose: str) -> None:
     """Choose a variant, and raise a VariantError unless it is vectorized; `purpose` is a noun."""
-    if use_variant().startswith("scalar"):
-        raise VariantError(f"{purpose}: {INSTALL_LLVM}")
+    if is_vectorized():
+        return
+    reports = {report.name: report for report in examine_variants()}
+    best = next(name for name in PREFERENCE if reports[name].works)
+    reason = f"scalar variants trace no rays; choose {best} ({OVERRIDE}, or use_variant)"
+    if best == "scalar_rgb":
+        reason = reports["llvm_ad_rgb"].reason
+    raise VariantError(f"{purpose}: {reason}")
 
 
 _QUIET: list[Any] = []
@@ -165,8 +209,6 @@ _QUIET_LOCK = Lock()
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
-    import mitsuba as mi
-
     with _QUIET_LOCK:
         _QUIET.append(mi.log_level())
         mi.set_log_level(mi.LogLevel.Error)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -42,8 +43,6 @@ def ambient_photographs(
     `render_background`; `progress` is called with each condition that is rendered. A name that is
     unknown or given twice, or a file of other settings, is a `PeriscopyError`.
     """
-    import mitsuba as mi
-
     from periscopy_sim.rendering.ambient.background import render_background
 
     paths = {Path(name).stem: find_condition(name) for name in names}

@@ -12,6 +12,7 @@ from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import ERRORS, HIDDEN, SIDE, SIZE, TRUTH, Array, Small
@@ -37,8 +38,6 @@ def distances(found: ps.Calibration) -> Array:
 
 def path_traced(folder: Path, picture: Array) -> Array:
     """Return a photograph by Mitsuba alone, of a monitor that shows a picture."""
-    import mitsuba as mi
-
     ps.use_variant()
     image = folder / "image.exr"
     mi.Bitmap(np.flipud(picture).astype(np.float32).copy()).write(str(image))

@@ -82,6 +82,9 @@ def test_shell_completes_commands_and_methods(words, completions):
         ((*TRANSPORT, "-D", "occluder_dx=nan"), "occluder_dx"),
         (("transport", "x" * 5000, *TINY, "--out", "A.npy"), "xxx"),
         ((*TRANSPORT[:-1], "y" * 5000 + ".npy"), "yyy"),
+        ((*TRANSPORT[:-1], "s3://bucket/A.npy"), "--out 's3://bucket/A.npy'"),
+        (("sweep", "chair", *TINY, "--ambient", "all,gs://y.exr", "--out", "s"), "gs://y.exr"),
+        (("transport", os.fsdecode(b"\xe9.xml"), *TINY, "--out", "A.npy"), "udce9"),
     ],
 )
 def test_what_a_user_can_fix_is_one_short_line(arguments, offender, refused):

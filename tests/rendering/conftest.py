@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.variant import OVERRIDE, use_variant
+from periscopy_sim.rendering.variant import OVERRIDE, mi, use_variant
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
 
@@ -159,8 +159,6 @@ def mitsubas() -> Callable[..., list[np.ndarray]]:
     def run(
         path: Path, *, seeds: int = 8, samples: int = 1 << 14, **integrator: object
     ) -> list[np.ndarray]:
-        import mitsuba as mi
-
         scene, traced = mi.load_file(str(path)), mi.load_dict(integrator)
         return [
             np.array(mi.render(scene, integrator=traced, spp=samples, seed=seed)).mean(axis=2)

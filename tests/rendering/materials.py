@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from periscopy_sim.rendering.variant import mi
+
 
 def bitmap(name: str, file: str) -> str:
     return (
@@ -36,8 +38,6 @@ def write_files(folder: Path) -> None:
 
 def write_heights(folder: Path) -> None:
     """Write the heights of `BUMPS`, at random, and of `RAMP`, which rise evenly."""
-    import mitsuba as mi
-
     bumps = np.random.default_rng(0).random((16, 16, 1)).astype(np.float32)
     ramp = np.array([[0, 0.5], [0.5, 1]], np.float32)[..., None]
     for name, heights in (("bumps", bumps), ("ramp", ramp)):
@@ -46,7 +46,5 @@ def write_heights(folder: Path) -> None:
 
 def write_slope(folder: Path, normal: tuple[float, float, float] = (0, 0.3, 0.954)) -> None:
     """Write the normals of `SLOPE`, all alike."""
-    import mitsuba as mi
-
     slope = np.tile(np.float32(normal) / 2 + 0.5, (2, 2, 1)).astype(np.float32)
     mi.Bitmap(slope).write(str(folder / "slope.exr"))

@@ -6,6 +6,7 @@ import pytest
 from periscopy_sim.rendering import paths
 from periscopy_sim.rendering.ambient.irradiance import rows_of
 from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers
+from periscopy_sim.rendering.variant import mi
 
 SEEDS, RAYS = range(24), 1 << 14
 ORIGINS, PARTS = 16, (32, 96)
@@ -42,8 +43,6 @@ EMITTERS = {
 
 def scene_of(bsdf, emitters):
     """A floor, a wall to the right, a pane of the BSDF between them and the rays, emitters."""
-    import mitsuba as mi
-
     T = mi.ScalarTransform4f
 
     def rectangle(transform, bsdf):
@@ -82,15 +81,11 @@ def scene_of(bsdf, emitters):
 
 def rays_of(sample):
     """Rays from one point, most of them down."""
-    import mitsuba as mi
-
     direction = mi.warp.square_to_cosine_hemisphere(sample)
     return mi.Ray3f(mi.Point3f(-0.2, 0.1, 1.3), mi.Vector3f(direction.x, direction.y, -direction.z))
 
 
 def by_paths(scene, seed, numbers_of=None):
-    import mitsuba as mi
-
     numbers = (numbers_of or PathNumbers(1, (RAYS,)).shifted)(seed)
     ray = rays_of(mi.Point2f(*(numbers(k) for k in range(2))))
     light, _ = paths.trace_paths(scene, numbers, 2, ray)
@@ -98,8 +93,6 @@ def by_paths(scene, seed, numbers_of=None):
 
 
 def by_mitsuba(scene, seed):
-    import mitsuba as mi
-
     def traced(depth):
         sampler = mi.load_dict({"type": "independent", "sample_count": RAYS})
         sampler.set_samples_per_wavefront(RAYS)

@@ -4,6 +4,7 @@ import pytest
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
+from periscopy_sim.rendering.variant import mi
 from tests.rendering.ambient.lamps import scene_of
 
 GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
@@ -122,8 +123,6 @@ def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, m
 
 
 def test_a_wavefront_is_what_mitsuba_renders(room):
-    import mitsuba as mi
-
     seen, image = room.load(), np.random.default_rng(0).random((2, 3, 3))
     rendered = photograph.Monitor(seen, (2, 3), samples=64)
     ours = rendered.photograph(image, seed=3)

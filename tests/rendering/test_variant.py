@@ -1,12 +1,15 @@
 import os
+import pickle
 import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering import variant
 from periscopy_sim.rendering.variant import (
+    INSTALL_LLVM,
     LLVM_FILE,
     OVERRIDE,
     choose_llvm,
@@ -46,8 +49,8 @@ def backends(monkeypatch):
         fake = Backends(**facts)
         monkeypatch.setitem(sys.modules, "mitsuba", fake.mitsuba)
         monkeypatch.setitem(sys.modules, "drjit", fake.drjit)
-        register = "periscopy_sim.rendering.emitters.lcd.register_lcd"
-        monkeypatch.setattr(register, lambda: fake.events.append("plugins"))
+        monkeypatch.setattr(variant._Renderer, "ready_for", "")
+        monkeypatch.setattr(variant, "PLUGINS", [lambda _: fake.events.append("plugins")])
         return fake
 
     return install
@@ -133,11 +136,15 @@ def test_newest_llvm_of_the_environment_goes_before_the_systems(
     imported = choose_llvm()  # Dr.Jit may be: nothing is changed then
     assert LLVM_FILE not in os.environ or "drjit" not in sys.modules
     monkeypatch.delitem(sys.modules, "drjit", raising=False)
-    said = choose_llvm()
-    assert os.environ.get(LLVM_FILE) == (chosen and str(tmp_path / "lib" / chosen))
-    assert (chosen or "the system's") in said and imported
+    for before in ({}, {LLVM_FILE: ""}):
+        environment |= before
+        origin, remedy = choose_llvm()
+        assert (os.environ.get(LLVM_FILE) or None) == (chosen and str(tmp_path / "lib" / chosen))
+        assert (chosen or "the system's") in origin and remedy == INSTALL_LLVM and imported
+        environment.pop(LLVM_FILE, None)
     environment[LLVM_FILE] = "mine.so"
-    assert choose_llvm() == f"by {LLVM_FILE}, mine.so"
+    origin, remedy = choose_llvm()
+    assert f"{LLVM_FILE}, mine.so" in origin and f"unset {LLVM_FILE}" in remedy
 
 
 IN_SCALAR = """
@@ -146,7 +153,6 @@ import mitsuba as mi
 import periscopy_sim as ps
 from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-from periscopy_sim.rendering.variant import INSTALL_LLVM
 scene = ps.load_scenario(sys.argv[1], (1, 1))
 assert mi.variant() == "scalar_rgb" and ps.analytic_transport(scene).all()
 for render in (
@@ -159,8 +165,16 @@ for render in (
     try:
         render()
     except VariantError as error:
-        assert INSTALL_LLVM in str(error)
+        assert "PERISCOPY_VARIANT" in str(error) or "LLVM" in str(error)
         print("refused")
+"""
+
+MOVE_UNPICKLED = """
+import mitsuba  # which chooses no variant by itself
+import pickle, sys
+from pathlib import Path
+scene = pickle.loads(Path(sys.argv[1]).read_bytes())
+print(scene.at(occluder_dx=0.01).occluders[0].bounds[0, 0])
 """
 
 CHANGE_VARIANTS = """
@@ -178,6 +192,13 @@ for name in [None] + [report.name for report in examine_variants() if report.wor
 
 def test_closed_forms_need_no_rays_and_rays_say_what_they_need(room, scalar):
     assert scalar(IN_SCALAR, room.write()).split() == 5 * ["refused"]
+
+
+def test_unpickled_scene_moves_in_a_fresh_process(scalar, tmp_path):
+    scene = ps.load_scenario("plate", (1, 1), {"resolution": 4})
+    (tmp_path / "scene").write_bytes(pickle.dumps(scene))
+    moved = scene.at(occluder_dx=0.01).occluders[0].bounds[0, 0]
+    assert float(scalar(MOVE_UNPICKLED, tmp_path / "scene")) == pytest.approx(moved)
 
 
 def test_screen_plugin_loads_in_every_variant_one_after_the_other(scalar):

@@ -14,11 +14,11 @@ from periscopy_sim.figures.laboratory.geometry import (
     groups_of,
     hull,
 )
-from periscopy_sim.figures.style import OKABE_ITO, STYLE
+from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
 from periscopy_sim.scenario import Array, Scenario
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from periscopy_sim.figures.style import Figure
 
 GAPS = 9.0, 36.0, 72.0
 """Pixels between a thing and its label, the nearest first."""
@@ -112,8 +112,7 @@ LINES = (
 
 def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
-    from matplotlib.patches import Polygon
-
+    Polygon = mpl.patches.Polygon
     survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
     limits = ax.get_xlim(), ax.get_ylim()
     (left, right), (bottom, top) = map(sorted, limits)
@@ -141,9 +140,7 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
 
 def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     """Draw everything onto two axes: camera and view, monitor, occluders, shadows."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.patches import Polygon
-
+    Polygon = mpl.patches.Polygon
     scenario, survey = layout.scenario, layout.survey
     h, v = (layout.axes[k] for k in shown)
     limits = ax.get_xlim(), ax.get_ylim()
@@ -161,7 +158,7 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
         outlines = [hull(corners)] if solid.faces is None else list(corners[solid.faces])
         colour, depth = (OCCLUDER, 5.0) if solid in upright else (GROUND, 0.5)
         look: dict[str, Any] = {"facecolor": colour, "edgecolor": colour, "linewidth": 0.4}
-        ax.add_collection(PolyCollection(outlines, zorder=depth, **look))
+        ax.add_collection(mpl.collections.PolyCollection(outlines, zorder=depth, **look))
     for name, points in groups_of(upright).items():
         labels.add(name, points[:, [h, v]], "black")
     monitor = hull(survey.monitor_points[:, [h, v]])
@@ -241,10 +238,6 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     the side view beside it, the plan below. Grey is how much of the monitor a point of the wall
     sees.
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
     spans = (high - low)[axes]
@@ -254,10 +247,11 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
     height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
-    with rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
-        figure = Figure(figsize=(WIDTH, height), dpi=160)
+    with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
+        figure: Figure = mpl.figure.Figure(figsize=(WIDTH, height), dpi=160)
         figure.set_layout_engine("constrained", h_pad=0.1)
-        FigureCanvasAgg(figure)  # labels are placed by their size in pixels
+        # Labels are placed by their size in pixels.
+        mpl.backends.backend_agg.FigureCanvasAgg(figure)
         ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
         (wall, side), (plan, rest) = figure.subplots(2, 2, **ratios)
         for ax, (h, v), title in (

@@ -23,7 +23,7 @@ from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.rendering.scene.wall import map_points
-from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, rises, wall_frame
 from periscopy_sim.shipped import find_scene
@@ -284,9 +284,6 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
 
     And the height of points just off the wall, and how far it sees at least, across and up.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     camera, wall = camera_of(scene), shape_of(scene, "wall")
 
     def meet(film: Any) -> tuple[Any, ...]:

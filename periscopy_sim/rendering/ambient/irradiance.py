@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
+from periscopy_sim.rendering.variant import dr, mi
 from periscopy_sim.scenario import Array
 
 SPLIT = 4
@@ -39,9 +40,6 @@ def direct_irradiance(
     and cosine-weighted ones, `samples` of each rounded up to a square number, are combined by the
     balance heuristic [1]. The seed is of 32 bits.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     count = math.ceil(math.sqrt(samples)) ** 2
     sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
     sampler.set_samples_per_wavefront(count)
@@ -103,9 +101,6 @@ class BouncedIrradiance:
         Return the radiance that each ray brings, (rays, 3), and what all paths first meet, those
         of the rays before others, as `trace_paths` does.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         m, n = len(self._points), self._rays
         numbers = self._numbers.shifted(seed)
         ray_of = np.arange(m * n).reshape(m, 1, n)
@@ -124,9 +119,6 @@ class BouncedIrradiance:
 
     def _form_factors(self, paths: NDArray[np.uint32], hits: tuple[Any, ...]) -> Array:
         """Return the density of each hit from each point: cosines over π r², 0 where unseen."""
-        import drjit as dr
-        import mitsuba as mi
-
         m = len(self._points)
         pair = dr.arange(mi.UInt32, len(paths) * m)
         path, index = dr.opaque(mi.UInt32, int(paths[0])) + pair // m, pair % m
@@ -151,8 +143,6 @@ class BouncedIrradiance:
 
 def gathered(kind: Any, rows: Array, index: Any) -> Any:
     """Return rows, (n, components), at an index, as a Dr.Jit vector of a kind."""
-    import drjit as dr
-
     return dr.gather(kind, kind(np.ascontiguousarray(rows.T, np.float32)), index)
 
 

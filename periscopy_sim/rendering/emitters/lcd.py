@@ -7,6 +7,8 @@ taken between the normal and the direction's projection on the plane of normal a
 
 from typing import Any
 
+from periscopy_sim.rendering.variant import PLUGINS, dr, mi
+
 PLUGIN = "lcd"
 
 
@@ -17,8 +19,6 @@ def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) 
     with normal component n and up component u, of any positive scale; likewise the horizontal one.
     The exponents are the vertical and the horizontal one.
     """
-    import drjit as dr
-
     across = dr.dot(direction, dr.normalize(surface.dp_du))
     up, normal = dr.dot(direction, dr.normalize(surface.dp_dv)), dr.dot(direction, surface.n)
     vertical, horizontal = exponents
@@ -31,25 +31,21 @@ def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) 
 
 def _root_power(square: Any, exponent: float) -> Any:
     """Raise the root of a square to a power: by products where the exponent is a whole number."""
-    import drjit as dr
-
     if exponent != int(exponent):
         return dr.power(square, 0.5 * exponent)
     whole = dr.power(square, int(exponent) // 2)
     return whole * dr.sqrt(square) if int(exponent) % 2 else whole
 
 
-def register_lcd() -> None:
-    """Register the ``lcd`` emitter with the variant now set (again after every change of it).
+def register_lcd(mitsuba: Any) -> None:
+    """Register the ``lcd`` emitter with the variant now set of Mitsuba, the module itself.
 
     Its parameters are ``radiance`` (spectrum or texture: the radiance along the normal),
     ``vertical_exponent`` and ``horizontal_exponent``.
     """
-    import drjit as dr
-    import mitsuba as mi
 
     # Base classes belong to a variant, so the class is made anew for each.
-    class Lcd(mi.Emitter):  # type: ignore[misc]
+    class Lcd(mitsuba.Emitter):  # type: ignore[misc]
         """Area emitter whose radiance falls off about the shape's own dp_du and dp_dv axes."""
 
         def __init__(self, props: Any) -> None:
@@ -129,4 +125,7 @@ def register_lcd() -> None:
         def to_string(self) -> str:
             return f"Lcd[exponents={self.exponents}]"
 
-    mi.register_emitter(PLUGIN, Lcd)
+    mitsuba.register_emitter(PLUGIN, Lcd)
+
+
+PLUGINS.append(register_lcd)

@@ -15,7 +15,7 @@ from periscopy_sim.rendering.scene.motion import LoadedScene
 from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
-from periscopy_sim.rendering.variant import use_variant, without_warnings
+from periscopy_sim.rendering.variant import without_warnings
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 from periscopy_sim.shipped import find_scene
 
@@ -75,7 +75,6 @@ def load_scenario(
         monitor faces away or shines outside of its UV square, a shape lets light through or holds a
         participating medium, or the hidden size is not possible.
     """
-    use_variant()
     values = {name: str(value) for name, value in (parameters or {}).items()}
     rows, columns = map(operator.index, hidden)
     return _load(SceneNodes(find_scene(path), values), (rows, columns), photograph)

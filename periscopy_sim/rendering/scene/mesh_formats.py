@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.variant import use_variant, without_warnings
+from periscopy_sim.rendering.variant import mi, without_warnings
 
 FOREIGN = ("stl", "glb")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
@@ -66,7 +66,6 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     if not content:
         raise ValueError("is empty")
     if kind not in FOREIGN:
-        use_variant()
         try:
             check_mesh(path, kind)
         except RuntimeError as error:
@@ -99,8 +98,6 @@ def check_mesh(path: Path, plugin: str) -> None:
 @lru_cache(maxsize=256)
 def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     """Check a mesh file once, as of a time: who calibrates reads a scene hundreds of times."""
-    import mitsuba as mi
-
     # Flat first: Mitsuba follows a wrong index to the vertex normals, out of its memory.
     with without_warnings():  # which come when the scene is loaded
         mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})

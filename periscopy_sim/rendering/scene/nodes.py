@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import file_of, read_document
-from periscopy_sim.rendering.variant import one_line
+from periscopy_sim.rendering.variant import mi, one_line
 from periscopy_sim.scenario import EmissionProfile, SceneDocument
 
 EXPONENTS = "vertical_exponent", "horizontal_exponent"
@@ -95,8 +95,6 @@ class SceneNodes:
 
     def children(self, props: Any, kind: str) -> list[tuple[str, Any]]:
         """Return the children of a kind, each by the name under which the node holds it."""
-        import mitsuba as mi
-
         nodes = {
             key: self._state.nodes[props[key].index()]
             for key in props.keys()  # noqa: SIM118 (Properties do not iterate)
@@ -136,8 +134,6 @@ class SceneNodes:
 
     def layout(self) -> SceneLayout:
         """Return where the shapes and sensors are, and everything else that the scene says."""
-        import mitsuba as mi
-
         layout = SceneLayout({}, {}, [])
         for node in self._state.nodes:
             rest, name = mi.Properties(node.props), node.props.id()
@@ -176,8 +172,6 @@ class SceneNodes:
         The image is (R, C, 3) linear radiance along the normal, as a viewer facing the monitor sees
         it; `mirrored` if the monitor's u runs to a viewer's left.
         """
-        import mitsuba as mi
-
         emitter = self._monitor_emitter()
         if "radiance" not in emitter:
             raise SceneError(
@@ -207,8 +201,6 @@ class SceneNodes:
         Its samples become stratified ones: on penumbrae their error falls about as n^-0.75. A film
         size of None leaves its (rows, columns).
         """
-        import mitsuba as mi
-
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
             raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
@@ -228,8 +220,6 @@ class SceneNodes:
 
     def instantiate(self) -> Any:
         """Build the Mitsuba scene, once: it consumes the nodes."""
-        import mitsuba as mi
-
         state, self._state = self._state, None
         refused = ""
         try:
@@ -264,8 +254,6 @@ class SceneNodes:
         Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
         normals, so that its light would depend on the way it was found.
         """
-        import mitsuba as mi
-
         if "monitor" not in self._state.id_to_index:
             return
         monitor = self._by_id("monitor")
@@ -315,8 +303,6 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
     `mitsuba.parser.instantiate` takes both. A file that is missing or malformed, or a parameter
     that the scene does not declare, is a `SceneError`.
     """
-    import mitsuba as mi
-
     path, parameters = document.path, document.given
     for name in parameters:
         if name not in document.defaults:
@@ -381,7 +367,6 @@ def searching(*folders: Path) -> Iterator[None]:
 
     Its parser also leaves a scene's ``<path>`` folders behind for every scene that follows.
     """
-    import mitsuba as mi
 
     def search(names: list[str]) -> None:
         resolver.clear()

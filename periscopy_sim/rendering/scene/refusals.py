@@ -15,6 +15,7 @@ import numpy as np
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.wall import map_points, surface_at
+from periscopy_sim.rendering.variant import dr
 
 OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",
@@ -62,7 +63,6 @@ def check_monitor(monitor: Any, path: Path) -> None:
     What lies outside of the square, or under the same coordinates as another part, would shine in
     the scene but not in A; Mitsuba's own textured emitters miss it as well.
     """
-    import drjit as dr
 
     def area_at(uv: Any) -> tuple[Any]:
         si = surface_at(monitor, uv)

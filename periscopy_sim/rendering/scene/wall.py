@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.variant import is_vectorized, one_line
+from periscopy_sim.rendering.variant import dr, is_vectorized, mi, one_line
 from periscopy_sim.scenario import Array
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
@@ -38,8 +38,6 @@ def seen_wall(
 
     `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
     """
-    import mitsuba as mi
-
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
             f"{where}: the wall ({material}) reflects as a mirror does, in part or "
@@ -86,9 +84,6 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
     The ray's origin and direction, the wall's point and both its normals, whether it is the wall,
     the reflection to the camera, and that along the normal and along `SLOPES`.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     bsdf, context = wall.bsdf(), mi.BSDFContext()
 
     def meet(position: Any) -> tuple[Any, ...]:
@@ -129,9 +124,6 @@ def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> lis
 
     The result is an (n, components) float64 array for each of its values.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     if is_vectorized():
         values = function(mi.Point2f(points.T.astype(np.float32)))
         dr.eval(*values)  # all in one kernel, where each component would be traced by its own
@@ -150,9 +142,6 @@ def surface_at(shape: Any, uv: Any) -> Any:
     meets their edge; there a point beside it is taken. The interaction is not valid where the shape
     has no point. A shape without UV coordinates is a RuntimeError.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     surface = shape.eval_parameterization(uv, +mi.RayFlags.All)
     if not shape.is_mesh():
         return surface
@@ -162,8 +151,6 @@ def surface_at(shape: Any, uv: Any) -> Any:
 
 
 def _columns(value: Any, count: int) -> Array:
-    import drjit as dr
-
     components = value if dr.depth_v(value) > 1 else [value]
     # Components that are the same everywhere have length 1.
     return np.stack(

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
-from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.scenario import Array, Scenario
 
@@ -262,9 +262,6 @@ def make_tracer(
     radiance. `bounces` is the most reflections of a
     path, 2 or more; None for any number.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
     scene = build_scene(scenario, np.ones((2, 2, 3)), only_monitor=True)
     camera, wall = camera_of(scene), shape_of(scene, "wall")
@@ -326,9 +323,6 @@ def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:
 
 def _direct(scenario: Scenario, pixels: NDArray[np.intp], seed: int) -> Array:
     """Return what a white image sends straight, (S,), at some pixels."""
-    import drjit as dr
-    import mitsuba as mi
-
     patches = scenario.transport_shape[1]
     entries = make_kernel(scenario, 1, "jittered", 1)
     pixel = mi.UInt32(np.repeat(pixels, patches).astype(np.uint32))

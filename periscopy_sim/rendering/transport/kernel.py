@@ -13,6 +13,7 @@ import numpy as np
 from periscopy_sim.rendering.emitters.lcd import falloff_about
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
 from periscopy_sim.rendering.scene.wall import surface_at
+from periscopy_sim.rendering.variant import dr, mi
 from periscopy_sim.scenario import Scenario
 
 Strata = Literal["midpoint", "gauss", "jittered"]
@@ -28,9 +29,6 @@ def make_kernel(
     scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
 ) -> Callable[[Any, Any, Any], Any]:
     """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
-    import drjit as dr
-    import mitsuba as mi
-
     scene = build_scene(scenario)
     camera = camera_of(scene)
     wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
@@ -48,7 +46,7 @@ def make_kernel(
         """
         row, column = index // across, index % across
         if key is not None and jittered:
-            bits = _scrambled(mi, key, 2 * index)
+            bits = _scrambled(key, 2 * index)
             jitter = [(mi.Float(half) + 0.5) / (1 << 16) for half in (bits >> 16, bits & 0xFFFF)]
         else:
             jitter = [placed(row, down), placed(column, across)]
@@ -100,11 +98,11 @@ def make_kernel(
         return dr.select(lit, value, 0)
 
     def entries(pixel: Any, patch: Any, seed: Any) -> Any:
-        key, _ = _hash(mi, pixel, seed)
-        key, _ = _hash(mi, key, patch)
+        key, _ = _hash(pixel, seed)
+        key, _ = _hash(key, patch)
 
         def at_wall_point(p: Any) -> Any:
-            point_key, _ = _hash(mi, key, p)
+            point_key, _ = _hash(key, p)
             si = wall_point(pixel, p)
             return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
@@ -116,9 +114,6 @@ def make_kernel(
 
 def _sum(count: int, term: Callable[[Any], Any]) -> Any:
     """Sum term(0) + ... + term(count - 1) in a loop within the kernel."""
-    import drjit as dr
-    import mitsuba as mi
-
     if count == 1:
         return term(mi.UInt32(0))  # a loop would keep the loop within it from being optimized
     total, _ = dr.while_loop(
@@ -131,8 +126,6 @@ def _sum(count: int, term: Callable[[Any], Any]) -> Any:
 
 def monitor_profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
     """Return the radiance of a point of the monitor in a direction, relative to the normal's."""
-    import drjit as dr
-    import mitsuba as mi
 
     def evaluated(light: Any, direction: Any) -> Any:
         # eval_parameterization leaves the tangents unnormalized.
@@ -155,13 +148,13 @@ def _factor(count: int) -> tuple[int, int]:
     return down, count // down
 
 
-def _hash(mi: Any, a: Any, b: Any) -> Any:
+def _hash(a: Any, b: Any) -> Any:
     """Turn two integers into two of random bits."""
     # Mitsuba's default of 4 rounds leaves neighbours correlated by up to 0.4.
     return mi.sample_tea_32(a, b, 6)
 
 
-def _scrambled(mi: Any, key: Any, index: Any) -> Any:
+def _scrambled(key: Any, index: Any) -> Any:
     """Turn the index of a sample into random bits, the key being random already.
 
     A multiply and xor-shift hash (C. Wellons, "Prospecting for hash functions", 2018) of numbers a

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
-from periscopy_sim.rendering.variant import require_vectorized
+from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
 
 LANES = 1 << 22
@@ -152,9 +152,6 @@ class RenderedTransport:
     ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
         """Yield the rows of chosen pixels, without bounces, with their places among the chosen."""
         require_vectorized("the transport matrix by rays")
-        import drjit as dr
-        import mitsuba as mi
-
         entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
         pixels, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
         work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PhotographError, path_fault
 
 LINEAR, SRGB, GAMMA = "linear", "sRGB", "gamma 1/2.2"
 """Encodings that a file may declare; converters write the last for linear light, too."""
@@ -40,6 +40,8 @@ def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again")
 
     The message names the file, the `kind` of its format, the reason and the `remedy`.
     """
+    if fault := path_fault(path):
+        raise PhotographError(f"{path}: {fault}")
     try:
         yield
     except PhotographError:

@@ -12,7 +12,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PhotographError, path_fault
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
 from periscopy_sim.storage.formats.decoding import Picture
 from periscopy_sim.storage.formats.exr import decode_exr
@@ -62,7 +62,8 @@ def format_of(path: Path) -> FileFormat:
         with path.open("rb") as stream:
             head = stream.read(32)  # twice the longest signature
     except OSError as error:
-        raise PhotographError(f"{path}: {error.strerror}; check the path") from error
+        fault = path_fault(path) or f"{error.strerror}; check the path"
+        raise PhotographError(f"{path}: {fault}") from error
     for row in FORMATS:
         is_named = path.suffix.lower() in row.suffixes
         if re.match(row.signature, head, re.DOTALL) and (is_named or not row.is_raw):

@@ -8,7 +8,7 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from periscopy_sim.errors import ConfigurationError, did_you_mean
+from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
 
 
 class Strict(BaseModel):
@@ -75,7 +75,8 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         document = loader.get_single_node()
         entries = document and loader.construct_document(document)
     except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}; check the path") from None
+        fault = path_fault(path) or f"{error.strerror}; check the path"
+        raise ConfigurationError(f"{path}: {fault}") from None
     except Exception as error:  # PyYAML also raises what Python says of an impossible date
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""

@@ -39,8 +39,9 @@ def resumed_folder(
                 reason = "has no record of its settings; name another folder"
                 raise OutputError(f"{file}: {reason}") from None
             return
-        except (ValueError, TypeError, OSError):
-            raise OutputError(f"{out / SETTINGS}: is damaged; name another folder") from None
+        except (ValueError, TypeError, OSError) as error:
+            reason = getattr(error, "strerror", None) or "is damaged"
+            raise OutputError(f"{out / SETTINGS}: {reason}; name another folder") from None
         if is_new():
             held |= {name: settings[name] for name in varied or settings}
         check_settings(held, settings, str(out), what)

@@ -2,6 +2,7 @@
 
 import errno
 import glob
+import hashlib
 import os
 import shutil
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from periscopy_sim.errors import OutputError
+from periscopy_sim.errors import OutputError, path_fault
 
 _FULL = ("requested and", *map(os.strerror, (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)))
 """Words of errors about a full disk or quota: NumPy's, which has no number, and the system's."""
@@ -20,7 +21,9 @@ def spare_inputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None
     """Raise an `OutputError` if an output would replace one of the input files."""
     given = [file for file in inputs if file is not None and file.exists()]
     for output in outputs:
-        if output.exists() and any(output.samefile(file) for file in given):
+        with unwritable_reported(output):
+            is_given = output.exists() and any(output.samefile(file) for file in given)
+        if is_given:
             raise OutputError(f"cannot write {output}: it is one of the files given; name another")
 
 
@@ -35,7 +38,7 @@ def staged_file(path: Path) -> Iterator[Path]:
     device, or cannot be written; a later one that the disk is full.
     """
     with ExitStack() as undo:
-        with _reported(path):
+        with unwritable_reported(path):
             target = Path(os.path.realpath(path))  # absolute: the block may change folder
             if target.exists() and not target.is_file():
                 raise OutputError(f"cannot write {path}: it is no regular file; name another")
@@ -44,7 +47,7 @@ def staged_file(path: Path) -> Iterator[Path]:
             _hold(staged, undo)
         with out_of_space_reported(path):
             yield staged
-        with _reported(path):
+        with unwritable_reported(path):
             _flush(staged)
             staged.replace(target)
 
@@ -58,7 +61,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
     be a mount point. An `OutputError` is raised if a file would replace a folder or vice versa.
     """
     with ExitStack() as undo:
-        with _reported(path):
+        with unwritable_reported(path):
             target = Path(os.path.realpath(path))
             if target.exists() and not target.is_dir():
                 raise OutputError(f"cannot write {path}: it is a file; name a folder")
@@ -67,7 +70,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
             _hold(staged, undo)
         with out_of_space_reported(path):
             yield staged
-        with _reported(path):
+        with unwritable_reported(path):
             entries = sorted(staged.rglob("*"))
             for file in (entry for entry in entries if entry.is_file()):
                 _flush(file)
@@ -85,16 +88,19 @@ def staged_folder(path: Path) -> Iterator[Path]:
 def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
     """Return a new name in a folder, which is made, and remove what killed processes left there.
 
-    `undo` removes the file or folder of that name.
+    `undo` removes the file or folder of that name, which is short, however long the target's is.
     """
     for parent in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
         undo.callback(_remove_empty, parent)
     folder.mkdir(parents=True, exist_ok=True)
-    for leftover in folder.glob(f".{glob.escape(target.name)}-????????.partial{target.suffix}"):
+    with suppress(FileNotFoundError):
+        target.stat()  # shows before hours of work whether there can be such a name
+    digest, suffix = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8], target.suffix[:16]
+    for leftover in folder.glob(f".{digest}-????????.partial{glob.escape(suffix)}"):
         with suppress(OSError), ExitStack() as briefly:
             if _hold(leftover, briefly):
                 _remove(leftover)
-    staged = folder / f".{target.name}-{uuid.uuid4().hex[:8]}.partial{target.suffix}"
+    staged = folder / f".{digest}-{uuid.uuid4().hex[:8]}.partial{suffix}"
     undo.callback(_remove, staged)
     return staged
 
@@ -147,15 +153,18 @@ def _flush(file: Path) -> None:
 
 
 @contextmanager
-def _reported(path: Path) -> Iterator[None]:
-    """Raise an error of the system about `path` as an `OutputError`."""
+def unwritable_reported(path: Path) -> Iterator[None]:
+    """Raise what is wrong with `path`, by itself or as the system says, as an `OutputError`."""
     try:
+        for place in (path, os.path.realpath(path)):
+            if fault := path_fault(place):
+                raise OutputError(f"cannot write {place}: it {fault}")
         yield
     except (OSError, ValueError) as error:  # ValueError: an OutputError, or a null character
         if isinstance(error, OutputError):
             raise
         reason = getattr(error, "strerror", None) or error
-        raise OutputError(f"cannot write {path}: {reason}; choose another place") from error
+        raise OutputError(f"cannot write {path}: {reason}; choose another place or name") from error
 
 
 @contextmanager
@@ -179,11 +188,9 @@ def alone_in(folder: Path) -> Iterator[None]:
 
     The folder is made if missing. Another process at work there is an `OutputError`.
     """
-    try:
+    with unwritable_reported(folder):
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / LOCK).open("ab")
-    except OSError as error:
-        raise OutputError(f"cannot write {folder}: {error.strerror}; name another") from error
     with stream:
         if not claim(stream.fileno()):
             raise OutputError(

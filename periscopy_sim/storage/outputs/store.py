@@ -25,6 +25,7 @@ from periscopy_sim.storage.outputs.staging import (
     out_of_space_reported,
     staged_file,
     staged_folder,
+    unwritable_reported,
 )
 
 MAKING = "making"
@@ -208,8 +209,9 @@ def check_place(path: Path, what: str) -> None:
 
     A store holds no links: they may lead to files that are not the store's.
     """
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a file; name a folder")
+    with unwritable_reported(path):
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"cannot write {path}: it is a file; name a folder")
     for each in path.rglob("*"):
         if each.is_symlink() or not (each.is_file() or each.is_dir()):
             raise OutputError(

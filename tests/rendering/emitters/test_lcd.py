@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import EmissionProfile
 
 SQUARE = (np.eye(3), (1.0, 1.0))
@@ -16,8 +17,6 @@ EXPONENTS = (18.0, 1.0)
 
 def screen(axes, scale, exponents=EXPONENTS, radiance=None, kind="lcd"):
     """A Mitsuba scene of one rectangle whose u, v and normal are the columns of `axes`."""
-    import mitsuba as mi
-
     to_world = np.eye(4)
     to_world[:3, :3] = axes * [*scale, 1]
     to_world[:3, 3] = CENTER
@@ -40,8 +39,6 @@ def screen(axes, scale, exponents=EXPONENTS, radiance=None, kind="lcd"):
 
 def picture(values):
     """Texture of (rows, columns) grey radiances; row 0 at v = 0."""
-    import mitsuba as mi
-
     pixels = np.repeat(np.asarray(values, np.float32)[..., None], 3, axis=2)
     bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True}
     return bitmap | {"filter_type": "nearest", "wrap_mode": "clamp"}
@@ -54,8 +51,6 @@ def on_screen(axes, scale, uv):
 
 
 def interaction(position):
-    import mitsuba as mi
-
     it = mi.SurfaceInteraction3f()
     it.p = mi.Point3f(*map(float, position))
     return it
@@ -64,8 +59,6 @@ def interaction(position):
 @FRAMES
 @pytest.mark.parametrize("exponents", [EXPONENTS, (0.0, 0.0), (0.0, 4.0)])
 def test_radiance_follows_the_profile_about_the_screens_own_axes(axes, scale, exponents):
-    import mitsuba as mi
-
     scene, shape = screen(axes, scale, exponents)
     rng = np.random.default_rng(0)
     uv = rng.uniform(0.02, 0.98, (2, 4000))
@@ -85,8 +78,6 @@ def test_radiance_follows_the_profile_about_the_screens_own_axes(axes, scale, ex
 @FRAMES
 @pytest.mark.parametrize("height", [-0.5, 0.0])
 def test_no_light_is_sampled_from_behind_or_within_the_screens_plane(axes, scale, height):
-    import mitsuba as mi
-
     _, shape = screen(axes, scale)
     reference = CENTER + axes @ np.array([1.7, 1.2, height])
     draws = np.random.default_rng(5).random((2, 500)).astype(np.float32)
@@ -100,8 +91,6 @@ def test_no_light_is_sampled_from_behind_or_within_the_screens_plane(axes, scale
 
 def corner_scene(emitter):
     """A screen over a floor and beside a wall in the screen's own plane, all seen by a camera."""
-    import mitsuba as mi
-
     T = mi.ScalarTransform4f
     grey = {"type": "diffuse", "reflectance": 0.6}
     return mi.load_dict(
@@ -139,8 +128,6 @@ BY_SURFACE = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
 
 
 def render(scene, integrator, samples, seed=0):
-    import mitsuba as mi
-
     integrator = mi.load_dict(integrator)
     return np.array(mi.render(scene, integrator=integrator, spp=samples, seed=seed), np.float64)
 

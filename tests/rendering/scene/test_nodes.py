@@ -3,6 +3,7 @@ import pytest
 
 from periscopy_sim.rendering.scene.load import camera_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import EmissionProfile
 
 
@@ -21,8 +22,6 @@ def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile)
 
 def seen_on_monitor(scene, uv_from_viewer):
     """Radiance towards the wall at places of the screen: (across, down) in [0, 1] for a viewer."""
-    import mitsuba as mi
-
     radiance = []
     for across, down in uv_from_viewer:
         # The screen spans x = 0.4 (a viewer's left) to 0, z = 0.45 to 0.15, at y = 0.
@@ -60,8 +59,6 @@ def test_texture_is_the_image_from_below_and_never_smaller_than_two_by_two(room,
 
 
 def render(nodes, film_size=None):
-    import mitsuba as mi
-
     nodes.average_pixels(film_size)
     scene = nodes.instantiate()
     direct = mi.load_dict({"type": "direct"})
@@ -111,8 +108,6 @@ def triangle(path, x):
 def test_no_file_is_taken_from_the_folder_that_the_process_started_in(
     room, tmp_path, monkeypatch, tag, refusal
 ):
-    import mitsuba as mi
-
     work = tmp_path / "work"
     (work / "folder").mkdir(parents=True)
     (work / "work.xml").write_text(f'<scene version="3.0.0">{room.blocker()}</scene>')

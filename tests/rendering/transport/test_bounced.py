@@ -12,6 +12,7 @@ from periscopy_sim.rendering.transport.bounced import (
     render_bounced_light,
 )
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
+from periscopy_sim.rendering.variant import dr
 from tests.rendering.conftest import Room
 from tests.rendering.materials import SLOPE, write_files
 
@@ -150,8 +151,6 @@ def test_told_error_is_that_of_a_white_photograph(room):
 
 
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(room):
-    import drjit as dr
-
     seen = room.load(board(painted(0.8)), hidden=(4, 5))
     first, again = (render_bounced_light(seen, target=1, seed=3) for _ in range(2))
     other = render_bounced_light(seen, target=1, seed=4)

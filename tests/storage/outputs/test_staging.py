@@ -68,9 +68,21 @@ UNWRITABLE = [
     "/dev/null/y",
     "{file}/y",
     "{file}/deep/y",
-    "{root}/" + "y" * 300,
+    "{root}/" + "y" * 256,
+    "{root}/new/" + "y" * 256,
+    "{root}/" + os.fsdecode(b"\xe9"),
+    "s3://bucket/y.npy",
+    "file:///y.npy",
     "{root}/\0",
 ]
+
+
+@pytest.mark.parametrize("name", ["y" * 251 + ".npy", "y." + "z" * 253, "é" * 127])
+@pytest.mark.parametrize("staged_output", [staged_file, staged_folder])
+def test_name_may_be_as_long_as_the_file_system_has_them(tmp_path, name, staged_output):
+    with staged_output(tmp_path / name) as staged:
+        (staged if staged_output is staged_file else staged / "whole").write_text("whole")
+    assert entries(tmp_path) == entries_of(tmp_path / name)
 
 
 @pytest.mark.parametrize("place", UNWRITABLE)
@@ -83,7 +95,8 @@ def test_unwritable_place_is_refused_before_the_block(tmp_path, place, staged_ou
     with pytest.raises(OutputError) as caught, staged_output(path):
         entered = True
     assert not entered
-    assert str(path).replace("\0", "\\x00") in str(caught.value) and "\n" not in str(caught.value)
+    shown = str(path).replace("\0", "\\x00").replace("\udce9", "\\udce9")
+    assert shown in str(caught.value) and "\n" not in str(caught.value)
     assert file.read_bytes() == b"precious" and entries(tmp_path) == {"file"}
 
 

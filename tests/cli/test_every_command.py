@@ -1,0 +1,81 @@
+"""Every command once, in a process of its own, as a user starts it after installation."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.cli import MODULES
+from periscopy_sim.laboratory.document import EXAMPLE
+from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, own_llvm
+from periscopy_sim.storage.formats.exr import write_exr
+
+PLATE = "plate -D resolution=16"
+SIZED = f"{PLATE} --hidden 3x4"
+COMMANDS = f"""
+demo --hidden 3x4 --resolution 12 --effort 0.001 --out demo
+doctor
+tutorial --out mine
+fetch
+lab lab.yaml --out lab.xml
+draw {PLATE} --out plate.png
+view {SIZED} --port 0
+prepare wall.npy --scene {PLATE} --out ready.exr
+reconstruct wall.npy --scene {SIZED} --out image
+video frames.npy --scene {SIZED} --out video
+calibrate wall.npy --scene {SIZED} --shown mushroom --free occluder_dx=0.003 --out calibrated.xml
+photograph {SIZED} mushroom --samples 4 --out photo.exr
+transport {SIZED} --out A.npy
+ambient overcast --scene {PLATE} --target 1 --out ambient
+sweep {SIZED} --photograph wall.npy --truth mushroom --sbr 1 --ambient wall.exr --no-flips --out s
+dataset data.yaml --out data.zarr
+analyze {SIZED} --out analysis
+design {SIZED} --vary occluder_dx=0:0.01 --grid 2 --images none --out design
+"""
+WORDS = {words[0]: words for words in map(str.split, COMMANDS.splitlines()) if words}
+DATASET = """
+{count: 2, hidden: 3x4, samples_per_geometry: 2, samples_per_shard: 2,
+ scenes: [{scene: plate, parameters: {resolution: 16}}],
+ hidden_images: [{kind: shapes}], ambient: [{kind: lamps}]}
+"""
+EXTRAS = {"view": "viser", "sweep": "xarray", "dataset": "zarr"}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """A folder with a photograph of the plate, and what else the commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    scenario = ps.load_scenario("plate", (3, 4), {"resolution": 16})
+    image = ps.read_hidden_image(ps.find_image("mushroom"), (3, 4)).reshape(12, 3)
+    wall = (ps.analytic_transport(scenario) @ image).reshape(16, 16, 3)
+    wall = wall / wall.mean() + np.random.default_rng(0).normal(0, 1e-3, wall.shape)
+    np.save(folder / "wall.npy", wall)
+    np.save(folder / "frames.npy", np.stack([wall, wall]))
+    write_exr(folder / "wall.exr", wall, {})
+    (folder / "data.yaml").write_text(DATASET)
+    (folder / "lab.yaml").write_bytes(EXAMPLE.read_bytes())
+    return folder
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("command", MODULES)
+def test_command_runs_in_a_fresh_process(command, inputs):
+    pytest.importorskip(EXTRAS.get(command, "numpy"))
+    # What the tests' own process has chosen does not count; what a notebook passes on may be wrong.
+    chosen = {LLVM_FILE: "", OVERRIDE: "", "MPLBACKEND": "nonsense", "PYTHONUNBUFFERED": "1"}
+    if os.environ.get(LLVM_FILE) != str(own_llvm()):
+        del chosen[LLVM_FILE]
+    with subprocess.Popen(
+        [sys.executable, "-m", "periscopy_sim", *WORDS[command]], env={**os.environ, **chosen},
+        cwd=inputs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        if command == "view":  # it has begun to serve
+            process.stdout.readline()
+            process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=120)
+    assert process.returncode == 0, complaint
+    assert "--out" not in WORDS[command] or (inputs / WORDS[command][-1]).exists()
