@@ -158,7 +158,7 @@ class Configuration(Strict):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
     count: Annotated[Count, Field(le=10**8)]
     hidden: RowsAndColumns
-    samples_per_geometry: Count = 1000
+    samples_per_geometry: Annotated[Count, Field(le=10**8)] = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1
     splits: Splits = Splits()

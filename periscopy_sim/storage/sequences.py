@@ -69,7 +69,7 @@ def open_frames(
         files = files_of_one_kind(path)
         names = tuple(file.name for file in files)
         return Frames(names, lambda k: read_photograph(files[k], shape, mask))
-    stack = _checked(zarr_stack(path) if path.is_dir() else _opened(path), path)
+    stack = _checked(zarr_stack(path, shape) if path.is_dir() else _opened(path, shape), path)
     check_size(stack.shape[1:3], shape, str(path))
 
     def read(k: int) -> Photograph:
@@ -142,15 +142,15 @@ def _natural(name: str) -> tuple[list[str | int], str]:
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
 
 
-def _opened(path: Path) -> NDArray[Any]:
-    """Return the frames of one file."""
+def _opened(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
+    """Return the frames of one file, of a size."""
     row = format_of(path)
     if row.open_stack is None:
         raise PhotographError(
             f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr archive, "
             "or an NPY or NPZ stack"
         )
-    return row.open_stack(path)
+    return row.open_stack(path, shape)
 
 
 def _checked(stack: Any, path: Path) -> Any:

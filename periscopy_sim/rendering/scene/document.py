@@ -53,9 +53,9 @@ Tag = tuple[str, Mapping[str, str]]
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
     """Return what a scene file and those that it includes say, with values for its ``<default>``s.
 
-    An unchanged file is parsed once in a process. A file that does not exist, is no regular file, is
-    not XML, includes itself or exceeds the limits above is a `SceneError`, and so is a size that is
-    0, or a parameter for one that is negative.
+    An unchanged file is parsed once in a process. A file that does not exist, is no regular file or
+    no XML, includes itself or exceeds the limits above is a `SceneError`, and so is a size of 0, or
+    a negative one that a parameter gives.
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
@@ -177,7 +177,7 @@ class _Reader:
                     self._check_sizes(owner, texts, attributes)
                 case "float", {"name": "radius"}:
                     self._check_sizes(owner, {"value": texts.get("value", "")}, attributes)
-                case ("shape" | "sensor"), _:
+                case (("shape" | "sensor"), _):
                     owner = f"{tag} '{attributes.get('id', attributes.get('type', ''))}'"
 
     def _found(
@@ -212,9 +212,7 @@ class _Reader:
             )
         return references.sub(lambda match: values[match[1]], text).replace("\\$", "$")
 
-    def _check_sizes(
-        self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]
-    ) -> None:
+    def _check_sizes(self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]) -> None:
         """Reject a scale or radius of 0, and a negative one that a parameter gives."""
         for name, text in texts.items():
             for word in filled[name].replace(",", " ").split():

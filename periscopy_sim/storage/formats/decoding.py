@@ -10,6 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.limits import check_budget
+from periscopy_sim.photograph import check_size
+
+Size = tuple[int, int] | None
+"""(rows, columns) that a picture must have, turned or not; None for any."""
 
 LINEAR, SRGB, GAMMA = "linear", "sRGB", "gamma 1/2.2"
 """Encodings that a file may declare; converters write the last for linear light, too."""
@@ -32,6 +37,16 @@ def listed(names: Sequence[str]) -> str:
     """Return the first four names for a message, and the number of the others."""
     rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + rest
+
+
+def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
+    """Reject an array of another size, or of too many values, before these are decoded.
+
+    The size of an array of other than 2 or 3 dimensions does not count.
+    """
+    if size is not None and len(shape) in (2, 3) and {*shape[:2]} != {*size}:
+        check_size(tuple(shape[:2]), size, str(path))
+    check_budget(shape)
 
 
 @contextmanager

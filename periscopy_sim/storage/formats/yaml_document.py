@@ -13,8 +13,8 @@ from pydantic_core import PydanticCustomError
 from periscopy_sim.errors import ConfigurationError, did_you_mean
 from periscopy_sim.numerics.limits import read_regular
 
-MOST_LETTERS = 1 << 19
-"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 3 s of parsing."""
+MOST_LETTERS = 1 << 17
+"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
 
 MOST_MISTAKES = 20
 """Mistakes that one message names."""
@@ -31,7 +31,7 @@ class Strict(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         mistakes: list[Any] = []
         for name in given if isinstance(given, dict) else ():
-            if name not in known:
+            if name not in known and len(mistakes) < MOST_MISTAKES:
                 advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
                 mistakes.append({"type": "unknown", "loc": (), "ctx": {"entry": str(name)}})
                 mistakes[-1]["msg"] = f"is not known; {advice}"
@@ -48,8 +48,9 @@ class Strict(BaseModel):
 
 
 def text_of(given: Any) -> str:
-    """Return a text or a number as text; of anything else, which may be huge, its kind."""
-    return str(given) if isinstance(given, str | int | float) else f"a {type(given).__name__}"
+    """Return a text or a number as text, cut short; of anything else, maybe huge, its type."""
+    text = str(given) if isinstance(given, str | int | float) else type(given).__name__
+    return text if len(text) < 200 else f"{text[:200]} ..."
 
 
 def _rows_and_columns(given: Any) -> Any:
@@ -110,6 +111,8 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
         problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        if isinstance(error, RecursionError):
+            problem = "its entries are nested too deeply"
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
