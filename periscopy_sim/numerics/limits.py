@@ -67,4 +67,4 @@ def check_budget(shape: Sequence[int]) -> None:
     pixels, available = math.prod(size) * max(channels / 3, 1), available_memory()
     if pixels > MOST_PIXELS or (available is not None and pixels * PIXEL_BYTES > available):
         text = "x".join(map(str, shape))
-        raise ValueError(f"{text} values need more memory than there is for them; make it smaller")
+        raise ValueError(f"has {text} values, more than the memory for a picture; make it smaller")

@@ -18,6 +18,9 @@ from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 
+MOST_FRAMES = 10**6
+"""Frames of a stack: nine hours of a video."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frames:
@@ -156,9 +159,11 @@ def _opened(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 def _checked(stack: Any, path: Path) -> Any:
     """Return an array, mapped or in Zarr, if it is a stack of pictures."""
     check_real(stack.dtype, str(path))
-    if len(stack.shape) != 4 or stack.shape[3] not in (1, 3) or 0 in stack.shape:
+    is_stack = len(stack.shape) == 4 and stack.shape[3] in (1, 3) and 0 not in stack.shape
+    if not is_stack or stack.shape[0] > MOST_FRAMES:
         raise PhotographError(
-            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3)"
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3), of at most "
+            f"{MOST_FRAMES} frames"
         )
     return stack
 

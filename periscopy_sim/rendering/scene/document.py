@@ -118,7 +118,13 @@ def _texels(file: Path) -> float:
     except Image.DecompressionBombError:
         return np.inf
     except Exception:  # Mitsuba says what is wrong
-        return 0
+        head = re.match(rb"(?s)P[Ff]\s+(\d+)\s+(\d+)|#\?.*?-Y (\d+) \+X (\d+)", _head(file))
+        return float(np.prod([float(side) for side in head.groups() if side])) if head else 0
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(4096)
 
 
 class _Reader:

@@ -31,8 +31,7 @@ _PACKED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "valid_ra
 def read_npy(path: Path, key: str, size: Size = None) -> Picture:
     """Read an NPY file of real numbers, and of truth values where `key` is `mask`."""
     values = np.asarray(mapped_stack(path))
-    with decoding(path, "NPY"):
-        check_head(values.shape, size, path)
+    check_head(values.shape, size, path)
     return Picture(_checked(values, key, path))
 
 

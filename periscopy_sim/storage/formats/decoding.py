@@ -46,7 +46,10 @@ def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
     """
     if size is not None and len(shape) in (2, 3) and {*shape[:2]} != {*size}:
         check_size(tuple(shape[:2]), size, str(path))
-    check_budget(shape)
+    try:
+        check_budget(shape)
+    except ValueError as error:
+        raise PhotographError(f"{path}: {error}") from None
 
 
 @contextmanager
