@@ -27,14 +27,14 @@ def photograph(
     ],
     out: options.OutFile,
     samples: Annotated[
-        int, option("NUMBER", "Camera samples a pixel.", min=1, max=2**20, group=LIGHT)
+        int, option("NUMBER", "Camera samples a pixel.", kind="camera samples", group=LIGHT)
     ] = 4096,
     ambient: Annotated[
         str | None,
         option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
     ] = None,
     sbr: Annotated[
-        float | None, option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT)
+        float | None, option("RATIO", "Signal-to-background ratio.", kind="ratio", group=LIGHT)
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
@@ -73,7 +73,7 @@ def ambient(
         list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
     ] = None,
     target: Annotated[
-        float, option("NUMBER", "Relative error of a pixel to reach.", min=1e-5, max=1)
+        float, option("NUMBER", "Relative error of a pixel to reach.", kind="relative error")
     ] = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
