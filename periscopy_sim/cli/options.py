@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.numerics.limits import LARGEST
+from periscopy_sim.numerics.limits import LARGEST, number_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -317,11 +317,11 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
     given = _pairs(flag, text.split(",") if text else ())
-    try:
-        return {name: float(error) if error else None for name, error in given.items()}
-    except ValueError:
+    errors = {name: number_of(error) if error else None for name, error in given.items()}
+    if any(error is not None and math.isnan(error) for error in errors.values()):
         form = "NAME or NAME=0.005, by comma, without units"
-        raise PeriscopyError(f"{flag} {text}: write {form}") from None
+        raise PeriscopyError(f"{flag} {text}: write {form}")
+    return errors
 
 
 def known_errors(text: str, document: SceneDocument) -> dict[str, float]:
@@ -352,7 +352,7 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     ranges = {}
     for name, ends in parse_definitions(text.split(","), flag).items():
         try:
-            low, high = map(float, ends.split(":"))
+            low, high = map(number_of, ends.split(":"))
         except ValueError:
             low = high = math.nan
         if not (low < high and in_range(low, "parameter") and in_range(high, "parameter")):
@@ -388,9 +388,11 @@ def parse_ratios(text: str) -> list[float]:
                 raise ValueError
             space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
             with np.errstate(all="ignore"):
-                ratios = [float(f"{r:.6g}") for r in space(float(first), float(last), int(count))]
+                ratios = [
+                    float(f"{r:.6g}") for r in space(number_of(first), number_of(last), int(count))
+                ]
         else:
-            ratios = [float(ratio) for ratio in text.split(",")]
+            ratios = [number_of(ratio) for ratio in text.split(",")]
     except (ValueError, KeyError):
         ratios = []
     if not ratios or not all(in_range(r, "ratio") for r in ratios) or len({*ratios}) < len(ratios):

@@ -108,6 +108,11 @@ def _linear_light(
     warnings = []
     if left_out := (*picture.left_out, *(() if picture.alpha is None else ("alpha",))):
         warnings.append(f"{path}: left out the channels {', '.join(left_out)}")
+    if picture.unapplied:
+        warnings.append(
+            f"{path}: taken as the sensor counted, without the file's corrections "
+            f"({', '.join(picture.unapplied)}); give a flat field, or export corrected linear TIFF"
+        )
     if picture.is_display and is_8_bits and encoding in (None, GAMMA):
         encoding = SRGB
     if encoding == SRGB:

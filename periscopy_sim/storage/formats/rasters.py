@@ -8,7 +8,7 @@ white balance, no colour matrix and no gamma.
 import logging
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -171,14 +171,29 @@ RAW_SIGNATURE = rb"II\*\x00|MM\x00\*|.{4}ftypcrx |FUJIFILMCCD-RAW|IIRO|IIRS|MMOR
 """Mostly TIFF's; the others are Canon's CR3, Fujifilm's, Olympus', and Panasonic's."""
 
 
+OPCODE_LISTS = 51008, 51009, 51022
+"""Tags of DNG that list corrections of the counts, of which LibRaw applies none."""
+
+OPCODES = dict(enumerate((
+    "WarpRectilinear", "WarpFisheye", "FixVignetteRadial", "FixBadPixelsConstant",
+    "FixBadPixelsList", "TrimBounds", "MapTable", "MapPolynomial", "GainMap", "DeltaPerRow",
+    "DeltaPerColumn", "ScalePerRow", "ScalePerColumn", "WarpRectilinear2",
+), 1))  # fmt: skip
+"""The corrections by their numbers, of DNG 1.6."""
+
+
 def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
     """Read a camera's raw file as counts above its black level, half the mosaic's size."""
     import rawpy  # outside `decoding`: a missing package is no damaged file
     import tifffile
 
-    is_whole = True
+    is_whole, unapplied = True, dict[str, None]()
     with suppress(Exception), tifffile.TiffFile(path) as file:
         is_whole = reaches_its_pixels(file, path)
+        for page in file.pages:
+            for part in (page, *(page.pages or ())):
+                for content in filter(None, map(part.tags.valueof, OPCODE_LISTS)):
+                    unapplied |= dict.fromkeys(_opcodes(content))
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         if not is_whole:  # LibRaw would fill what is cut off
             raise ValueError("it is cut short")
@@ -189,7 +204,9 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
         black = np.array(raw.black_level_per_channel, np.float32)
         if raw.num_colors == 1:
             light = (counts - black[0])[..., np.newaxis]
-            return Picture(_upright(light, flip), saturated=_upright(full, flip))
+            return Picture(
+                _upright(light, flip), unapplied=(*unapplied,), saturated=_upright(full, flip)
+            )
         colours = raw.raw_colors_visible
         places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
         is_even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
@@ -200,7 +217,17 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
             )
         light = bayer_colours(counts - black[colours], places)
         saturated = np.asarray(bayer_colours(full, places).any(axis=2))
-    return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
+    upright, full = _upright(light, flip), _upright(saturated, flip)
+    return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=2)
+
+
+def _opcodes(content: bytes) -> Iterator[str]:
+    """Yield the names of the corrections in an opcode list, big-endian in every DNG file."""
+    place = 4
+    while place < len(content):
+        number, _, _, size = struct.unpack_from(">4I", content, place)
+        yield OPCODES.get(number, f"opcode {number}")
+        place += 16 + size
 
 
 XYZ_FROM_SRGB = np.array(  # IEC 61966-2-1
