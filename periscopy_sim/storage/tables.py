@@ -1,5 +1,6 @@
 """Small tables of numbers in text files: colour matrices, and lists of marks on the wall."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics.limits import read_json, read_regular
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.scenario import Array
-from periscopy_sim.storage.formats.arrays import mapped_stack
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
 
@@ -34,7 +34,7 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         return ColourMatrix(raw_colours(path))
     with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
         if path.suffix == ".npy":
-            return ColourMatrix(mapped_stack(path))
+            return ColourMatrix(np.load(io.BytesIO(read_regular(path)), allow_pickle=False))
         if path.suffix == ".json":
             held = read_json(path)
             return ColourMatrix(np.array(held["colour_matrix"] if isinstance(held, dict) else held))
