@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.numerics.limits import LARGEST, number_of
+from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -355,7 +355,9 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
             low, high = map(number_of, ends.split(":"))
         except ValueError:
             low = high = math.nan
-        if not (low < high and in_range(low, "parameter") and in_range(high, "parameter")):
+        if not (
+            high - low >= SMALLEST and in_range(low, "parameter") and in_range(high, "parameter")
+        ):
             raise PeriscopyError(
                 f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
             )

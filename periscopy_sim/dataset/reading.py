@@ -51,6 +51,10 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 """
 
 
+MOST_SAMPLES = 10**8
+"""Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
+
+
 @dataclass(frozen=True)
 class Layout:
     """The sizes of a data set."""
@@ -107,11 +111,12 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     A path without a data set, or one whose head is damaged, is a `DatasetError`.
     """
     attributes = attributes_of(path)
-    if attributes.get("kind") != KIND or not isinstance(attributes.get("count"), int):
+    count = attributes.get("count")
+    if attributes.get("kind") != KIND or not (isinstance(count, int) and count <= MOST_SAMPLES):
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
     sizes: dict[str, Any] = dict(attributes["layout"])
     sizes |= {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
-    layout = Layout(attributes["count"], **sizes)
+    layout = Layout(count, **sizes)
     return attributes, layout, Records(path, layout.of_store(), attributes)
 
 
@@ -194,7 +199,8 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    sizes = {n: records.layout.size(n) for n in records.layout.blocks if records.has(n)}
+    whole = (n for n in records.numbers() if n in records.layout.blocks and records.has(n))
+    sizes = {n: records.layout.size(n) for n in whole}
     description: dict[str, Any] = {
         "samples": layout.count,
         "finished": sum(sizes.values()),

@@ -221,8 +221,11 @@ class _Reader:
     def _check_sizes(self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]) -> None:
         """Reject a scale or radius of 0, and a negative one that a parameter gives."""
         for name, text in texts.items():
-            for word in filled[name].replace(",", " ").split():
-                size = number_of(word)
+            words = filled[name].replace(",", " ").split()
+            sizes = [number_of(word) for word in words]
+            if not np.isfinite(sizes).all():
+                continue  # Mitsuba, or the check of the parameters, says what is wrong
+            for word, size in zip(words, sizes, strict=True):
                 if abs(size) < SMALLEST or (size < 0 and "$" in text):
                     raise SceneError(
                         f"scene '{self._scene}': {owner} has the size {word} ({name}={text}); give "

@@ -44,7 +44,7 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
     return np.broadcast_to(picture.values, shape).astype(np.float32), metadata
 
 
-def decode_exr(path: Path, _: str, size: Size = None) -> Picture:
+def decode_exr(path: Path, _: str = "", size: Size = None) -> Picture:
     """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
     return _read(path, size)[0]
 

@@ -56,12 +56,12 @@ def png(path, side=10**5, data=b""):
 
 
 def png_of_more(path):
-    png(path, 8, packed(1 << 27))
+    png(path, 8, packed(1 << 26))
 
 
 def tiff_of_more(path):
     with tifffile.TiffWriter(path) as file:
-        strips = iter([packed(1 << 27)])
+        strips = iter([packed(1 << 26)])
         file.write(
             strips, shape=(*SIZE, 3), dtype="u2", compression="adobe_deflate", rowsperstrip=8
         )
@@ -91,7 +91,7 @@ def huge_head(path):
 def huge_chunk(path):
     import zstandard
 
-    chunk = zstandard.ZstdCompressor().compress(bytes(1 << 27))
+    chunk = zstandard.ZstdCompressor().compress(bytes(1 << 26))
     (path / "photograph/c/0/0/0/0").write_bytes(chunk)
 
 
