@@ -12,6 +12,7 @@ from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
+from periscopy_sim.storage.formats.table import format_of
 
 
 def read_colour_matrix(path: str | Path) -> ColourMatrix:
@@ -30,7 +31,7 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
-    if path.suffix.lower() in RAW_SUFFIXES:
+    if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
         return ColourMatrix(raw_colours(path))
     with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
         if path.suffix == ".npy":

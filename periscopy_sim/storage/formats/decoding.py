@@ -64,5 +64,6 @@ def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again")
     except PhotographError:
         raise
     except Exception as error:  # damaged bytes raise all kinds of exceptions
-        reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+        text = getattr(error, "strerror", None) or str(error)
+        reason = (text.splitlines() or [""])[0] or type(error).__name__
         raise PhotographError(f"{path}: cannot be read as {kind}: {reason}; {remedy}") from error

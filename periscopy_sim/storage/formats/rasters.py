@@ -92,7 +92,7 @@ def read_tiff(path: Path, key: str, size: Size = None) -> Picture:
         if (
             not reaches_its_pixels(file, path)
             or series.nbytes > 1032 * path.stat().st_size
-            or packed > 2 * series.nbytes + 65536
+            or packed > 2 * series.nbytes + 4096
         ):
             raise PhotographError(f"{path}: is cut short or damaged; save or copy it again")
         rows, columns = series.shape[-2:] if series.axes in ("YX", "SYX") else series.shape[:2]

@@ -1,6 +1,7 @@
 """Files that ask for more memory or time than there is: refused by their heads."""
 
 import io
+import json
 import os
 import struct
 import tracemalloc
@@ -15,6 +16,8 @@ from periscopy_sim.dataset.configuration import load_configuration
 from periscopy_sim.errors import ConfigurationError, PhotographError
 from periscopy_sim.laboratory.document import load_laboratory
 from periscopy_sim.numerics.limits import read_json
+from periscopy_sim.photographs.develop import develop
+from periscopy_sim.rendering.scene.mesh_formats import read_mesh
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.photographs import read_mask, read_photograph, read_sensor_image
 from periscopy_sim.storage.pictures import read_hidden_image
@@ -151,3 +154,26 @@ def test_json_nested_without_end_is_a_value_error(tmp_path):
     (tmp_path / "a.json").write_text("[" * 200_000)
     with pytest.raises(ValueError, match="deeply"):
         read_json(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("level", [np.nan, np.inf, 1e308])
+def test_levels_that_leave_no_numbers_are_refused(level):
+    picture = np.ones((4, 4, 3), np.float32)
+    with pytest.raises(PhotographError):
+        develop([picture], black=level)
+
+
+def glb(accessor):
+    text = json.dumps({"asset": {"version": "2.0"}, "accessors": [accessor]}).encode()
+    size = len(text).to_bytes(4, "little")
+    return b"glTF\2\0\0\0" + (20 + len(text)).to_bytes(4, "little") + size + b"JSON" + text
+
+
+PLY = b"ply\nformat ascii 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n"
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.ply", PLY), ("a.glb", glb({"count": 10**9}))])
+def test_meshes_hold_what_they_announce(name, content, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match="announces more"):
+        read_mesh(tmp_path / name)
