@@ -91,7 +91,7 @@ def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[Perisc
         str(file.relative_to(folder).with_suffix(""))
         for file in sorted(shipped_files, key=lambda file: (len(file.parts), file))
     ]
-    problem = "is a folder" if path.is_dir() else "does not exist"
+    problem = "is a folder or no regular file" if path.exists() else "does not exist"
     guess = did_you_mean(str(path), names)
     raise error(
         f"{what} '{path}' {problem}; {f'{guess} ' if guess else ''}name a file or a shipped "

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from periscopy_sim.calibration.scene_covariance import number_of, scene_covariance
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
 from periscopy_sim.scenario import RULER_ERROR, Array, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
@@ -111,10 +112,10 @@ def declared_errors(document: SceneDocument) -> dict[str, float]:
                 "it were the error of; correct its name"
             )
         error = number_of(text)
-        if not 0 <= error < np.inf:
+        if error and not SMALLEST <= error <= LARGEST:
             raise SceneError(
-                f"scene '{path}': '{name}' is {text}; give a standard deviation "
-                f"in the unit of '{document.errors[name]}', or 0 where it stays"
+                f"scene '{path}': '{name}' is {text}; give a standard deviation from {SMALLEST:g} "
+                f"to {LARGEST:g} in the unit of '{document.errors[name]}', or 0 where it stays"
             )
         errors[document.errors[name]] = error
     return errors
@@ -156,6 +157,8 @@ def free_parameters(
 
 
 def check_error(name: str, error: float) -> None:
-    """Raise a SceneError unless a parameter's standard error is positive and finite."""
-    if not 0 < error < np.inf:
-        raise SceneError(f"standard error {error:g} of '{name}': give a positive number")
+    """Raise a SceneError unless a parameter's standard error is positive and in range."""
+    if not SMALLEST <= error <= LARGEST:
+        raise SceneError(
+            f"standard error {error:g} of '{name}': give one from {SMALLEST:g} to {LARGEST:g}"
+        )

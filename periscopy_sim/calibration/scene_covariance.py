@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.limits import number_of
 from periscopy_sim.scenario import CALIBRATED, Array, SceneDocument
 
 SAME = 1e-6
@@ -121,11 +122,3 @@ def scene_covariance(document: SceneDocument) -> SceneCovariance | None:
             f"scene '{document.path}': its <default> '{CALIBRATED}' is damaged; delete that line, "
             "or calibrate again"
         ) from None
-
-
-def number_of(text: str) -> float:
-    """Return the number that a text holds; NaN if it holds none."""
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan

@@ -30,7 +30,8 @@ def analyze(
     light: Light,
     out: options.Out,
     rank_tolerance: Annotated[
-        float, option("NUMBER", "Relative tolerance on B's singular values.", min=1e-15, max=0.5)
+        float,
+        option("NUMBER", "Relative tolerance on B's singular values.", kind="relative tolerance"),
     ] = 1e-10,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,

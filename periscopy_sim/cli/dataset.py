@@ -48,7 +48,7 @@ def make(
         Path | None, option("FOLDER", "The Zarr archive, made or continued.", group=OUTPUT)
     ] = None,
     count: Annotated[
-        int | None, option("NUMBER", "Samples, instead of the configuration's.", min=1, max=10**8)
+        int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
     ] = None,
     scheduler: Scheduler = None,
     example: Annotated[

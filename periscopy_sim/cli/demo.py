@@ -30,12 +30,12 @@ def demo(
         str | None, options.option("ROWSxCOLUMNS", "Patches of the hidden image.")
     ] = None,
     resolution: Annotated[
-        int | None, options.option("NUMBER", "Pixels along each side.", min=2)
+        int | None, options.option("NUMBER", "Pixels along each side.", kind="resolution")
     ] = None,
     seed: options.Seed = 0,
     effort: Annotated[
         float | None,
-        options.option("NUMBER", "Fraction of the path tracer's samples.", min=1e-4, max=1),
+        options.option("NUMBER", "Fraction of the path tracer's samples.", kind="effort"),
     ] = None,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""

@@ -38,13 +38,14 @@ def design(
     ],
     out: options.ResumedFolder,
     grid: Annotated[
-        int, option("NUMBER", "Values of each parameter, all combined.", min=2, max=100)
+        int, option("NUMBER", "Values of each parameter, all combined.", kind="grid")
     ] = 11,
     by: Annotated[
         By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
     ] = By.bound,
     sbr: Annotated[
-        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.")
+        float,
+        option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="ratio or inf"),
     ] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[
@@ -70,8 +71,6 @@ def design(
         dict(zip(ranges, map(designs.as_text, start), strict=True)),
         *designs.grid_of(ranges, grid),
     ]
-    if not sbr > 0:
-        raise PeriscopyError(f"--sbr {sbr:g}: give a positive ratio; inf is no ambient light")
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.told and not names:
         raise PeriscopyError("--by told needs images; leave --images out")

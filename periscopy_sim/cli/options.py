@@ -12,6 +12,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scenario import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -25,9 +26,54 @@ RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
 
 
-def option(form: str, words: str, *names: str, group: str | None = None, **more: Any) -> Any:
-    """Return an option: the form of its value, its help in words, the rest as typer takes it."""
+RANGES: Mapping[str, tuple[float, float]] = {
+    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
+    "decibels": (-100, 300),
+    "ratio": (1e-6, 1e6),
+    "ratio or inf": (1e-6, math.inf),
+    "relative error": (1e-5, 1),
+    "relative tolerance": (1e-15, 0.5),
+    "effort": (1e-4, 1),
+    "rate": (0.1, 1000),
+    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
+    "side": (1, 10_000),  # of a block of pixels
+    "resolution": (2, 2048),  # as many pixels as a scene may have
+    "grid": (2, 100),
+    "draws": (1, 1000),
+    "ratios": (1, 1000),
+    "samples": (1, 10**8),
+    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
+    "camera samples": (1, 2**20),
+    "port": (0, 65535),
+    "parameter": (-LARGEST, LARGEST),
+}
+"""Least and greatest of each kind of number that users give."""
+
+
+def in_range(value: float, kind: str) -> bool:
+    """Return whether a number of a kind is in its range."""
+    return RANGES[kind][0] <= value <= RANGES[kind][1]
+
+
+def _no_nan(value: float | None) -> float | None:
+    """Reject NaN, which lies beyond no bound."""
+    if value is not None and math.isnan(value):
+        raise typer.BadParameter("nan is no number.")
+    return value
+
+
+def option(
+    form: str, words: str, *names: str, group: str | None = None, kind: str = "", **more: Any
+) -> Any:
+    """Return an option: the form of its value, its help in words, the rest as typer takes it.
+
+    `kind` is that of its number, of `RANGES`.
+    """
     words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
+    if kind:
+        more["min"], more["max"] = RANGES[kind]
+    if "max" in more:
+        more["callback"] = _no_nan
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
@@ -114,8 +160,7 @@ PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO, exi
 MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH, exists=True)]
 MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH, exists=True)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
-# More samples would be hours in one kernel, which nothing can interrupt.
-Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, min=1, max=65536)]
+Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
@@ -127,10 +172,9 @@ ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
-# Mitsuba takes seeds of 32 bits; commands count on from this one.
-Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, min=0, max=2**31 - 1)]
-Snr = Annotated[float, option("DB", _SNR, min=-100, max=300)]
-OptionalSnr = Annotated[float | None, option("DB", _SNR, min=-100, max=300)]
+Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
+Snr = Annotated[float, option("DB", _SNR, kind="decibels")]
+OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
 Scheduler = Annotated[
     str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
@@ -273,11 +317,11 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
     given = _pairs(flag, text.split(",") if text else ())
-    try:
-        return {name: float(error) if error else None for name, error in given.items()}
-    except ValueError:
+    errors = {name: number_of(error) if error else None for name, error in given.items()}
+    if any(error is not None and math.isnan(error) for error in errors.values()):
         form = "NAME or NAME=0.005, by comma, without units"
-        raise PeriscopyError(f"{flag} {text}: write {form}") from None
+        raise PeriscopyError(f"{flag} {text}: write {form}")
+    return errors
 
 
 def known_errors(text: str, document: SceneDocument) -> dict[str, float]:
@@ -287,14 +331,13 @@ def known_errors(text: str, document: SceneDocument) -> dict[str, float]:
     """
     if not text:
         return {}
-    from periscopy_sim.calibration.prior import declared_errors, start_values
+    from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 
     named, declared = parse_errors(text, "--uncertain"), declared_errors(document)
     start_values(document, list(named))
-    errors = {name: error or declared.get(name, 0.0) for name, error in named.items()}
+    errors = {n: declared.get(n, 0.0) if error is None else error for n, error in named.items()}
     for name, error in errors.items():
-        if not 0 < error < math.inf:
-            raise PeriscopyError(f"--uncertain {name}: give a positive error, {name}=ERROR")
+        check_error(name, error)
     return errors
 
 
@@ -309,10 +352,12 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     ranges = {}
     for name, ends in parse_definitions(text.split(","), flag).items():
         try:
-            low, high = map(float, ends.split(":"))
+            low, high = map(number_of, ends.split(":"))
         except ValueError:
             low = high = math.nan
-        if not -math.inf < low < high < math.inf:
+        if not (
+            high - low >= SMALLEST and in_range(low, "parameter") and in_range(high, "parameter")
+        ):
             raise PeriscopyError(
                 f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
             )
@@ -341,16 +386,22 @@ def parse_ratios(text: str) -> list[float]:
     try:
         if ":" in text:
             first, last, spacing, count = text.split(":")
+            if not in_range(int(count), "ratios"):
+                raise ValueError
             space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
             with np.errstate(all="ignore"):
-                ratios = [float(f"{r:.6g}") for r in space(float(first), float(last), int(count))]
+                ratios = [
+                    float(f"{r:.6g}") for r in space(number_of(first), number_of(last), int(count))
+                ]
         else:
-            ratios = [float(ratio) for ratio in text.split(",")]
+            ratios = [number_of(ratio) for ratio in text.split(",")]
     except (ValueError, KeyError):
         ratios = []
-    if not ratios or not all(0 < r < math.inf for r in ratios) or len({*ratios}) < len(ratios):
+    if not ratios or not all(in_range(r, "ratio") for r in ratios) or len({*ratios}) < len(ratios):
+        least, most = RANGES["ratio"]
         raise PeriscopyError(
-            f"--sbr '{text}': write different positive ratios, as 0.1,1,10 or 0.1:10:log:9"
+            f"--sbr '{text}': write different ratios from {least:g} to {most:g}, as 0.1,1,10 or "
+            "0.1:10:log:9"
         )
     return ratios
 

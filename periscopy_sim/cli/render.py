@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
 TargetOption = Annotated[
-    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", min=1e-5, max=1)
+    float,
+    option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="relative error"),
 ]
 
 
@@ -34,14 +35,14 @@ def photograph(
     ],
     out: options.OutFile,
     samples: Annotated[
-        int, option("NUMBER", "Camera samples a pixel.", min=1, max=2**20, group=LIGHT)
+        int, option("NUMBER", "Camera samples a pixel.", kind="camera samples", group=LIGHT)
     ] = 4096,
     ambient: Annotated[
         str | None,
         option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
     ] = None,
     sbr: Annotated[
-        float | None, option("RATIO", "Signal-to-background ratio.", min=1e-6, max=1e6, group=LIGHT)
+        float | None, option("RATIO", "Signal-to-background ratio.", kind="ratio", group=LIGHT)
     ] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,

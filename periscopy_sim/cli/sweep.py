@@ -60,7 +60,9 @@ def sweep(
         str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
     ] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = 60.0,
-    seeds: Annotated[int, option("NUMBER", "Noise draws for each background and SBR.", min=1)] = 1,
+    seeds: Annotated[
+        int, option("NUMBER", "Noise draws for each background and SBR.", kind="draws")
+    ] = 1,
     scheduler: options.Scheduler = None,
     monitor_off: options.MonitorOffOption = None,
     mask: options.MaskOption = None,

@@ -45,7 +45,7 @@ def video(
     ] = None,
     rate: Annotated[
         float,
-        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, min=0.1, max=1000),
+        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate"),
     ] = 16.0,
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)

@@ -8,6 +8,7 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
+from periscopy_sim.dataset.reading import MOST_SAMPLES
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
@@ -156,9 +157,9 @@ class Configuration(Strict):
     """
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    count: Annotated[Count, Field(le=10**8)]
+    count: Annotated[Count, Field(le=MOST_SAMPLES)]
     hidden: RowsAndColumns
-    samples_per_geometry: Count = 1000
+    samples_per_geometry: Annotated[Count, Field(le=MOST_SAMPLES)] = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1
     splits: Splits = Splits()

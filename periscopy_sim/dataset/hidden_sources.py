@@ -15,6 +15,7 @@ from pydantic import Field
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.pictures import read_hidden_image
@@ -176,7 +177,7 @@ def sha256_of(files: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for file in files:
         try:
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
+            digest.update(hashlib.sha256(read_regular(file, MOST_BYTES)).digest())
         except OSError as error:
             raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
     return digest.hexdigest()

@@ -52,6 +52,10 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 """
 
 
+MOST_SAMPLES = 10**8
+"""Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
+
+
 @dataclass(frozen=True)
 class Layout:
     """The sizes of a data set."""
@@ -118,7 +122,7 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
         first = records.read(next(iter(records.numbers()), 0)).get("of", records.of)
         numbers = (layout.count, layout.block, *layout.photograph_shape, *layout.hidden_shape)
         is_own = first == records.of and (path / MAKING).is_dir()
-        if not is_own or not all(type(n) is int and n > 0 for n in numbers):
+        if not is_own or not all(type(n) is int and 0 < n <= MOST_SAMPLES for n in numbers):
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise DatasetError(

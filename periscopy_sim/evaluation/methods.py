@@ -282,6 +282,8 @@ def _definitions(name: str) -> dict[str, Any]:
     place = _place(name)
     path = Path(place).resolve()
     is_file = path.suffix == ".py"
+    if is_file and path.exists() and not path.is_file():  # a pipe could be waited for without end
+        raise PeriscopyError(f"method '{name}': {path.name} is no regular file; name a file")
     sys.path.insert(0, str(path.parent))
     try:
         if is_file:

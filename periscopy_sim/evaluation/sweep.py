@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 LABELS = ("algorithm", "background", "sbr", "seed")
 """Not `method`: xarray's `sel` takes that for a keyword of its own, and selects nothing."""
 PIXELS = ("row", "column", "channel")
+MOST_TRIALS = 10**6
+"""Trials of a sweep: they take a day if each takes a tenth of a second."""
 _NOTE = "gain-matched: uses the truth"
 METRICS = {
     "mean_squared_error": {
@@ -195,6 +197,8 @@ class Sweep:
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject settings that no sweep can have."""
+        if len(self.backgrounds) * len(self.sbrs) * len(self.seeds) > MOST_TRIALS:
+            raise PeriscopyError(f"the sweep has more than {MOST_TRIALS} trials; vary less")
         given = [self.signal, *self.backgrounds.values()]
         (signal, *ambient), mask, off = unwrapped(given, self.mask)
         if off and not all(isinstance(each, StillMethod) for each in self.methods.values()):

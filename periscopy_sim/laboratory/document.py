@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
 
-from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml, text_of
 
 LENGTHS = {"m": "1", "cm": "0.01", "mm": "0.001", "in": "0.0254", "ft": "0.3048"}
 """Units of length in metres."""
@@ -49,16 +49,17 @@ def parse_quantity(
     """
     if isinstance(given, Measured):
         return given
-    match = None if isinstance(given, bool) else _QUANTITY.fullmatch(str(given))
+    text = text_of(given)
+    match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ValueError(f"'{given}' is not a number with its unit; write it as in '{example}'")
+        raise ValueError(f"'{text}' is not a number with its unit; write it as in '{example}'")
     number, unit, error, error_unit = match.groups()
-    value = _in_base(number, unit or error_unit, units, str(given), example)
-    spread = None if error is None else _in_base(error, error_unit, units, str(given), example)
+    value = _in_base(number, unit or error_unit, units, text, example)
+    spread = None if error is None else _in_base(error, error_unit, units, text, example)
     if spread is not None and spread < 0:
-        raise ValueError(f"the error in '{given}' is negative; write it as in '{example}'")
+        raise ValueError(f"the error in '{text}' is negative; write it as in '{example}'")
     if value <= above:
-        raise ValueError(f"'{given}' is not positive; give a larger number")
+        raise ValueError(f"'{text}' is not positive; give a larger number")
     return Measured(value, spread)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 from periscopy_sim.photograph import Mask, check_real, with_channels
 
 
@@ -57,6 +57,8 @@ def sensor_image(
         light = np.repeat(array.astype(np.float32), 3 // array.shape[2], axis=2)
     if not light.size or not np.isfinite(light).all():
         raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
+    if white is not None and np.isnan(white):
+        raise PhotographError(f"{name}: the saturation value is NaN; give a number")
     if white is None:
         largest = int(array.max()) if array.dtype.kind in "iu" else 0
         white = largest if largest >= 255 and largest & (largest + 1) == 0 else np.inf
@@ -111,6 +113,8 @@ def develop(
     if dark is not None and black:
         raise PhotographError("a dark frame holds the black level; give one of the two")
     darkness = None if dark is None else sensor_image(dark, "the dark frame")
+    if not abs(black) < LIGHT_RANGE[1]:
+        raise PhotographError(f"the black level is {black:g}; give a finite count")
     offset = black if darkness is None else darkness.values
 
     def exposures() -> Iterator[SensorImage]:
@@ -123,7 +127,7 @@ def develop(
 
     light = average(exposures(), "photographs")
     if flat is None:
-        return light
+        return _checked(light)
     even = sensor_image(flat, "the flat field")
     check_same_size(even.size, light.size, "the flat field")
     bright = even.values - offset
@@ -132,7 +136,16 @@ def develop(
         raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
     mean = bright[~unfit].mean(axis=0, dtype=np.float64)  # of each channel
     gain = np.where(unfit[..., np.newaxis], 1, bright / mean).astype(np.float32)
-    return replace(light, values=light.values / gain, saturated=light.saturated | unfit)
+    with np.errstate(over="ignore"):
+        values = light.values / gain
+    return _checked(replace(light, values=values, saturated=light.saturated | unfit))
+
+
+def _checked(light: SensorImage) -> SensorImage:
+    """Return a developed picture, unless what was subtracted or divided by left no numbers."""
+    if not np.isfinite(light.values).all():
+        raise PhotographError("developed values are not finite; check the levels, dark and flat")
+    return light
 
 
 def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:

@@ -102,17 +102,20 @@ def _linear_light(
     Return it with the encoding that the file has, and what was assumed or left out, one line each.
     """
     row = format_of(Path(path))
-    picture = row.decode(Path(path), PHOTOGRAPH)
+    picture = row.decode(Path(path), PHOTOGRAPH, shape)
     values, encoding, full = picture.values, picture.encoding, picture.saturated
     is_8_bits, kind = values.dtype == np.uint8, f"{8 * values.dtype.itemsize}-bit {row.name}"
     warnings = []
     if left_out := (*picture.left_out, *(() if picture.alpha is None else ("alpha",))):
         warnings.append(f"{path}: left out the channels {', '.join(left_out)}")
+    if picture.unapplied:
+        warnings.append(
+            f"{path}: taken as the sensor counted, without the file's corrections "
+            f"({', '.join(picture.unapplied)}); give a flat field, or export corrected linear TIFF"
+        )
     if picture.is_display and is_8_bits and encoding in (None, GAMMA):
         encoding = SRGB
     if encoding == SRGB:
-        if shape is not None:
-            check_size(values.shape[:2], shape, str(path))  # before it becomes eight times as large
         white = np.iinfo(values.dtype).max
         values, full = srgb_light(values), (values == white).any(axis=2)
         warnings.append(
@@ -152,7 +155,7 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         out every pixel.
     """
     path = Path(path)
-    picture = decode_picture(path, "mask")
+    picture = decode_picture(path, "mask", shape)
     values = with_channels(picture.values, str(path))
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)

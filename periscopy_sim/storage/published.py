@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.numerics.limits import check_budget
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.formats.srgb import srgb_decode
@@ -154,10 +155,12 @@ def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
 
 def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
     """Return those fields of a capture, a MATLAB file of version 5 to 7, that hold real numbers."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
     with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        for _, shape, _ in whosmat(stream):
+            check_budget(shape)
         fields = loadmat(stream, variable_names=names)
         fields = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
     counts = fields.get("image", np.zeros(0))

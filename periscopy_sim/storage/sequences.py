@@ -18,6 +18,9 @@ from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 
+MOST_FRAMES = 10**6
+"""Frames of a stack: nine hours of a video."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frames:
@@ -69,7 +72,7 @@ def open_frames(
         files = files_of_one_kind(path)
         names = tuple(file.name for file in files)
         return Frames(names, lambda k: read_photograph(files[k], shape, mask))
-    stack = _checked(zarr_stack(path) if path.is_dir() else _opened(path), path)
+    stack = _checked(zarr_stack(path, shape) if path.is_dir() else _opened(path, shape), path)
     check_size(stack.shape[1:3], shape, str(path))
 
     def read(k: int) -> Photograph:
@@ -142,23 +145,25 @@ def _natural(name: str) -> tuple[list[str | int], str]:
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
 
 
-def _opened(path: Path) -> NDArray[Any]:
-    """Return the frames of one file."""
+def _opened(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
+    """Return the frames of one file, of a size."""
     row = format_of(path)
     if row.open_stack is None:
         raise PhotographError(
             f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr archive, "
             "or an NPY or NPZ stack"
         )
-    return row.open_stack(path)
+    return row.open_stack(path, shape)
 
 
 def _checked(stack: Any, path: Path) -> Any:
     """Return an array, mapped or in Zarr, if it is a stack of pictures."""
     check_real(stack.dtype, str(path))
-    if len(stack.shape) != 4 or stack.shape[3] not in (1, 3) or 0 in stack.shape:
+    is_stack = len(stack.shape) == 4 and stack.shape[3] in (1, 3) and 0 not in stack.shape
+    if not is_stack or stack.shape[0] > MOST_FRAMES:
         raise PhotographError(
-            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3)"
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3), of at most "
+            f"{MOST_FRAMES} frames"
         )
     return stack
 

@@ -1,16 +1,18 @@
 """Small tables of numbers in text files: colour matrices, and lists of marks on the wall."""
 
-import json
+import io
 from pathlib import Path
 
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.numerics.limits import read_json, read_regular
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
+from periscopy_sim.storage.formats.table import format_of
 
 
 def read_colour_matrix(path: str | Path) -> ColourMatrix:
@@ -29,15 +31,15 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
-    if path.suffix.lower() in RAW_SUFFIXES:
+    if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
         return ColourMatrix(raw_colours(path))
     with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
         if path.suffix == ".npy":
-            return ColourMatrix(np.load(path, allow_pickle=False))
+            return ColourMatrix(np.load(io.BytesIO(read_regular(path)), allow_pickle=False))
         if path.suffix == ".json":
-            held = json.loads(path.read_text("utf-8"))
+            held = read_json(path)
             return ColourMatrix(np.array(held["colour_matrix"] if isinstance(held, dict) else held))
-        return ColourMatrix(np.loadtxt(path, delimiter=",", encoding="utf-8-sig"))
+        return ColourMatrix(np.loadtxt(_lines(path), delimiter=","))
 
 
 def read_wall_points(path: str | Path) -> WallPoints:
@@ -66,7 +68,7 @@ def _columns(path: str | Path, names: tuple[str, ...]) -> Array:
     """Return the numbers of named columns, (rows, columns)."""
     with decoding(path, "CSV", f"write {','.join(names)}, then a line of numbers a mark"):
         table = np.genfromtxt(
-            path, delimiter=",", names=True, case_sensitive="lower", encoding="utf-8-sig", ndmin=1
+            _lines(Path(path)), delimiter=",", names=True, case_sensitive="lower", ndmin=1
         )
         values = np.stack([table[name] for name in names], axis=1)
         if not (broken := ~np.isfinite(values).all(axis=1)).any() and len(values):
@@ -74,3 +76,8 @@ def _columns(path: str | Path, names: tuple[str, ...]) -> Array:
         raise PhotographError(
             f"{path}, line {broken.argmax() + 2}: needs a number for each of {','.join(names)}"
         )
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a text file, of no more than the megabyte that NumPy reads in 2 s."""
+    return read_regular(path, 1 << 20).decode("utf-8-sig").splitlines()

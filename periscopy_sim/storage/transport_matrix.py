@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.limits import read_json
 from periscopy_sim.photograph import check_real
 from periscopy_sim.rendering.transport.bounced import (
     DIRECT,
@@ -24,7 +25,7 @@ from periscopy_sim.rendering.transport.bounced import (
     channels_mean,
 )
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.arrays import mapped_stack
+from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.provenance import scene_sha256
@@ -35,6 +36,9 @@ Transport = NDArray[np.float32] | BouncedTransport
 
 Write = Callable[[Transport, Mapping[str, Any]], None]
 """Writes a matrix and the record of what it was made from, as JSON has it."""
+
+BOUNCED = "over_wall", "of_patches", "relative_error"
+"""The arrays of the NPZ file."""
 
 AGAIN = "render the matrix again"
 
@@ -50,7 +54,7 @@ def read_record(path: Path) -> dict[str, Any]:
     if not file.is_file():
         return {}
     with decoding(file, "JSON", AGAIN):
-        return dict(json.loads(file.read_text("utf-8")))
+        return dict(read_json(file))
 
 
 def bounced_of(path: Path) -> Path:
@@ -124,9 +128,9 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     }
     light = None
     if bounces != DIRECT:
-        with decoding(bounced, "NPZ", AGAIN), bounced.open("rb") as stream, np.load(stream) as data:
-            error = float(data["relative_error"])
-            light = BouncedLight(data["over_wall"], data["of_patches"], error)
+        over_wall, of_patches, error = (npz_array(bounced, key=name) for name in BOUNCED)
+        with decoding(bounced, "NPZ", AGAIN):
+            light = BouncedLight(over_wall, of_patches, float(error))
         made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
     for name, value in made.items():
         if (held := record.get(name)) != value:

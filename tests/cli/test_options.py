@@ -1,10 +1,13 @@
 import inspect
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import pytest
+import typer
 
+from periscopy_sim.cli import MODULES, app
 from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
@@ -13,6 +16,7 @@ from periscopy_sim.cli.options import (
     parse_definitions,
     parse_errors,
     parse_list,
+    parse_ranges,
     parse_ratios,
     parse_size,
     settings_for,
@@ -43,6 +47,8 @@ def test_forms_are_read():
         (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
         (lambda text: parse_errors(text, "--free"), "a,a", "--free a"),
         (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
+        (lambda text: parse_errors(text, "--free"), "a=١٢", "a=١٢"),
+        (lambda text: parse_ranges(text, "--vary"), "a=0:1e308", "a=0:1e308"),
         (parse_ambient, "sofa", "'sofa'"),
         (parse_ambient, "snow,adversarial", "adversarial"),
     ],
@@ -92,7 +98,7 @@ def test_errors_are_those_given_or_declared():
     errors = known_errors("occluder_dx,occluder_dz=0.002", chair)
     assert errors == {"occluder_dx": 0.005, "occluder_dz": 0.002}
     for wrong in ("occluder_dx=-1", "occluder_dx=nan", "resolution"):
-        with pytest.raises(PeriscopyError, match=f"--uncertain {wrong.partition('=')[0]}"):
+        with pytest.raises(PeriscopyError, match=f"{wrong.partition('=')[0]}"):
             known_errors(wrong, chair)
 
 
@@ -151,3 +157,20 @@ def test_weights_of_another_coupling_are_left_out():
     for method, coupling in (("magic", "l1"), ("noise-aware", "total-variation")):
         with pytest.raises(PeriscopyError, match=method):
             settings_for(method, {}, FOR_VIDEOS, coupling)
+
+
+def test_every_number_has_a_finite_range_and_is_not_nan():
+    parser = typer.main.get_command(app)
+    commands = [parser.get_command(None, name) for name in MODULES]
+    commands += [each for c in commands for each in getattr(c, "commands", {}).values()]
+    numbers = [
+        option
+        for command in commands
+        for option in command.params
+        if {int, float} & {option.type_descriptor.annotation}
+    ]
+    assert len(numbers) > 40
+    for option in numbers:
+        assert option.min < option.max and (math.isfinite(option.max) or option.name == "sbr")
+        with pytest.raises(typer.BadParameter):
+            option.callback(None, option, math.nan)

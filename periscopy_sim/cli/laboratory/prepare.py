@@ -34,7 +34,9 @@ def prepare(
     ],
     scene: options.SceneOption,
     out: options.OutFile,
-    black: Annotated[float, option("VALUE", "Black level of the camera, subtracted.")] = 0.0,
+    black: Annotated[
+        float, option("VALUE", "Black level of the camera, subtracted.", kind="level")
+    ] = 0.0,
     dark: Annotated[
         Files, option("FILE", "Photograph with the lens covered, subtracted; repeatable.")
     ] = None,
@@ -42,7 +44,7 @@ def prepare(
         Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
     ] = None,
     white: Annotated[
-        float | None, option("VALUE", "Saturation value. [default: from the file]")
+        float | None, option("VALUE", "Saturation value. [default: from the file]", kind="level")
     ] = None,
     points: Annotated[
         Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
@@ -54,7 +56,7 @@ def prepare(
         Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
     ] = None,
     bin_by: Annotated[
-        int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", min=1)
+        int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", kind="side")
     ] = None,
     define: options.Define = None,
 ) -> None:

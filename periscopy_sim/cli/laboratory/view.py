@@ -51,7 +51,7 @@ def view(
     host: Annotated[
         str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")
     ] = "127.0.0.1",
-    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", min=0, max=65535)] = 8080,
+    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")] = 8080,
     define: options.Define = None,
 ) -> None:
     """Move a laboratory by hand, in the browser.

@@ -8,6 +8,7 @@ document first. What plugins read (meshes, textures, volumes) is found when all 
 scene's ``<path>`` folders, the latest first, then beside the scene.
 """
 
+import io
 import re
 import warnings
 import xml.etree.ElementTree as ET
@@ -19,15 +20,32 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError, printable
+from periscopy_sim.numerics.limits import MOST_PIXELS, SMALLEST, number_of, read_regular
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scenario import SceneDocument
 
-MOST_TEXELS = 1 << 27
-"""Pixels of a texture: of much larger ones Mitsuba ends the process."""
+TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat",
+        "scale", "float", "shape", "sensor")  # fmt: skip
+"""Tags that name files, or values for such names, or that give values a unit or sizes."""
 
-TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat")
-"""Tags that name files, or values for such names, or that give values a unit."""
+DEEPEST = 50
+"""Elements within each other: of some 10,000 Mitsuba's parser leaves the stack."""
+
+MOST_INCLUDING = 15
+"""Documents that include each other in a row, as Mitsuba allows."""
+
+MOST_DOCUMENTS = 1000
+"""Documents of a scene, one that is included twice counts twice."""
+
+MOST_ELEMENTS = 100_000
+"""Elements of a scene's documents: Mitsuba builds a scene of as many shapes in 15 s."""
+
+MOST_DEFAULTS = 5000
+"""Parameters: Mitsuba fills them in within a second; its time grows with their square."""
+
+LONGEST = 10_000
+"""Characters of a text that parameters are filled in, as values may name each other in a row."""
 
 Tag = tuple[str, Mapping[str, str]]
 
@@ -35,8 +53,9 @@ Tag = tuple[str, Mapping[str, str]]
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
     """Return what a scene file and those that it includes say, with values for its ``<default>``s.
 
-    An unchanged file is parsed once in a process. A file that does not exist, is not XML or
-    includes itself is a `SceneError`.
+    An unchanged file is parsed once in a process. A file that does not exist, is no regular file or
+    no XML, includes itself or exceeds the limits above is a `SceneError`, and so is a size of 0, or
+    a negative one that a parameter gives.
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
@@ -67,7 +86,7 @@ def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and _texels(file) > MOST_TEXELS:
+    if plugin in ("bitmap", "envmap") and _texels(file) > MOST_PIXELS:
         raise SceneError(f"{where}: the file '{file}' has too many pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
@@ -99,7 +118,13 @@ def _texels(file: Path) -> float:
     except Image.DecompressionBombError:
         return np.inf
     except Exception:  # Mitsuba says what is wrong
-        return 0
+        head = re.match(rb"(?s)P[Ff]\s+(\d+)\s+(\d+)|#\?.*?-Y (\d+) \+X (\d+)", _head(file))
+        return float(np.prod([float(side) for side in head.groups() if side])) if head else 0
+
+
+def _head(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(4096)
 
 
 class _Reader:
@@ -115,6 +140,7 @@ class _Reader:
         """Files in order, and names that plugins look for once all is parsed."""
         self.missing: list[str] = []
         self.units: dict[str, str] = {}
+        self._documents = self._elements = 0
 
     def read(self, document: Path, folders: list[Path], including: tuple[Path, ...]) -> None:
         """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
@@ -124,7 +150,17 @@ class _Reader:
                 f"scene '{self._scene}': '{document.name}' includes itself; leave that out"
             )
         self.named.append(document)
-        for tag, texts in _parsed(document):
+        elements, tags = _parsed(document)
+        self._documents, self._elements = self._documents + 1, self._elements + elements
+        for count, most, what in (
+            (len(including), MOST_INCLUDING, "documents that include each other"),
+            (self._documents, MOST_DOCUMENTS, "documents"),
+            (self._elements, MOST_ELEMENTS, "elements"),
+        ):
+            if count > most:
+                raise SceneError(f"scene '{self._scene}' has more than {most} {what}; give fewer")
+        owner = ""
+        for tag, texts in tags:
             nearer = [document.parent, *folders]
             attributes = {name: self._filled(text) for name, text in texts.items()}
             match tag, attributes:
@@ -143,6 +179,12 @@ class _Reader:
                 case "rotate" | "translate" | "lookat", _:
                     names = re.findall(r"\$(\w+)", " ".join(texts.values()))
                     self.units |= dict.fromkeys(names, "degrees" if tag == "rotate" else "m")
+                case "scale", _:
+                    self._check_sizes(owner, texts, attributes)
+                case "float", {"name": "radius"}:
+                    self._check_sizes(owner, {"value": texts.get("value", "")}, attributes)
+                case (("shape" | "sensor"), _):
+                    owner = f"{tag} '{attributes.get('id', attributes.get('type', ''))}'"
 
     def _found(
         self, name: str, folders: Sequence[Path], kind: Callable[[Path], bool] = Path.is_file
@@ -160,14 +202,35 @@ class _Reader:
                 f"scene '{self._scene}': '{name}' has the value '{value[:80]}', whose '$' no "
                 "parameter before it fills in"
             )
+        if len(self._values) > MOST_DEFAULTS:
+            raise SceneError(f"scene '{self._scene}' has more than {MOST_DEFAULTS} parameters")
         self._values.setdefault(name, value)
 
     def _filled(self, text: str) -> str:
         """Fill the values of parameters in, the longest names first, but for an escaped dollar."""
         if "$" not in text:
             return text
-        filled = _references(tuple(self._values)).sub(lambda match: self._values[match[1]], text)
-        return filled.replace("\\$", "$")
+        values, references = self._values, _references(tuple(self._values))
+        if len(text) + sum(len(values[name]) for name in references.findall(text)) > LONGEST:
+            raise SceneError(
+                f"scene '{self._scene}': '{text[:40]}' has more than {LONGEST} characters when its "
+                "parameters are filled in; shorten them"
+            )
+        return references.sub(lambda match: values[match[1]], text).replace("\\$", "$")
+
+    def _check_sizes(self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]) -> None:
+        """Reject a scale or radius of 0, and a negative one that a parameter gives."""
+        for name, text in texts.items():
+            words = filled[name].replace(",", " ").split()
+            sizes = [number_of(word) for word in words]
+            if not np.isfinite(sizes).all():
+                continue  # Mitsuba, or the check of the parameters, says what is wrong
+            for word, size in zip(words, sizes, strict=True):
+                if abs(size) < SMALLEST or (size < 0 and "$" in text):
+                    raise SceneError(
+                        f"scene '{self._scene}': {owner} has the size {word} ({name}={text}); give "
+                        f"at least {SMALLEST:g}"
+                    )
 
 
 def literal(text: str) -> str:
@@ -200,19 +263,29 @@ def _first(
     return None
 
 
-def _parsed(path: Path) -> tuple[Tag, ...]:
-    """Return the tags of an XML file that may name files or values, in order."""
-    if not path.is_file():
+def _parsed(path: Path) -> tuple[int, tuple[Tag, ...]]:
+    """Return the number of elements of an XML file, and those that `TAGS` tells of, in order."""
+    if not path.exists():
         raise SceneError(f"no scene file at '{path}'")
     try:
-        return _tags(path.read_bytes())
-    except OSError as error:
-        raise SceneError(f"scene '{path}' cannot be read: {error.strerror}") from None
-    except (ET.ParseError, LookupError, ValueError, RecursionError) as error:
+        return _tags(read_regular(path))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"scene '{path}' cannot be read: {reason}") from None
+    except (ET.ParseError, LookupError) as error:
         raise SceneError(f"scene '{path}' is not well-formed XML: {error}") from None
 
 
 @lru_cache(maxsize=64)
-def _tags(content: bytes) -> tuple[Tag, ...]:
-    elements = ET.fromstring(content).iter()
-    return tuple((element.tag, element.attrib) for element in elements if element.tag in TAGS)
+def _tags(content: bytes) -> tuple[int, tuple[Tag, ...]]:
+    depth, count, tags = 0, 0, []
+    for event, element in ET.iterparse(io.BytesIO(content), ("start", "end")):
+        depth += 1 if event == "start" else -1
+        count += event == "start"
+        if depth > DEEPEST or count > MOST_ELEMENTS:
+            most = f"{MOST_ELEMENTS} elements, or {DEEPEST} within each other"
+            raise ValueError(f"it has more than {most}; give fewer")
+        named = element.tag in TAGS or any("$" in text for text in element.attrib.values())
+        if event == "start" and named:
+            tags.append((element.tag, element.attrib))
+    return count, tuple(tags)

@@ -97,6 +97,9 @@ def _load(
     wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
     centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
     bodies = {name: _occluder(shape, layout) for name, shape in shapes.items()}
+    for name, body in bodies.items():
+        if body.bounds is not None and not np.isfinite(body.bounds).all():
+            raise SceneError(f"scene '{path}': shape '{name}' has no finite size; correct it")
     scenario = Scenario(
         document=nodes.document,
         photograph_shape=pixels,

@@ -7,6 +7,7 @@ fill, and what trimesh skips of GLB.
 
 import hashlib
 import io
+import json
 import logging
 import os
 import re
@@ -19,10 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.rendering.variant import mi, without_warnings
 
 FOREIGN = ("stl", "glb")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
+
+PLY_HEAD = 1 << 16
+"""Bytes of a PLY file in which its head is looked for: some hundred times as many as it has."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
 
@@ -62,9 +67,7 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
     kind = kind or path.suffix[1:].lower()
     if kind not in FORMATS:
         raise ValueError(f"is of no known format; give {', '.join(map(str.upper, FORMATS))}")
-    content = path.read_bytes()
-    if not content:
-        raise ValueError("is empty")
+    content = _content(path)
     if kind not in FOREIGN:
         try:
             check_mesh(path, kind)
@@ -98,6 +101,10 @@ def check_mesh(path: Path, plugin: str) -> None:
 @lru_cache(maxsize=256)
 def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     """Check a mesh file once, as of a time: who calibrates reads a scene hundreds of times."""
+    content = _content(path)
+    counts = re.findall(rb"^\s*element\s+\S+\s+([0-9]+)", content[:PLY_HEAD], re.MULTILINE)
+    if plugin == "ply" and sum(map(int, counts)) > len(content):
+        raise ValueError("is cut short: it announces more than it holds")
     # Flat first: Mitsuba follows a wrong index to the vertex normals, out of its memory.
     with without_warnings():  # which come when the scene is loaded
         mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
@@ -108,7 +115,18 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
     if indices.max() >= vertices:
         raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
     if plugin == "obj":
-        _check_lines(path.read_bytes())
+        _check_lines(content)
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of a mesh file."""
+    try:
+        content = read_regular(path, MOST_BYTES)
+    except OSError as error:
+        raise ValueError(error.strerror) from None
+    if not content:
+        raise ValueError("is empty")
+    return content
 
 
 def write_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -126,7 +144,7 @@ def as_ply(path: Path, kind: str) -> Path:
 
     What is wrong is a ValueError, see `read_mesh`.
     """
-    digest = hashlib.sha256(kind.encode() + path.read_bytes()).hexdigest()
+    digest = hashlib.sha256(kind.encode() + _content(path)).hexdigest()
     copy = Path(_copies().name) / f"{digest}.ply"
     if not copy.is_file():
         mesh = read_mesh(path, kind)
@@ -181,6 +199,11 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL + 1)  # which logs what it tries in vain
     try:
+        if kind == "glb":  # trimesh makes zeros of what is in no buffer
+            end = 20 + int.from_bytes(content[12:16], "little")
+            accessors = json.loads(content[20:end]).get("accessors", [])
+            if any(each["count"] > len(content) for each in accessors):
+                raise ValueError("it announces more than it holds")
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
         return [
             _placed(scene.geometry[name], np.asarray(to_scene, np.float64))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.limits import LARGEST, number_of
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import file_of, read_document
 from periscopy_sim.rendering.variant import mi, one_line
@@ -307,9 +308,14 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
     for name in parameters:
         if name not in document.defaults:
             raise document.undeclared(name)
+    if document.missing:  # Mitsuba looks where the process started, too, and would open a pipe
+        raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for name, text in document.values.items():
-        if not all(map(_is_finite, str(text).replace(",", " ").split())):
-            raise SceneError(f"scene '{path}': parameter '{name}' is '{text}'; give finite numbers")
+        if not all(map(_is_in_range, text.replace(",", " ").split())):
+            raise SceneError(
+                f"scene '{path}': parameter '{name}' is '{text[:80]}'; give finite numbers, to "
+                f"{LARGEST:g}"
+            )
     config = mi.parser.ParserConfig(mi.variant())
     # Merging meshes would lose their ids.
     config.merge_meshes = False
@@ -325,15 +331,16 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
             texts = " or ".join(f"{name}={parameters[name]}" for name in wrong)
             raise SceneError(f"{texts}: scene '{path}' needs a {kind} there") from None
         raise SceneError(f"scene '{path}': {one_line(error)}") from None
-    if document.missing:  # Mitsuba looks where the process started, too
-        raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
     for index, node in enumerate(state.nodes):
         if not node.props.id() and str(node.type).endswith("Shape"):
             node.props.set_id(f"{node.props.plugin_name()}_{index}")
         transform = node.props.get("to_world", None)
         # Mitsuba's renderers compute in single precision.
-        if transform is not None and not (np.abs(transform.matrix) < np.finfo("f4").max).all():
-            raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' is not finite")
+        if transform is not None:
+            matrix = np.array(transform.matrix, np.float64)
+            if not (np.abs(matrix) < np.finfo("f4").max).all() or not np.linalg.det(matrix):
+                problem = "is not finite, or leaves it no size"
+                raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' {problem}")
         if isinstance(node.props.get("filename"), str):
             # Absolute, since Mitsuba would search other folders, too.
             plugin, file = file_of(node.props, document)
@@ -353,12 +360,9 @@ def _shines(emitter: Any) -> bool:
     return True
 
 
-def _is_finite(word: str) -> bool:
-    """Return whether a word of a parameter is a finite number, or no number at all."""
-    try:
-        return bool(np.isfinite(float(word)))
-    except ValueError:
-        return True
+def _is_in_range(word: str) -> bool:
+    """Return whether a word of a parameter is a number in range, or no number at all."""
+    return not abs(number_of(word)) > LARGEST and word.lower().strip("+-") != "nan"
 
 
 @contextmanager

@@ -6,6 +6,7 @@ matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
 import operator
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -144,8 +145,8 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit() and int(text) >= DIRECT):
-        raise ValueError(f"'{text}': give direct, all, or a whole number from 1 on")
+    if not (re.fullmatch("[0-9]{1,6}", text) and int(text) >= DIRECT):
+        raise ValueError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
     return int(text)
 
 

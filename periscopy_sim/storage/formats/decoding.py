@@ -10,6 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError, path_fault
+from periscopy_sim.numerics.limits import check_budget
+from periscopy_sim.photograph import check_size
+
+Size = tuple[int, int] | None
+"""(rows, columns) that a picture must have, turned or not; None for any."""
 
 LINEAR, SRGB, GAMMA = "linear", "sRGB", "gamma 1/2.2"
 """Encodings that a file may declare; converters write the last for linear light, too."""
@@ -22,6 +27,7 @@ class Picture:
     values: NDArray[Any]  # (rows, columns[, channels]) of any real dtype
     alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
     left_out: tuple[str, ...] = ()  # other channels of the file
+    unapplied: tuple[str, ...] = ()  # corrections that the file asks for, by name
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     encoding: str | None = None  # what the file declares of its integers
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
@@ -32,6 +38,19 @@ def listed(names: Sequence[str]) -> str:
     """Return the first four names for a message, and the number of the others."""
     rest = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + rest
+
+
+def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
+    """Reject an array of another size, or of too many values, before these are decoded.
+
+    The size of an array of other than 2 or 3 dimensions does not count.
+    """
+    if size is not None and len(shape) in (2, 3) and {*shape[:2]} != {*size}:
+        check_size(tuple(shape[:2]), size, str(path))
+    try:
+        check_budget(shape)
+    except ValueError as error:
+        raise PhotographError(f"{path}: {error}") from None
 
 
 @contextmanager
@@ -47,5 +66,6 @@ def decoding(path: str | Path, kind: str, remedy: str = "save or copy it again")
     except PhotographError:
         raise
     except Exception as error:  # damaged bytes raise all kinds of exceptions
-        reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+        text = getattr(error, "strerror", None) or str(error)
+        reason = (text.splitlines() or [""])[0] or type(error).__name__
         raise PhotographError(f"{path}: cannot be read as {kind}: {reason}; {remedy}") from error

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import Picture, decoding, listed
+from periscopy_sim.storage.formats.decoding import Picture, Size, check_head, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
 
@@ -44,18 +44,21 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
     return np.broadcast_to(picture.values, shape).astype(np.float32), metadata
 
 
-def decode_exr(path: Path, *_: object) -> Picture:
+def decode_exr(path: Path, _: str = "", size: Size = None) -> Picture:
     """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
-    return _read(path)[0]
+    return _read(path, size)[0]
 
 
-def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
+def _read(path: Path, size: Size = None) -> tuple[Picture, dict[str, str | float]]:
     """Return R, G and B, else the only channel, and the texts and numbers of the header."""
     import OpenEXR
 
     with decoding(path, "EXR"):
         with OpenEXR.File(str(path), header_only=True) as file:
-            count = len(file.parts)
+            count, head = len(file.parts), file.parts[0].header
+            low, high = head["dataWindow"]
+            columns, rows = (int(side) + 1 for side in np.subtract(high, low, dtype=np.int64))
+            check_head((rows, columns, len(head["channels"])), size, path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
             header, channels = file.parts[0].header, file.parts[0].channels

@@ -6,7 +6,9 @@ white balance, no colour matrix and no gamma.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,37 +17,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.decoding import GAMMA, LINEAR, SRGB, Picture, decoding
+from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
+from periscopy_sim.storage.formats.decoding import (
+    GAMMA,
+    LINEAR,
+    SRGB,
+    Picture,
+    Size,
+    check_head,
+    decoding,
+)
 
 _PROFILE = "a colour profile of deep integers"
+_PNG_CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}
+"""Channels by the colour type of PNG."""
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # of Pillow: grey, palettes, RGB
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is an error here
 
 
-def read_png(path: Path, key: str) -> Picture:
+def read_png(path: Path, key: str, size: Size = None) -> Picture:
     """Read a PNG file without changing its bit depth."""
     import png  # Pillow cuts 16-bit colour down to 8 bits, without a word
     from PIL import ExifTags, Image
 
     with decoding(path, "PNG"):
-        content = path.read_bytes()
-        chunks = dict(png.Reader(bytes=content).chunks())
+        content = read_regular(path, MOST_BYTES)
+        parts = [*png.Reader(bytes=content).chunks()]
+        chunks = dict(parts)
+        columns, rows, _, colour = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
+        check_head((rows, columns), size, path)
         encoding = None if key == "mask" else _png_encoding(chunks, path)
         if chunks[b"IHDR"][8] < 16:
-            return read_8_bits(path, key, "PNG", encoding)
+            return read_8_bits(path, key, size, "PNG", encoding)
         exif = Image.Exif()
         exif.load(chunks.get(b"eXIf", b""))
         if exif.get(ExifTags.Base.Orientation, 1) != 1:
             raise _unread(path, "a turned picture of 16 bits")
         if b"tRNS" in chunks:
             raise _unread(path, "a transparent colour of 16 bits")
+        # pypng inflates all that there is. Interlaced pictures have at most twice as many lines.
+        inflating, values = zlib.decompressobj(), rows * columns * _PNG_CHANNELS[colour]
+        packed = b"".join(part for kind, part in parts if kind == b"IDAT")
+        inflating.decompress(packed, 2 * values + 2 * rows + 8)
+        if inflating.unconsumed_tail:
+            raise ValueError("it holds more than its pixels")
         columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         return _picture(values.reshape(rows, columns, info["planes"]), path, encoding)
 
 
-def read_tiff(path: Path, key: str) -> Picture:
+def read_tiff(path: Path, key: str, size: Size = None) -> Picture:
     """Read by tifffile, which keeps 16-bit and floating-point values; 8 bits by Pillow."""
     import tifffile
 
@@ -60,14 +82,21 @@ def read_tiff(path: Path, key: str) -> Picture:
         if "GDAL_NODATA" in page.tags:
             raise _unread(path, "a value that stands for none (GDAL_NODATA)")
         if not is_deep:
-            return read_8_bits(path, key, "TIFF")
+            return read_8_bits(path, key, size, "TIFF")
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
             raise _unread(path, page.photometric.name)
         if {*page.extrasamples} - {tifffile.EXTRASAMPLE.UNASSALPHA}:
             raise _unread(path, "a fourth channel other than straight alpha")
         # Deflate packs up to 1032 bytes in one: of more, tifffile would fill the memory.
-        if not reaches_its_pixels(file, path) or series.nbytes > 1032 * path.stat().st_size:
+        packed = sum(map(sum, (page.databytecounts for page in file.pages)))
+        if (
+            not reaches_its_pixels(file, path)
+            or series.nbytes > 1032 * path.stat().st_size
+            or packed > 2 * series.nbytes + 4096
+        ):
             raise PhotographError(f"{path}: is cut short or damaged; save or copy it again")
+        rows, columns = series.shape[-2:] if series.axes in ("YX", "SYX") else series.shape[:2]
+        check_head((rows, columns, page.samplesperpixel), size, path)
         values = series.asarray()
         if series.axes == "SYX":
             values = np.moveaxis(values, 0, -1)
@@ -77,13 +106,16 @@ def read_tiff(path: Path, key: str) -> Picture:
         return _picture(values, path)
 
 
-def read_8_bits(path: Path, _: str, kind: str = "JPEG", encoding: str | None = None) -> Picture:
+def read_8_bits(
+    path: Path, _: str, size: Size = None, kind: str = "JPEG", encoding: str | None = None
+) -> Picture:
     """Read a file of 8 bits a channel or fewer, by Pillow, upright, palettes looked up."""
     from PIL import Image, ImageOps
 
     with decoding(path, kind), Image.open(path, formats=[kind]) as picture:
         if picture.mode not in _MODES:
             raise _unread(path, picture.mode)
+        check_head(picture.size[::-1], size, path)
         mode = "RGBA" if picture.has_transparency_data else "RGB"
         return _picture(np.asarray(ImageOps.exif_transpose(picture).convert(mode)), path, encoding)
 
@@ -139,23 +171,42 @@ RAW_SIGNATURE = rb"II\*\x00|MM\x00\*|.{4}ftypcrx |FUJIFILMCCD-RAW|IIRO|IIRS|MMOR
 """Mostly TIFF's; the others are Canon's CR3, Fujifilm's, Olympus', and Panasonic's."""
 
 
-def read_camera_raw(path: Path, *_: object) -> Picture:
+OPCODE_LISTS = 51008, 51009, 51022
+"""Tags of DNG that list corrections of the counts, of which LibRaw applies none."""
+
+OPCODES = dict(enumerate((
+    "WarpRectilinear", "WarpFisheye", "FixVignetteRadial", "FixBadPixelsConstant",
+    "FixBadPixelsList", "TrimBounds", "MapTable", "MapPolynomial", "GainMap", "DeltaPerRow",
+    "DeltaPerColumn", "ScalePerRow", "ScalePerColumn", "WarpRectilinear2",
+), 1))  # fmt: skip
+"""The corrections by their numbers, of DNG 1.6."""
+
+
+def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
     """Read a camera's raw file as counts above its black level, half the mosaic's size."""
     import rawpy  # outside `decoding`: a missing package is no damaged file
     import tifffile
 
-    is_whole = True
+    is_whole, unapplied = True, dict[str, None]()
     with suppress(Exception), tifffile.TiffFile(path) as file:
         is_whole = reaches_its_pixels(file, path)
+        for page in file.pages:
+            for part in (page, *(page.pages or ())):
+                for content in filter(None, map(part.tags.valueof, OPCODE_LISTS)):
+                    unapplied |= dict.fromkeys(_opcodes(content))
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         if not is_whole:  # LibRaw would fill what is cut off
             raise ValueError("it is cut short")
+        cells = 1 if raw.num_colors == 1 else 2
+        check_head((raw.sizes.height // cells, raw.sizes.width // cells), size, path)
         counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
         full = counts >= raw.white_level
         black = np.array(raw.black_level_per_channel, np.float32)
         if raw.num_colors == 1:
             light = (counts - black[0])[..., np.newaxis]
-            return Picture(_upright(light, flip), saturated=_upright(full, flip))
+            return Picture(
+                _upright(light, flip), unapplied=(*unapplied,), saturated=_upright(full, flip)
+            )
         colours = raw.raw_colors_visible
         places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
         is_even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
@@ -166,7 +217,17 @@ def read_camera_raw(path: Path, *_: object) -> Picture:
             )
         light = bayer_colours(counts - black[colours], places)
         saturated = np.asarray(bayer_colours(full, places).any(axis=2))
-    return Picture(_upright(light, flip), saturated=_upright(saturated, flip), cell=2)
+    upright, full = _upright(light, flip), _upright(saturated, flip)
+    return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=2)
+
+
+def _opcodes(content: bytes) -> Iterator[str]:
+    """Yield the names of the corrections in an opcode list, big-endian in every DNG file."""
+    place = 4
+    while place < len(content):
+        number, _, _, size = struct.unpack_from(">4I", content, place)
+        yield OPCODES.get(number, f"opcode {number}")
+        place += 16 + size
 
 
 XYZ_FROM_SRGB = np.array(  # IEC 61966-2-1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError, path_fault
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
-from periscopy_sim.storage.formats.decoding import Picture
+from periscopy_sim.storage.formats.decoding import Picture, Size
 from periscopy_sim.storage.formats.exr import decode_exr
 from periscopy_sim.storage.formats.rasters import (
     RAW_SIGNATURE,
@@ -31,15 +31,16 @@ class FileFormat:
     """A row of the table.
 
     `decode` reads one picture from a path, for a purpose: `photograph`, `hidden` or `mask`, which
-    is the key of its array if a file holds several. `open_stack` opens the frames of one file;
+    is the key of its array if a file holds several; another size than is given, or one that no
+    memory holds, is an error before it is decoded. `open_stack` opens the frames of one file;
     None for formats that hold one.
     """
 
     name: str
     suffixes: tuple[str, ...]  # in lower case; they count only where a folder is listed
     signature: bytes  # regular expression of the first bytes
-    decode: Callable[[Path, str], Picture]
-    open_stack: Callable[[Path], NDArray[Any]] | None = None
+    decode: Callable[[Path, str, Size], Picture]
+    open_stack: Callable[[Path, Size], NDArray[Any]] | None = None
     is_raw: bool = False  # a sensor's counts, no mask and no hidden image; the suffix counts, too
 
 
@@ -75,13 +76,13 @@ def format_of(path: Path) -> FileFormat:
     raise PhotographError(f"{path}: is damaged, or of no known format ({names})")
 
 
-def decode_picture(path: Path, key: str) -> Picture:
+def decode_picture(path: Path, key: str, size: Size = None) -> Picture:
     """Return a picture other than a photograph: a `mask` or a `hidden` image."""
     row = format_of(path)
     if row.is_raw:
         known = ", ".join(each.name for each in FORMATS if not each.is_raw)
         raise PhotographError(f"{path}: is {row.name}; give a picture ({known})")
-    return row.decode(path, key)
+    return row.decode(path, key, size)
 
 
 def suffixes(raw: bool = True) -> dict[str, str]:

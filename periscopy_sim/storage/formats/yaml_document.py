@@ -1,6 +1,8 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
+import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -9,6 +11,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
+from periscopy_sim.numerics.limits import read_regular
+
+MOST_LETTERS = 1 << 17
+"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
+
+MOST_MISTAKES = 20
+"""Mistakes that one message names."""
 
 
 class Strict(BaseModel):
@@ -22,7 +31,7 @@ class Strict(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         mistakes: list[Any] = []
         for name in given if isinstance(given, dict) else ():
-            if name not in known:
+            if name not in known and len(mistakes) < MOST_MISTAKES:
                 advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
                 mistakes.append({"type": "unknown", "loc": (), "ctx": {"entry": str(name)}})
                 mistakes[-1]["msg"] = f"is not known; {advice}"
@@ -38,11 +47,19 @@ class Strict(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
+def text_of(given: Any) -> str:
+    """Return a text or a number as text, cut short; of anything else, maybe huge, its type."""
+    text = str(given) if isinstance(given, str | int | float) else type(given).__name__
+    return text if len(text) < 200 else f"{text[:200]} ..."
+
+
 def _rows_and_columns(given: Any) -> Any:
-    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
-    if size is None and not isinstance(given, list | tuple):
+    if isinstance(given, list | tuple):
+        return given
+    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text_of(given), re.IGNORECASE)
+    if size is None:
         raise ValueError("write ROWSxCOLUMNS, such as 29x36")
-    return size.groups() if size else given
+    return size.groups()
 
 
 Side = Annotated[int, Field(ge=1, le=10_000)]
@@ -56,12 +73,24 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader, but a key given twice, of which it keeps the last, is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
+        counts = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
         for key, _ in reversed(node.value):
-            if isinstance(key, yaml.ScalarNode) and keys.count(key.value) > 1:
+            if isinstance(key, yaml.ScalarNode) and counts[key.value] > 1:
                 problem = f"'{key.value}' is given twice"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
         return dict(super().construct_mapping(node, deep))
+
+
+def _letters(node: yaml.Node, known: dict[int, float]) -> float:
+    """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
+    if id(node) not in known:
+        known[id(node)] = math.inf  # of a node within itself
+        within = node.value
+        if isinstance(node, yaml.MappingNode):
+            within = [each for pair in node.value for each in pair]
+        own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
+        known[id(node)] = 1 + own
+    return known[id(node)]
 
 
 def read_yaml(path: Path, model: type[Document]) -> Document:
@@ -71,8 +100,10 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     or out of range, all of them with their lines.
     """
     try:
-        loader = _Loader(path.read_bytes().decode("utf-8-sig"))
+        loader = _Loader(read_regular(path, MOST_LETTERS).decode("utf-8-sig"))
         document = loader.get_single_node()
+        if document and _letters(document, {}) > MOST_LETTERS:
+            raise ValueError("its aliases repeat too much, or hold themselves")
         entries = document and loader.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"
@@ -81,6 +112,8 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
         problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        if isinstance(error, RecursionError):
+            problem = "its entries are nested too deeply"
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
@@ -91,7 +124,7 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         mistakes = sorted(
             error.errors(include_url=False), key=lambda each: each["type"] != "unknown"
         )
-        messages = [_located(document, each) + each["msg"] for each in mistakes]
+        messages = [_located(document, each) + each["msg"] for each in mistakes[:MOST_MISTAKES]]
         text = "; ".join(dict.fromkeys(messages)).replace("Value error, ", "")
         raise ConfigurationError(
             f"{path}: {text.replace('Field required', 'is missing')}"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.numerics.limits import read_json
 from periscopy_sim.storage.outputs.staging import alone_in, staged_file
 
 SETTINGS = "settings.json"
@@ -33,7 +34,7 @@ def resumed_folder(
 
     def check() -> None:
         try:
-            held = dict(json.loads((out / SETTINGS).read_text("utf-8")))
+            held = dict(read_json(out / SETTINGS))
         except FileNotFoundError:
             for file in (file for pattern in files for file in out.glob(pattern)):
                 reason = "has no record of its settings; name another folder"

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.numerics.limits import read_json
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import (
     LOCK,
@@ -89,7 +90,7 @@ class Records:
     def read(self, number: int) -> dict[str, Any]:
         """Read the record of a block; empty if it is missing or damaged."""
         try:
-            return dict(json.loads(self.file(number).read_text("utf-8")))
+            return dict(read_json(self.file(number)))
         except (OSError, ValueError, TypeError):
             return {}
 
@@ -199,7 +200,7 @@ class BlockStore:
 def attributes_of(path: Path) -> dict[str, Any]:
     """Return the attributes of a store; none if its head is missing or damaged."""
     try:
-        return dict(json.loads((path / "zarr.json").read_text("utf-8"))["attributes"])
+        return dict(read_json(path / "zarr.json")["attributes"])
     except (ValueError, KeyError, TypeError, OSError):
         return {}
 

@@ -1,4 +1,6 @@
+import os
 import random
+import re
 
 import mitsuba as mi
 import numpy as np
@@ -6,6 +8,7 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene.nodes import parse
 
 ROOM = '<scene version="3.0.0">{}</scene>'
 
@@ -58,6 +61,52 @@ def test_names_are_filled_in_longest_first_but_for_an_escaped_dollar(tmp_path):
         assert read_document(path, parameters).files == (path, tmp_path / name)
     # What is declared is told, whatever is given.
     assert read_document(path).defaults == {"a": "1", "ab": r"2\1", "c": r"2\11-1"}
+
+
+def repeated(text, times=1):
+    """A scene of one file that holds a text many times."""
+    return {"a.xml": ROOM.format(text * times)}
+
+
+def including(name, times, count):
+    """Documents, each of which includes the next some times."""
+    tag = f'<include filename="{name}{{}}.xml"/>' * times
+    return {f"{'a' if k == 0 else name + str(k)}.xml": ROOM.format(tag.replace("{}", str(k + 1)))
+            for k in range(count)}  # fmt: skip
+
+
+SIZED = '<default name="w" value="{}"/><shape type="cube" id="box"><transform name="to_world">'
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        (including("c", 1, 40), "15 documents"),
+        (including("e", 3, 10), "1000 documents"),
+        (repeated(f"{'<bsdf>' * 20_000}{'</bsdf>' * 20_000}"), "50 within"),
+        (repeated("".join(f'<default name="a{k}" value="1"/>' for k in range(5002))), "5000 para"),
+        (repeated('<default name="a0" value="xxxxxxxxxx"/>' + "".join(
+            f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>' for k in range(9)
+        )), "characters"),
+        (repeated(f'<default name="a" value="{"x" * 99}"/><q w="{"$a" * 999}"/>'), "characters"),
+        ({"a.xml": b"<scene>" + b" " * (1 << 24)}, "bytes"),
+        *((repeated(f'{SIZED.format(w)}<scale x="$w"/></transform></shape>'), "'box'")
+          for w in (0, -1, 1e-308)),
+        (repeated('<shape type="sphere" id="s"><float name="radius" value="0"/></shape>'), "'s'"),
+    ],
+)  # fmt: skip
+def test_texts_without_end_and_shapes_without_size_are_refused(tmp_path, files, told):
+    for name, text in files.items():
+        written(tmp_path / name, text)
+    assert re.search(told, refusal(tmp_path / "a.xml"))
+
+
+def test_only_regular_files_are_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe.xml")
+    assert "regular file" in refusal(tmp_path / "pipe.xml")
+    path = written(tmp_path / "a.xml", ROOM.format('<include filename="pipe.xml"/>'))
+    with pytest.raises(SceneError, match=r"missing file 'pipe\.xml'"):
+        parse(read_document(path))
 
 
 FOLDERS = [".", "m", "m/n", "parts", "parts/m"]

@@ -1,5 +1,6 @@
 """Camera raw files, written here as DNG: LibRaw reads them as it reads a camera's."""
 
+import struct
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -22,8 +23,9 @@ IDENTITY = 10000, 0, 0, 0, 10000, 0, 0, 0, 10000
 
 
 def write_dng(
-    path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA, colours=IDENTITY
-):
+    path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA, colours=IDENTITY,
+    opcodes=(),
+):  # fmt: skip
     """A DNG of version 1.4: the tags that its specification asks for, and no more."""
     matrix = tuple(number for entry in colours for number in (entry, 10000))
     tags = [
@@ -41,8 +43,21 @@ def write_dng(
         tags = [tag for tag in tags if tag[0] not in (33421, 33422)]
     if len(black) > 1:
         tags.append((50713, "H", 2, (2, 2), True))  # BlackLevelRepeatDim
+    for tag, numbers in opcodes:
+        content = struct.pack(">I", len(numbers))
+        content += b"".join(struct.pack(">4I", n, 0x01030000, 0, 4) + bytes(4) for n in numbers)
+        tags.append((tag, 7, len(content), content, True))
     tifffile.imwrite(path, mosaic, photometric=photometric, extratags=tags, metadata=None)
     return path
+
+
+def test_corrections_that_are_not_applied_are_named_once(tmp_path):
+    _, warnings = read_sensor_image(
+        write_dng(tmp_path / "y.dng", opcodes=[(51009, (9, 9)), (51022, (1, 3, 99))])
+    )
+    (line,) = warnings
+    assert all(name in line for name in ("WarpRectilinear", "FixVignetteRadial", "opcode 99"))
+    assert line.count("GainMap") == 1
 
 
 def cells(mosaic):

@@ -1,0 +1,70 @@
+"""Limits on what a file may ask for, checked before it is read: its kind, its bytes, its pixels."""
+
+import errno
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any
+
+from periscopy_sim.numerics.machine import available_memory
+
+MOST_PIXELS = 1 << 27
+"""Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
+million, 3.2 GB in double precision. Of much larger textures Mitsuba ends the process."""
+
+PIXEL_BYTES = 48
+"""Memory that a pixel takes while it is decoded: three colours in double precision, and a copy."""
+
+MOST_BYTES = 1 << 30
+"""Bytes of a file that is read as a whole: a mesh of 20 million triangles."""
+
+MOST_TEXT = 1 << 24
+"""Bytes of an XML or JSON document, which the parsers read within a second."""
+
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Magnitudes, but for 0, of numbers in scenes, and of their errors: the squares of what is farther
+from 1 leave single precision with little to spare."""
+
+
+def number_of(text: str) -> float:
+    """Return the number that a text holds, infinity too; NaN if it holds none."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
+def read_regular(path: Path, most: int = MOST_TEXT) -> bytes:
+    """Return the bytes of a regular file; an OSError says that it is none, or has more than `most`.
+
+    Anything else, such as a pipe or a device, could be waited for without end.
+    """
+    state = path.stat()
+    if not S_ISREG(state.st_mode):
+        raise OSError(errno.EINVAL, "is a folder or no regular file", str(path))
+    if state.st_size > most:
+        raise OSError(errno.EFBIG, f"has {state.st_size} bytes, more than {most}", str(path))
+    with path.open("rb") as stream:
+        return stream.read(state.st_size)  # what the system makes up, as in /proc, has a size of 0
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file holds; a ValueError or an OSError says that it is none."""
+    try:
+        return json.loads(read_regular(path))
+    except RecursionError:
+        raise ValueError("its brackets are nested too deeply") from None
+
+
+def check_budget(shape: Sequence[int]) -> None:
+    """Raise a ValueError for an array that is larger than any photograph, or than the memory.
+
+    The last of three or more dimensions are channels.
+    """
+    *size, channels = shape if len(shape) > 2 else (*shape, 3)
+    pixels, available = math.prod(size) * max(channels / 3, 1), available_memory()
+    if pixels > MOST_PIXELS or (available is not None and pixels * PIXEL_BYTES > available):
+        text = "x".join(map(str, shape))
+        raise ValueError(f"has {text} values, more than the memory for a picture; make it smaller")
