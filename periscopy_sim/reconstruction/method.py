@@ -13,6 +13,7 @@ from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
 
@@ -75,7 +76,7 @@ class SceneSizes(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Generic[Precision]):
+class Solution(Documented, Generic[Precision]):
     """A hidden image and how it came about.
 
     Attributes
@@ -122,7 +123,7 @@ class Observed(TypedDict, total=False):
     colour_matrix: ColourMatrix | None
 
 
-class StillMethod(ABC, Generic[Precision]):
+class StillMethod(Documented, ABC, Generic[Precision]):
     """A method fitted to one scene; it recovers the hidden image of each photograph separately.
 
     `solve` returns the image and its numbers, `report` everything else that the method knows of

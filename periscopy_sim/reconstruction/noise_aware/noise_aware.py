@@ -60,6 +60,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The largest residual that counts as converged.
     photograph
         The photograph, corrected.
+    evidence
+        The photograph's information on the image.
     corrections
         The corrections' numbers, by name.
     """
@@ -92,7 +94,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     λ follows the photograph's noise and units, see the module.
 
-    Other parameters and errors are those of `StillMethod`.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------
