@@ -85,6 +85,19 @@ def residual_summary(residual: "Residual") -> str:
     return f"{summary}; noise alone would leave {alone} %"
 
 
+def matrix_remedy(entry: str, recorded: Any) -> str:
+    """Return what makes a command fit the matrix in a file, by an entry of the file's record."""
+    match entry, recorded:
+        case "bounces", str():
+            return f"pass --bounces {recorded}"
+        case "hidden_shape", [rows, columns]:
+            return f"pass --hidden {rows}x{columns}"
+        case "parameters", dict():
+            given = " ".join(f"-D {name}={value}" for name, value in recorded.items())
+            return f"pass {given} alone" if given else "leave out -D"
+    return "render the matrix again"
+
+
 def assumptions(uncertain: Iterable[str]) -> str:
     """Return what standard errors assume, but for the uncertain parameters that they count."""
     counted = list(uncertain)

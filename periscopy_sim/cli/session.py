@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.messages import matrix_remedy, sentence
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
@@ -190,9 +190,17 @@ class Session(options.OptionGroup):
         if matrix is None:
             A = light.transport(self.scenario, self.seed, strata)
         else:
-            from periscopy_sim.storage.transport_matrix import read_transport, record_of
+            from periscopy_sim.storage.transport_matrix import (
+                OtherMatrixError,
+                read_transport,
+                record_of,
+            )
 
-            A = read_transport(matrix, self.scenario, light.most_bounces)
+            try:
+                A = read_transport(matrix, self.scenario, light.most_bounces)
+            except OtherMatrixError as error:
+                remedy = matrix_remedy(error.entry, error.recorded)
+                raise PeriscopyError(f"{error}; {remedy}") from error
             if not record_of(matrix).is_file():
                 self.warn(sentence("no_record", file=matrix))
         return np.asarray(A if light.most_bounces == 1 else A.mean)

@@ -76,6 +76,10 @@ def test_shell_completes_commands_and_methods(words, completions):
     ("arguments", "offender"),
     [
         (("paint",), "'paint'"),
+        (("reconstuct", "y.npy"), "did you mean 'reconstruct'?"),
+        (("ambient", "overcst", "--scene", "chair", "--out", "a"), "did you mean 'overcast'?"),
+        (("sweep", "chair", *TINY, "--ambient", "overcst", "--out", "s"), "mean 'overcast'?"),
+        (("transport", "chiar", *TINY, "--out", "A.npy"), "did you mean 'chair'?"),
         (("transport", "chair", "--out", "A.npy"), "'--hidden'"),
         ((*TRANSPORT, "--model", "guessed"), "'guessed'"),
         (("reconstruct", "y.npy", *TINY, "--tv-weight", "nan"), "'--tv-weight'"),
