@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.messages import matrix_remedy, sentence
+from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.observation import checked_mask
@@ -27,6 +27,7 @@ from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
+    from periscopy_sim.reconstruction.method import Report
     from periscopy_sim.rendering.transport.kernel import Strata
 
 
@@ -121,6 +122,16 @@ class Session(options.OptionGroup):
         """Print a warning, and keep it for the summary."""
         warn(line)
         self.warnings.append(line)
+
+    def judge(self, report: "Report", name: str, remedy: str = "") -> str:
+        """Print a report's warnings but the verdict; return the verdict, one line."""
+        line = verdict(report, remedy)
+        for note in report.warnings:
+            if note.code == report.verdict.code:
+                self.warnings.append(f"{name}: {line}")
+            else:
+                self.warn(f"{name}: {sentence(note.code, **note.values)}")
+        return line
 
     # -- reading ---------------------------------------------------------------------------------
 

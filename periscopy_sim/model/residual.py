@@ -7,6 +7,11 @@ compares the rest of r, which no image explains, with white noise after the same
 Blurred, white noise keeps a known fraction of its energy; misplaced geometry, bounced light,
 vignetting and values that are not linear are smooth and keep more. Uneven paint is as white as
 noise, and equal in all channels, which a camera's noise is not.
+
+A long exposure shows a misfit that harms no image. The verdict therefore also asks for the cost.
+The rest of r, mirrored on the wall, is light of the same size and smoothness that images do explain
+in part. It moves the estimate of a white image of variance v, that of f̂, by H⁻¹A⊥ᵀr/σ² with
+H = A⊥ᵀA⊥/σ² + 1/v. Noise leaves such an estimate an error of variance tr H⁻¹/N.
 """
 
 from collections.abc import Callable
@@ -14,10 +19,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from scipy import ndimage
+from scipy import linalg, ndimage
 
 from periscopy_sim.model.noise import FEWEST, ROUNDING, second_differences
-from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 from periscopy_sim.numerics import Array
 
 Diagnosis = Literal["fits", "does_not_fit", "unknown"]
@@ -44,6 +49,9 @@ MATERIAL = 2.0
 """Unexplained light over what noise alone would leave, above which the scene does not fit. Channels
 of path-traced photographs share noise, which makes up to 1.8 of a grey picture at 60 dB."""
 
+COSTLY = 0.25
+"""Cost above which a significant misfit is a verdict. XX"""
+
 
 @dataclass(frozen=True, eq=False)
 class Residual:
@@ -64,6 +72,9 @@ class Residual:
         Energy of the blurred residual over that of noise; 1 for white noise, None likewise.
     diagnosis
         Verdict on the scene.
+    cost
+        Error that a misfit like this one makes in an image, over that which noise leaves; infinite
+        where A is too large to compute it, None likewise.
     """
 
     light: Array = field(repr=False)
@@ -72,6 +83,7 @@ class Residual:
     noise_alone: float | None
     excess: float | None
     diagnosis: Diagnosis
+    cost: float | None = None
 
     @property
     def is_large(self) -> bool:
@@ -80,6 +92,11 @@ class Residual:
         alone = self.noise_alone or 0.0
         return self.unexplained > max(over_photograph, over_noise * alone)
 
+    @property
+    def misfit(self) -> float:
+        """Energy that neither an image nor noise explains, over the photograph's."""
+        return (self.unexplained_by_any or 0.0) ** 2 - (self.noise_alone or 0.0) ** 2
+
     def numbers(self) -> dict[str, Any]:
         """Return what a summary records, by name."""
         return {
@@ -87,6 +104,7 @@ class Residual:
             "unexplained_by_any": self.unexplained_by_any,
             "noise_alone": self.noise_alone,
             "smooth_excess": self.excess,
+            "misfit_cost": self.cost,
             "diagnosis": self.diagnosis,
         }
 
@@ -126,8 +144,51 @@ def residual_of(
     alone = float(own * np.sqrt(np.mean(noise**2))) / level
     kept = float(np.sqrt(np.nanmean(white**2))) or 1.0
     by_any = float(np.sqrt(np.nanmean(rest**2))) / kept / level
-    fits = by_any <= 10 * ROUNDING or (excess <= EXCESS and by_any <= MATERIAL * alone)
-    return Residual(light, unexplained, by_any, alone, excess, "fits" if fits else "does_not_fit")
+    cost = _cost(rest, white, transport, transport.project_out(signal), alone * level)
+    white_noise = excess <= EXCESS and by_any <= MATERIAL * alone
+    fits = by_any <= 10 * ROUNDING or white_noise or cost <= COSTLY
+    diagnosis: Diagnosis = "fits" if fits else "does_not_fit"
+    return Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
+
+
+def _cost(
+    rest: Array, white: Array, transport: TransportOperator, signal: Array, sigma: float
+) -> float:
+    """Return the cost of a misfit, see `Residual`, from planes that no image explains.
+
+    The planes are (3, rows, columns), and those of white noise, (K, rows, columns), likewise; the
+    signal is A⊥ f̂, (M', 3).
+    """
+    M, N = transport.shape
+    energy = float(np.sum(signal**2)) / signal.shape[1] / transport.squared_norm
+    if M * N**2 > LARGEST_GRAM or not (energy > 0 and sigma > 0):
+        return np.inf
+    H = transport.gram() / sigma**2
+    H[np.diag_indices(N)] += 1 / energy
+    inverse = linalg.inv(H)
+    used = np.isfinite(rest[0])
+
+    def error(planes: Array) -> float:
+        """Return the mean square of what mirrored planes do to an image."""
+        filled = np.nan_to_num(planes)
+        mirrored = [np.flip(filled, axes)[:, used] for axes in (1, 2, (1, 2))]
+        light = np.concatenate(mirrored).T / sigma**2
+        return float(np.mean((inverse @ transport.rmatmat(light)) ** 2))
+
+    misfit = error(rest) - sigma**2 * error(white)
+    return float(np.sqrt(max(misfit, 0.0) * N / np.trace(inverse)))
+
+
+def explained_by(lights: Array, residual: Array, transport: TransportOperator) -> float:
+    """Return the fraction of a residual that K lights explain where no hidden image does.
+
+    The lights are (K, 3, M'), each of one amplitude in all channels, the residual is (M', 3).
+    """
+    columns = transport.unexplained(lights.reshape(-1, lights.shape[-1]).T)
+    columns = columns.T.reshape(len(lights), -1).T
+    rest = transport.unexplained(residual).T.ravel()
+    amplitudes = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return 1 - float(np.sum((rest - columns @ amplitudes) ** 2) / np.sum(rest**2))
 
 
 def _sizes(planes: Array) -> Array:

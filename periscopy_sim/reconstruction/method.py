@@ -51,6 +51,18 @@ class Report:
     standard_errors: Array | None = None
     residual: Residual | None = None
 
+    @property
+    def verdict(self) -> Note:
+        """Whether the scene fits, with what is unexplained and the noise, in percent."""
+        residual = self.residual
+        if residual is None:
+            return Note("no_residual")
+        code: str = residual.diagnosis if residual.diagnosis != "unknown" else "not_judged"
+        if residual.is_large and code != "does_not_fit":
+            code = "unexplained"
+        names = "unexplained", "unexplained_by_any", "noise_alone"
+        return Note(code, {name: 100 * (getattr(residual, name) or 0.0) for name in names})
+
 
 class Method(Protocol):
     """Anything that turns a photograph into a hidden image: the package's methods, a user's own."""
@@ -280,13 +292,10 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         is_noise = _is_noise(transport.project_out(signal), transport, solution.noise)
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
+        report = Report(numbers=numbers, residual=residual)
         warnings = [Note("no_hidden_image")] * is_noise
-        if residual is not None and residual.diagnosis == "does_not_fit":
-            names = "unexplained_by_any", "noise_alone"
-            warnings.append(Note("does_not_fit", {name: 100 * numbers[name] for name in names}))
-        elif residual is not None and residual.is_large:
-            warnings.append(Note("unexplained", {"unexplained": 100 * residual.unexplained}))
-        return Report(numbers=numbers, warnings=warnings, residual=residual)
+        warnings += [report.verdict] * (report.verdict.code in ("does_not_fit", "unexplained"))
+        return replace(report, warnings=warnings)
 
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
         """Return what the scene and a solution leave of a photograph, and whether it is noise.

@@ -243,8 +243,8 @@ class NoiseAware(StillMethod[np.float64]):
         if response is not None:
             down, across = displacement(self.fit.gram, solution.image, response).tolist()
             numbers["place_standard_error"] = down, across
-            if max(down, across) > UNCERTAIN_PLACE:
-                notes.append(Note("place", {"down": down, "across": across}))
+            if (most := max(down, across)) > UNCERTAIN_PLACE:
+                notes.append(Note("place", {"most": most}))
         return replace(
             report,
             numbers=numbers,
