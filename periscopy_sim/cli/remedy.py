@@ -26,11 +26,14 @@ def likeliest_remedy(
     little, do not. Otherwise the likeliest cause is the scene's numbers.
     """
     from periscopy_sim.analytic.area_transport import has_areas
+    from periscopy_sim.calibration.scene_covariance import scene_covariance
 
     if report.verdict.code == "unexplained":
         return sentence("default_method")
     if report.verdict.code != "does_not_fit":
         return ""
+    if scene_covariance(session.scenario.document) is not None:
+        return sentence("look")
     if not has_areas(session.scenario):
         return sentence("measure")
     rows, columns = (2 * size for size in session.scenario.hidden_shape)
