@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from periscopy_sim.model.residual import percentages, residual_of
+from periscopy_sim.model.residual import explained_by, percentages, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
@@ -172,6 +172,26 @@ def test_corrections_change_the_photograph_that_the_residual_is_taken_of():
     assert report.residual.diagnosis == right.residual.diagnosis == "fits"
 
 
+def test_a_misfit_costs_more_the_more_the_scene_is_wrong_and_the_less_the_noise_is():
+    def cost(shift, noise):
+        return residual(photograph(transport(shift), noise=noise))[0].cost
+
+    assert cost(0, 1e-3) < 0.25 < cost(0.01, 1e-3) < cost(0.03, 1e-3)
+    assert cost(0.06, 5e-3) < cost(0.06, 1e-3) / 2
+
+
+def test_small_moves_of_a_scene_explain_the_residual_of_a_scene_that_moved():
+    y = photograph(transport(0.02), noise=1e-4)
+    method = METHODS["noise-aware"](SCENE, A, B)
+    solution = method.solve(y)
+    f, fitted = solution.image.reshape(-1, 3), method.projected_transport()
+    moved = ((transport(0.01) - transport(-0.01)) @ f).T[None]
+    r = method.corrected(y, solution) - fitted.light(f)
+    assert explained_by(moved, r, fitted) > 0.8
+    other = np.random.default_rng(0).standard_normal(moved.shape)
+    assert explained_by(other, r, fitted) < 0.1
+
+
 def test_dark_photographs_and_ones_without_rows_are_no_error():
     found, _ = residual(np.zeros((*SHAPE, 3)))
     assert found.unexplained == 0 and found.diagnosis == "unknown"
@@ -182,7 +202,7 @@ def test_dark_photographs_and_ones_without_rows_are_no_error():
 
 
 def test_residual_stands_out_of_the_noise_that_images_leave():
-    """The comparison is with what is left of white noise, not with all of it."""
+    """The comparison is with what is left of white noise, and smooth light harms no rough image."""
     rng = np.random.default_rng(3)
     A = rng.random((V.size, 700))  # explain 40 % of white noise
     transport = TransportOperator(A, np.ones((V.size, 1)) / np.sqrt(V.size))
@@ -195,6 +215,7 @@ def test_residual_stands_out_of_the_noise_that_images_leave():
         )
         assert np.nansum(found.light**2) < 1.4 * noise.size  # of noise alone 1
         assert (found.excess > 2) is stands_out
+        assert found.cost < 0.25 and found.diagnosis == "fits"
 
 
 def test_right_scenes_fit_whatever_the_noise():
