@@ -9,7 +9,6 @@ import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.remedy import likeliest_remedy
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures import panels
@@ -84,8 +83,7 @@ def reconstruct(
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         with session.timed("residual and standard errors"):
             report = fitted.report(wall.values, solution)
-            remedy = likeliest_remedy(session, light, fitted, wall, solution, report)
-        verdict = session.judge(report, str(photo), remedy)
+            verdict = session.judge(str(photo), report, light, fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)

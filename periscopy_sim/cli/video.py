@@ -12,7 +12,6 @@ from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.remedy import likeliest_remedy
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import video as drawing
 from periscopy_sim.figures.animation import require_encoder
@@ -82,9 +81,8 @@ def video(
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
             report = still.report(wall.values, first)
-            remedy = likeliest_remedy(session, light, still, wall, first, report)
         np.save(folder / "frames.npy", images)
-        verdict = session.judge(report, f"{frames}, first frame", remedy)
+        verdict = session.judge(f"{frames}, first frame", report, light, still, wall, first)
         text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
             if known is not None:
