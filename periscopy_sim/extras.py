@@ -19,12 +19,14 @@ EXTRA_OF = {
 """The extra that brings each library."""
 
 
+def installation(extra: str) -> str:
+    """Return the command that installs an extra: `periscopy` on PyPI is another project."""
+    return f"in a copy of the repository: pip install -e '.[{extra}]'"
+
+
 def missing(module: str) -> str:
     """Return one line that says which extra brings a module."""
-    return (
-        f"this needs {module}, which is not installed; in the folder of periscopy_sim's sources, "
-        f"install it by: pip install -e '.[{EXTRA_OF[module]}]'"
-    )
+    return f"this needs {module}, which is not installed; {installation(EXTRA_OF[module])}"
 
 
 def require_all() -> None:

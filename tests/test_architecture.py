@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -267,6 +268,28 @@ def test_public_names_resolve_and_are_documented():
         if inspect.isclass(thing):
             # A dataclass without a docstring gets its signature as one.
             assert not thing.__doc__.startswith(f"{name}("), name
+
+
+def test_pages_of_classes_list_the_parameters_of_their_constructors():
+    for name, thing in ((name, getattr(periscopy_sim, name)) for name in periscopy_sim.__all__):
+        if not inspect.isclass(thing) or issubclass(thing, Exception):
+            continue
+        lines = inspect.cleandoc(thing.__doc__).splitlines()
+        documented = {each for line in lines for each in line.partition(" :")[0].split(", ")}
+        parameters = inspect.signature(thing).parameters.values()
+        assert {each.kind for each in parameters}.isdisjoint(
+            (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+        ), name
+        assert {each.name for each in parameters} <= documented, name
+
+
+def test_names_given_to_functions_leave_their_docstrings():
+    """Sphinx shows a string below an assignment in place of the docstring."""
+    for module, path in SOURCES.items():
+        body = tree_of(module).body
+        for node, following in itertools.pairwise(body):
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name):
+                assert not isinstance(following, ast.Expr), f"{path}:{node.lineno}"
 
 
 def test_stub_lists_the_names_that_it_imports():

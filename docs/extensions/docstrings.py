@@ -6,10 +6,17 @@ without a mark that `help` should not have to show.
 
 from __future__ import annotations
 
+import inspect
 import re
 from typing import Any
 
+from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
+
+logger = logging.getLogger(__name__)
+
+FEWEST_WORDS = 4
+"""Words of a first sentence; fewer repeat the name."""
 
 ENDS_WITHIN_A_WORD = re.compile(r"(``[^`\n]+``|(?<!`)`[^`\n]+`)(?=\w)")
 
@@ -17,6 +24,21 @@ ENDS_WITHIN_A_WORD = re.compile(r"(``[^`\n]+``|(?<!`)`[^`\n]+`)(?=\w)")
 def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
     """Put the mark where a literal or a name ends within a word."""
     lines[:] = [ENDS_WITHIN_A_WORD.sub(r"\1\\ ", line) for line in lines]
+
+
+def check(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
+    """Warn of a page whose first sentence or whose constructor's parameters say nothing."""
+    if what not in ("class", "function"):
+        return
+    first = " ".join(lines[: lines.index("")] if "" in lines else lines)
+    if len(first.split()) < FEWEST_WORDS or not first.endswith((".", ":")):
+        logger.warning("%s: its first line is no whole sentence: %s", name, first)
+    kinds = {each.kind for each in inspect.signature(item).parameters.values()}
+    if what == "class" and kinds & {
+        inspect.Parameter.VAR_POSITIONAL,
+        inspect.Parameter.VAR_KEYWORD,
+    }:
+        logger.warning("%s: its signature does not name its parameters", name)
 
 
 def by_last_name(app: Any, env: Any, node: Any, content: Any) -> Any:
@@ -33,6 +55,7 @@ def by_last_name(app: Any, env: Any, node: Any, content: Any) -> Any:
 
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
+    app.connect("autodoc-process-docstring", check, priority=0)  # as written, before napoleon
     app.connect("autodoc-process-docstring", mark_ends)
     app.connect("missing-reference", by_last_name)
     return {"parallel_read_safe": True}

@@ -4,9 +4,11 @@ from copy import copy
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from periscopy_sim.adapters.linear_operator import Shape, sizes_of
 from periscopy_sim.extras import require
+from periscopy_sim.scenario import Scenario
 
 
 class TorchTransport:
@@ -20,8 +22,8 @@ class TorchTransport:
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
     device, dtype
         Where A is kept, and as what; None for the CPU and A's own type.
-    **sizes
-        `scene`, `hidden_shape`, `photograph_shape` and `channel_gain` of `transport_operator`.
+    scene, hidden_shape, photograph_shape, channel_gain
+        As of `transport_operator`.
 
     Attributes
     ----------
@@ -41,12 +43,20 @@ class TorchTransport:
     """
 
     def __init__(
-        self, transport: Any, *, device: Any = None, dtype: Any = None, **sizes: Any
+        self,
+        transport: Any,
+        *,
+        device: Any = None,
+        dtype: Any = None,
+        scene: Scenario | None = None,
+        hidden_shape: Shape | None = None,
+        photograph_shape: Shape | None = None,
+        channel_gain: ArrayLike | None = None,
     ) -> None:
         torch = require("torch")
         if hasattr(transport, "row_blocks"):
             raise ValueError("tensors need A in memory: give what render_transport returns")
-        known = sizes_of(transport, **sizes)
+        known = sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain)
         self.hidden_shape, self.photograph_shape = known.hidden_shape, known.photograph_shape
         A = np.require(known.A, requirements=["C", "W"])
         self.A = torch.as_tensor(A, device=device, dtype=dtype)

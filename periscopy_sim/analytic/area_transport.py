@@ -70,8 +70,7 @@ def area_transport(scenario: Scenario, finer: int = 1) -> NDArray[np.float32]:
     return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
 
-analytic_transport = area_transport
-"""The public name."""
+analytic_transport = area_transport  # the public name
 
 
 def pixel_transport(scenario: Scenario) -> NDArray[np.float32]:

@@ -1,6 +1,7 @@
 """The result of a calibration, and how far to trust it."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -12,6 +13,15 @@ from periscopy_sim.scenario import Array
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph
 determines a parameter; photographs that reduce all of them by less determine nothing."""
+
+
+class DeterminedBy(StrEnum):
+    """What a calibrated value rests on, in words for people."""
+
+    PHOTOGRAPH = "by the photograph"
+    PHOTOGRAPH_ALONE = "by the photograph if the fixed numbers are right"
+    RULER = "by the ruler"
+    NOTHING = "not to be trusted"
 
 
 @dataclass(frozen=True)
@@ -48,9 +58,14 @@ class Parameter:
         return self._beats_ruler(self.standard_error)
 
     @property
-    def determined_alone(self) -> bool:
-        """The same in a scene that is otherwise right."""
-        return self._beats_ruler(self.statistical_error)
+    def determined_by(self) -> DeterminedBy:
+        """What the value rests on."""
+        if not self.trusted:
+            return DeterminedBy.NOTHING
+        if self.determined:
+            return DeterminedBy.PHOTOGRAPH
+        alone = self._beats_ruler(self.statistical_error)
+        return DeterminedBy.PHOTOGRAPH_ALONE if alone else DeterminedBy.RULER
 
     def _beats_ruler(self, error: float) -> bool:
         return self.trusted and error**2 < LEARNED * self.ruler_error**2

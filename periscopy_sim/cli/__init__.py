@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from periscopy_sim.cli.options import RENAMED, with_options_of_groups
 from periscopy_sim.cli.output import interrupt, warn
-from periscopy_sim.errors import PeriscopyError, path_fault
+from periscopy_sim.errors import PeriscopyError, did_you_mean, path_fault
 from periscopy_sim.extras import EXTRA_OF, missing
 
 INTERRUPTED = 130
@@ -54,6 +54,12 @@ class _Periscopy(TyperGroup):
         command: Any = typer.main.get_command(commands)
         command.rich_help_panel = next(group for group in GROUPS if cmd_name in GROUPS[group])
         return command
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return a command; the error of an unknown name suggests the nearest one."""
+        if args[0] not in MODULES and (guess := did_you_mean(args[0], MODULES)):
+            ctx.fail(f"No such command '{args[0]}'; {guess}")
+        return super().resolve_command(ctx, args)
 
 
 app = typer.Typer(

@@ -289,6 +289,7 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
 
     `units` are those of the parameters that have one.
     """
+    from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
 
     before, after = percentages(*result.unexplained)
@@ -302,11 +303,10 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
-        source = "by the photograph" if p.determined else "by the ruler"
-        if p.determined_alone and not p.determined:
+        trust: str = p.determined_by
+        if p.determined_by is DeterminedBy.PHOTOGRAPH_ALONE:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
-            source = f"by the photograph, {alone} if the fixed numbers are right"
-        trust = source if p.trusted else "not to be trusted"
+            trust += f" ({alone} then)"
         say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
     if held := result.uncertain.names:
         names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)

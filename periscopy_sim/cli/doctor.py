@@ -7,7 +7,7 @@ from importlib import metadata
 from importlib.util import find_spec
 
 from periscopy_sim.cli.output import say
-from periscopy_sim.extras import EXTRA_OF
+from periscopy_sim.extras import EXTRA_OF, installation
 from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, use_variant
 
 
@@ -19,7 +19,7 @@ def doctor() -> None:
     for extra in dict.fromkeys(EXTRA_OF.values()):
         modules = [module for module, brought_by in EXTRA_OF.items() if brought_by == extra]
         lacking = ", ".join(module for module in modules if find_spec(module) is None)
-        state = f"not installed (lacks {lacking}): pip install -e '.[{extra}]'"
+        state = f"not installed (lacks {lacking}): {installation(extra)}"
         say(f"{f'[{extra}]':12} {state if lacking else 'installed'}")
     say(f"cores        {os.cpu_count()}")
     for report in examine_variants():

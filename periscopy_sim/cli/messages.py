@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from periscopy_sim.model.residual import Residual
     from periscopy_sim.reconstruction.method import Note, Report
 
 SENTENCES = {
@@ -17,21 +16,25 @@ SENTENCES = {
         "allows for this smooth gain"
     ),
     "place": (
-        "errors of the scene displace the image by {down:.1f} patches down and {across:.1f} across "
-        "(one standard error), which no photograph of an unknown image shows"
+        "If the scene's numbers err as declared, the image may sit ± {most:.1f} patches from its "
+        "place; the photograph cannot show this."
     ),
+    "fits": "The scene fits: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise.",
     "does_not_fit": (
-        "the scene does not fit: any hidden image leaves {unexplained_by_any:.3g} % of the "
-        "photograph unexplained, noise alone {noise_alone:.3g} %. Measure or calibrate the "
-        "scene (periscopy calibrate), mask what is not bare wall (--mask), add a photograph with "
-        "the monitor off (--monitor-off), export linear values, give as many patches as the "
-        "picture has (--hidden), or, where rays render A, take more of them (--samples 256)"
+        "The scene does not fit: {unexplained_by_any:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
     "unexplained": (
-        "the image leaves {unexplained:.3g} % of the photograph unexplained, far more than noise: "
-        "it is unreliable. Check the scene, its backgrounds (--light-model, --monitor-off) and the "
-        "photograph's values, or try another method"
+        "The image is unreliable: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
+    "not_judged": (
+        "This method judges no scene: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
+    ),
+    "no_residual": "This method judges no scene: it does not use A.",
+    "calibrate": "Run calibrate.",
+    "look": "Look at residual.png.",
+    "measure": "Measure it again.",
+    "patches": "Pass --hidden {rows}x{columns}.",
+    "default_method": "Try the default method.",
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "any_place": (
         "the numbers and the image may be displaced together by whole patches: only a known "
@@ -77,17 +80,22 @@ def report_sentences(report: "Report") -> list[str]:
     return sentences([*report.warnings, *report.notes])
 
 
-def residual_summary(residual: "Residual") -> str:
-    """Return how much of a photograph is unexplained, and how much noise alone would leave."""
-    from periscopy_sim.model.residual import percentages
+def verdict(report: "Report", remedy: str = "") -> str:
+    """Return one line: whether the scene fits, what is unexplained beside noise, and a remedy."""
+    return f"{sentence(report.verdict.code, **report.verdict.values)} {remedy}".rstrip()
 
-    unexplained, alone = percentages(residual.unexplained, residual.noise_alone or 0.0, 4)
-    summary = f"unexplained: {unexplained} % of the photograph"
-    if residual.noise_alone is None:
-        return summary
-    if residual.diagnosis == "unknown":
-        return f"{summary} by this image, no least-squares fit; it does not judge the scene"
-    return f"{summary}; noise alone would leave {alone} %"
+
+def matrix_remedy(entry: str, recorded: Any) -> str:
+    """Return what makes a command fit the matrix in a file, by an entry of the file's record."""
+    match entry, recorded:
+        case "bounces", str():
+            return f"pass --bounces {recorded}"
+        case "hidden_shape", [rows, columns]:
+            return f"pass --hidden {rows}x{columns}"
+        case "parameters", dict():
+            given = " ".join(f"-D {name}={value}" for name, value in recorded.items())
+            return f"pass {given} alone" if given else "leave out -D"
+    return "render the matrix again"
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

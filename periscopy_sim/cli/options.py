@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args
 import numpy as np
 import typer
 
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scenario import SceneDocument
@@ -222,7 +222,11 @@ def settings_for(
     """
     if coupling and not (method in _VIDEOS and coupling in _VIDEOS[method].couplings):
         known = "; ".join(f"{name}: {', '.join(v.couplings)}" for name, v in _VIDEOS.items())
-        raise PeriscopyError(f"--method {method} --coupling {coupling}: videos have {known}")
+        name, names = (coupling, COUPLINGS) if method in _VIDEOS else (method, _VIDEOS)
+        guess = "" if name in names else did_you_mean(name, names)
+        raise PeriscopyError(
+            f"--method {method} --coupling {coupling}: {guess or f'videos have {known}'}"
+        )
     taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
     values = {name: value for name, value in given.items() if value is not None}
     for name, value in values.items():
@@ -421,9 +425,10 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
         added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
         added = dict.fromkeys(groups[entry]) if entry in groups else added
         if not added or added.keys() & lights.keys():
+            guess = "" if entry in groups else did_you_mean(entry, groups)
             raise PeriscopyError(
-                f"--ambient '{entry}': write an EXR file, a folder of EXR files, all, adversarial, "
-                f"{', '.join(shipped)}; each light once"
+                f"--ambient '{entry}': {guess and f'{guess} '}write an EXR file, a folder of EXR "
+                f"files, all, adversarial, {', '.join(shipped)}; each light once"
             )
         lights |= added
     return lights

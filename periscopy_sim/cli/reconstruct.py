@@ -15,6 +15,7 @@ from periscopy_sim.figures import panels
 from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.shipped import scenes_folder
 
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
@@ -24,6 +25,9 @@ OPTIONAL = (
     "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
 )  # fmt: skip
 """Files that depend on the method and the options."""
+
+LARGE_DISPLACEMENT = 1.0
+"""Patches above which even the errors that a shipped scene declares are worth a note."""
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report
@@ -78,25 +82,26 @@ def reconstruct(
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         with session.timed("residual and standard errors"):
             report = fitted.report(wall, solution)
-        for line in messages.sentences(report.warnings):
-            session.warn(f"{photo}: {line}")
+            verdict = session.judge(str(photo), report, light, fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
         summary = {
             "method_sha256": source_sha256(method),
             "photograph": str(photo),
+            "verdict": verdict,
             **report.numbers,
             "truth": truth,
             **compared,
         }
         session.write_summary(folder / "summary.json", summary)
-    if report.residual is not None and not report.warnings:
-        say(messages.residual_summary(report.residual))
-    for line in messages.sentences(report.notes):
-        say(line)
+    shipped = not named and session.path.is_relative_to(scenes_folder())
+    for note in report.notes:
+        if not (shipped and note.code == "place" and note.values["most"] < LARGE_DISPLACEMENT):
+            say(messages.sentence(note.code, **note.values))
     if compared:
         say(messages.comparison(compared))
+    say(verdict)
 
 
 def _uncertain_transport(
@@ -145,7 +150,7 @@ def write_report(
         file = folder / "certainty.png"
         panels.draw_certainty(file, image, report.standard_errors, counted, text)
     if report.residual is not None:
-        caption = messages.residual_summary(report.residual)
+        caption = messages.verdict(report)
         draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
 
 

@@ -22,7 +22,7 @@ from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Report
+    pass
 
 OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
 """Files that depend on the options and on the number of frames."""
@@ -78,10 +78,10 @@ def video(
         still = session.fit(method, for_still, light, matrix, wall, colour_matrix=colours)
         recovery = entry.frames_by(still, coupling, **weights)
         with fixable(f"{frames}, first frame"):
-            images, records, report = _recover(session, recovery, still, names, photographs)
+            images, records, first = _recover(session, recovery, names, photographs)
+            report = still.report(wall.values, first)
         np.save(folder / "frames.npy", images)
-        for line in messages.sentences(report.warnings):
-            session.warn(f"{frames}, first frame: {line}")
+        verdict = session.judge(f"{frames}, first frame", report, light, still, wall, first)
         text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
             if known is not None:
@@ -96,7 +96,7 @@ def video(
                     file = folder / f"video.{ending}"
                     drawing.draw_video(file, photographs, images, known, white, rate, text, drawn)
         if report.residual is not None:
-            caption = messages.residual_summary(report.residual)
+            caption = messages.verdict(report)
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
@@ -105,6 +105,7 @@ def video(
             "frames": len(names),
             **weights,
             "first_frame": report.numbers,
+            "verdict": verdict,
             "coupling": coupling,
             "rate": rate,
             "formats": formats,
@@ -114,11 +115,10 @@ def video(
             "frames_per_second": 1 / medians["seconds"],
         }
         session.write_summary(folder / "summary.json", summary)
-    if report.residual is not None:
-        say(f"first frame, {messages.residual_summary(report.residual)}")
     say(f"{len(names)} frames, {1 / medians['seconds']:.1f} a second")
     if truth is not None:
         say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
+    say(f"first frame: {verdict}")
 
 
 def _read(
@@ -137,24 +137,24 @@ def _read(
 
 
 def _recover(
-    session: Session, recovery: Any, still: Any, names: Sequence[str], photographs: Image
-) -> "tuple[Image, list[dict[str, Any]], Report]":
-    """Return the frames, (frames, R, C, 3), their rows of the table, and the first one's report."""
+    session: Session, recovery: Any, names: Sequence[str], photographs: Image
+) -> tuple[Image, list[dict[str, Any]], Any]:
+    """Return the frames, (frames, R, C, 3), their rows of the table, and the first's solution."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
 
     images: list[Image] = []
+    first: Any = None
     records: list[dict[str, Any]] = []
     # Small products gain little from threads, which wait for each other on a busy machine.
     work = progress("reconstructing", "frames")
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
         solved = video_metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
-            if not images:
-                report = still.report(photographs[0], solution)
+            first = first or solution
             images.append(solution.image.astype(np.float32))
             numbers = solution.numbers()
             records.append(video_metrics.record_of(k, names[k], seconds, numbers))
             frame_done(k + 1, len(names))
-    return np.stack(images), records, report
+    return np.stack(images), records, first

@@ -64,8 +64,9 @@ def find_method(name: str) -> Factory:
     if name in METHODS:
         return METHODS[name]
     attribute = name.rpartition(":")[2]
+    defined = SimpleNamespace(**_definitions(name))
     try:
-        factory = reduce(getattr, attribute.split("."), SimpleNamespace(**_definitions(name)))
+        factory = reduce(getattr, attribute.split("."), defined)
         inspect.signature(factory).bind(None, None, None)  # type: ignore[arg-type]
     except AttributeError as error:
         raise PeriscopyError(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from periscopy_sim.calibration.result import DeterminedBy
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
 from periscopy_sim.model.residual import percentages, with_error
@@ -15,6 +16,13 @@ from periscopy_sim.scenario import Array
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
     from periscopy_sim.calibration.silhouette.result import Silhouette
+
+_COLOURS = {
+    DeterminedBy.PHOTOGRAPH: OKABE_ITO[1],
+    DeterminedBy.PHOTOGRAPH_ALONE: OKABE_ITO[4],
+    DeterminedBy.RULER: "0.55",
+    DeterminedBy.NOTHING: "0.55",
+}
 
 
 def draw_calibration(
@@ -64,26 +72,26 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ax.axvline(0, color="black", linewidth=0.8)
     search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}
     ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
-    rest = "by the ruler" if calibration.trusted else "not to be trusted"
-    kinds = ("by the photograph", OKABE_ITO[1], True), (rest, "0.55", False)
-    for label, colour, determined in kinds:
-        kept = [k for k in rows if parameters[k].determined == determined]
+    for source in _COLOURS:
+        kept = [k for k in rows if parameters[k].determined_by == source]
+        if not kept:
+            continue
         ax.errorbar(
             [(parameters[k].value - starts[k]) / errors[k] for k in kept],
             kept,
             xerr=[parameters[k].standard_error / errors[k] for k in kept],
             fmt="o",
-            color=colour,
+            color=_COLOURS[source],
             markersize=4,
             capsize=2,
-            label=f"value ± standard error, {label}" if kept else None,
+            label=f"value ± standard error, {source}",
         )
     values = [with_error(p.value, p.standard_error, units.get(p.name, "")) for p in parameters]
     names = [f"{p.name} = {value}" for p, value in zip(parameters, values, strict=True)]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlabel("value − measured value, over the measured value's standard error")
-    ax.figure.legend(loc="outside upper center", ncols=4)
+    ax.figure.legend(loc="outside upper center", ncols=3)
 
 
 def draw_silhouette(

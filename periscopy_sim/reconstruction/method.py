@@ -28,6 +28,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph, all_backgrounds, common_pixels
+from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
 Fitted = TypeVar("Fitted", bound="StillMethod[Any]")
@@ -68,6 +69,18 @@ class Report:
     standard_errors: Array | None = None
     residual: Residual | None = None
 
+    @property
+    def verdict(self) -> Note:
+        """Whether the scene fits, with what is unexplained and the noise, in percent."""
+        residual = self.residual
+        if residual is None:
+            return Note("no_residual")
+        code: str = residual.diagnosis if residual.diagnosis != "unknown" else "not_judged"
+        if residual.is_large and code != "does_not_fit":
+            code = "unexplained"
+        names = "unexplained", "unexplained_by_any", "noise_alone"
+        return Note(code, {name: 100 * (getattr(residual, name) or 0.0) for name in names})
+
 
 class Method(Protocol):
     """Anything that turns a photograph into a hidden image: the package's methods, a user's own."""
@@ -77,7 +90,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Generic[Precision]):
+class Solution(Documented, Generic[Precision]):
     """A hidden image and how it came about.
 
     Attributes
@@ -142,7 +155,7 @@ def of_all(
     return cast("Callable[Concatenate[Fitted, Photograph | Image, Rest], Result]", accepting)
 
 
-class StillMethod(ABC, Generic[Precision]):
+class StillMethod(Documented, ABC, Generic[Precision]):
     """A method fitted to one scene; it recovers the hidden image of each photograph separately.
 
     `solve` returns the image and its numbers, `report` everything else that the method knows of
@@ -362,13 +375,10 @@ class StillMethod(ABC, Generic[Precision]):
         is_noise = _is_noise(transport.project_out(signal), transport, solution.noise)
         residual = self._residual(photograph, solution, transport, signal)
         numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
+        report = Report(numbers=numbers, residual=residual)
         warnings = [Note("no_hidden_image")] * is_noise
-        if residual is not None and residual.diagnosis == "does_not_fit":
-            names = "unexplained_by_any", "noise_alone"
-            warnings.append(Note("does_not_fit", {name: 100 * numbers[name] for name in names}))
-        elif residual is not None and residual.is_large:
-            warnings.append(Note("unexplained", {"unexplained": 100 * residual.unexplained}))
-        return Report(numbers=numbers, warnings=warnings, residual=residual)
+        warnings += [report.verdict] * (report.verdict.code in ("does_not_fit", "unexplained"))
+        return replace(report, warnings=warnings)
 
     @of_all
     def residual(self, photograph: Image, solution: Any) -> Residual | None:

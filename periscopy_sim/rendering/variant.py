@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from periscopy_sim.errors import VariantError
+from periscopy_sim.extras import installation
 
 PREFERENCE = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"
@@ -34,7 +35,7 @@ CUDA_FILE = "DRJIT_LIBCUDA_PATH"
 """The environment variable that names the driver's library that Dr.Jit loads."""
 
 _LLVM_OF_SYSTEM = {
-    "Linux": "pip install 'periscopy_sim[llvm]' (x86-64), else apt-get install libllvm19",
+    "Linux": f"{installation('llvm')} (x86-64), else apt-get install libllvm19",
     "Darwin": "brew install llvm",
     "Windows": f"github.com/llvm/llvm-project/releases, and its LLVM-C.dll as {LLVM_FILE}",
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
@@ -83,7 +83,5 @@ def find_condition(name: str) -> Path:
         return find_scene(f"ambient/{name}")
     if Path(name).suffix == ".xml" and Path(name).is_file():
         return Path(name)
-    raise PeriscopyError(
-        f"no ambient condition '{name}'; there are {', '.join(CONDITIONS)}, or name a Mitsuba XML "
-        "file"
-    )
+    guess = did_you_mean(name, CONDITIONS) or f"there are {', '.join(CONDITIONS)}"
+    raise PeriscopyError(f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file")

@@ -43,6 +43,16 @@ BOUNCED = "over_wall", "of_patches", "relative_error"
 AGAIN = "render the matrix again"
 
 
+class OtherMatrixError(PhotographError):
+    """A file of a matrix whose record differs, in an entry, from the scene or the light wanted."""
+
+    def __init__(self, path: Path, entry: str, recorded: Any, wanted: Any) -> None:
+        super().__init__(
+            f"{path}: was made from another scene or light ({entry} {recorded}, here {wanted})"
+        )
+        self.entry, self.recorded = entry, recorded
+
+
 def record_of(path: Path) -> Path:
     """Return the name of the JSON file beside a matrix."""
     return path.with_suffix(".json")
@@ -107,38 +117,42 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     """Read a matrix, (M, N), that `transport_writer` wrote, mapped, for a scene and bounces.
 
     Without its JSON file only the shapes are compared, and direct light is assumed. A
-    PhotographError names a file that is damaged, of another scene or size, or of other bounces.
+    PhotographError names a file that is damaged or of another size, an `OtherMatrixError` one of
+    another scene or light.
     """
     A = _finite_matrix(path)
+    record, bounced = read_record(path), bounced_of(path)
+    if record or bounces != DIRECT or bounced.is_file():
+        record = {"bounces": "direct", **record}
+        settings = {
+            "scene_sha256": scene_sha256(scenario.document),
+            "parameters": dict(scenario.parameters),
+            "hidden_shape": list(scenario.hidden_shape),
+            "bounces": bounces_in_words(bounces),
+        }
+        _check(path, record, settings)
     if A.shape != scenario.transport_shape:
         raise PhotographError(
             f"{path}: holds a matrix of shape {A.shape}; the scene's camera and hidden size need "
             f"{scenario.transport_shape}"
         )
-    bounced = bounced_of(path)
-    if bounces == DIRECT and not (record_of(path).is_file() or bounced.is_file()):
+    if not record:
         return A
-    record = {"bounces": "direct", **read_record(path)}
-    made = {
-        "scene_sha256": scene_sha256(scenario.document),
-        "parameters": dict(scenario.parameters),
-        "hidden_shape": list(scenario.hidden_shape),
-        "bounces": bounces_in_words(bounces),
-        "matrix_sha256": _sha256(A),
-    }
-    light = None
+    made, light = {"matrix_sha256": _sha256(A)}, None
     if bounces != DIRECT:
         over_wall, of_patches, error = (npz_array(bounced, key=name) for name in BOUNCED)
         with decoding(bounced, "NPZ", AGAIN):
             light = BouncedLight(over_wall, of_patches, float(error))
         made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
-    for name, value in made.items():
-        if (held := record.get(name)) != value:
-            raise PhotographError(
-                f"{path}: was made from another scene or light ({name} {held}, here {value}); "
-                f"{AGAIN}"
-            )
+    _check(path, record, made)
     return A if light is None else BouncedTransport(A, light, bounces)
+
+
+def _check(path: Path, record: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Raise an `OtherMatrixError` for the first entry in which a record differs."""
+    for entry, value in wanted.items():
+        if (recorded := record.get(entry)) != value:
+            raise OtherMatrixError(path, entry, recorded, value)
 
 
 def _finite_matrix(path: Path) -> NDArray[Any]:

@@ -11,6 +11,7 @@ from periscopy_sim import cli
 from periscopy_sim.cli.light import Light
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
+SWEEP = ("sweep", "chair", *TINY, "--hidden-image", "bars")
 TRANSPORT = ("transport", "chair", *TINY, "--out", "A.npy")
 COMMANDS = {
     *("demo", "doctor", "tutorial", "draw", "lab", "view", "transport", "photograph", "prepare"),
@@ -76,6 +77,10 @@ def test_shell_completes_commands_and_methods(words, completions):
     ("arguments", "offender"),
     [
         (("paint",), "'paint'"),
+        (("reconstuct", "y.npy"), "did you mean 'reconstruct'?"),
+        (("ambient", "overcst", "--scene", "chair", "--out", "a"), "did you mean 'overcast'?"),
+        ((*SWEEP, "--ambient", "overcst", "--out", "s"), "did you mean 'overcast'?"),
+        (("transport", "chiar", *TINY, "--out", "A.npy"), "did you mean 'chair'?"),
         (("transport", "chair", "--out", "A.npy"), "'--hidden'"),
         ((*TRANSPORT, "--model", "guessed"), "'guessed'"),
         (("reconstruct", "y.npy", *TINY, "--tv-weight", "nan"), "'--tv-weight'"),

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter
+from periscopy_sim.cli.calibrate import say_calibration
 from periscopy_sim.figures.calibration import draw_calibration
 from tests.figures.conftest import read
 
@@ -71,3 +73,24 @@ def test_parameters_are_shown_over_the_errors_of_their_measured_values(draw: Dra
         points, _, (lines,) = bars.lines
         np.testing.assert_allclose(points.get_xydata(), [[value, row]])
         np.testing.assert_allclose(lines.get_segments()[0][:, 0], [value - error, value + error])
+
+
+def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
+    draw: Draw, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured = (
+        Parameter("dx", 0.0, 0.1, 0.01, 0.01, 0.05),
+        Parameter("dy", 0.0, 0.1, 0.01, 0.05, 0.05),
+        Parameter("dz", 0.0, 0.1, 0.05, 0.05, 0.05),
+    )
+    sources = [DeterminedBy.PHOTOGRAPH, DeterminedBy.PHOTOGRAPH_ALONE, DeterminedBy.RULER]
+    path = (np.zeros((1, 4)),)
+    shown = replace(calibration(), parameters=measured, path=path, correlation=np.eye(3))
+    assert [parameter.determined_by for parameter in measured] == sources
+    labels = draw(shown).axes[-1].get_legend_handles_labels()[1]
+    say_calibration(shown, {})
+    lines = [line for line in capsys.readouterr().out.splitlines() if "measured" in line]
+    for source, line in zip(sources, lines[-3:], strict=True):
+        assert any(label.endswith(source) for label in labels) and source in line
+    doubted = replace(measured[0], trusted=False)
+    assert doubted.determined_by is DeterminedBy.NOTHING and not doubted.determined

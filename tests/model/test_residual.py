@@ -172,6 +172,14 @@ def test_corrections_change_the_photograph_that_the_residual_is_taken_of():
     assert report.residual.diagnosis == right.residual.diagnosis == "fits"
 
 
+def test_a_misfit_costs_more_the_more_the_scene_is_wrong_and_the_less_the_noise_is():
+    def cost(shift, noise):
+        return residual(photograph(transport(shift), noise=noise))[0].cost
+
+    assert cost(0, 1e-3) < 0.25 < cost(0.01, 1e-3) < cost(0.03, 1e-3)
+    assert cost(0.06, 5e-3) < cost(0.06, 1e-3) / 2
+
+
 def test_dark_photographs_and_ones_without_rows_are_no_error():
     found, _ = residual(np.zeros((*SHAPE, 3)))
     assert found.unexplained == 0 and found.diagnosis == "unknown"
@@ -182,19 +190,20 @@ def test_dark_photographs_and_ones_without_rows_are_no_error():
 
 
 def test_residual_stands_out_of_the_noise_that_images_leave():
-    """The comparison is with what is left of white noise, not with all of it."""
+    """The comparison is with what is left of white noise, and smooth light harms no rough image."""
     rng = np.random.default_rng(3)
     A = rng.random((V.size, 700))  # explain 40 % of white noise
     transport = TransportOperator(A, np.ones((V.size, 1)) / np.sqrt(V.size))
     signal = np.repeat(A.mean(axis=1, keepdims=True), 3, axis=1)
     noise = rng.standard_normal((V.size, 3))
-    for strength, diagnosis in ((0.0, "fits"), (0.055, "does_not_fit")):
+    for strength, stands_out in ((0.0, False), (0.055, True)):
         uneven = (10 + signal) * strength * paint(2).reshape(-1, 1)
         found = residual_of(
             10 + signal + uneven + noise, signal, transport, lambda v: v.T.reshape(-1, *SHAPE)
         )
         assert np.nansum(found.light**2) < 1.4 * noise.size  # of noise alone 1
-        assert found.diagnosis == diagnosis
+        assert (found.excess > 2) is stands_out
+        assert found.cost < 0.25 and found.diagnosis == "fits"
 
 
 def test_right_scenes_fit_whatever_the_noise():

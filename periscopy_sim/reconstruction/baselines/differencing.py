@@ -169,10 +169,12 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own: those of the noise-aware
     method, for D A in the place of A⊥, or those of the published code.
 
-    Other parameters and errors are those of `StillMethod`. B serves the residual alone.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------
+    B
+        (M, L) prototype backgrounds, for the residual alone; None for none.
     photograph_shape
         (rows, columns) of photographs; the method must know it.
     mask

@@ -16,7 +16,7 @@ from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, de
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):
-    """`preconditioned` with an inverse of A by its top singular vectors in place of P (Fig. 9).
+    """The method `preconditioned` with the inverse of A by its top singular vectors for P (Fig. 9).
 
     With A = U Σ Vᵀ and k singular values kept, the estimate is V_k Σ_k⁻¹ U_kᵀ y. No background is
     rejected but background photographs: what of it lies in the span of U_k ends in the image. Total
@@ -27,10 +27,12 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
-    Other parameters and errors are those of `StillMethod`. B is not used.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------
+    B
+        Not used.
     fraction
         Part of the N singular values kept, the largest; at least one is.
     tv_weight

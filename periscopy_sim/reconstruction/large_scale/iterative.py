@@ -76,7 +76,7 @@ class IterativePeriscope(StillMethod[np.float64]):
     there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
-    Other parameters and errors are those of `StillMethod`.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------

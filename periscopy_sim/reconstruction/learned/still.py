@@ -34,7 +34,7 @@ class Learned(NoiseAware):
 
     It needs PyTorch. docs/results/learned.md measures its gain.
 
-    Other parameters and errors are those of `NoiseAware`.
+    Other errors are those of `NoiseAware`.
 
     Parameters
     ----------

@@ -67,6 +67,8 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The largest residual that counts as converged.
     photograph
         The photograph, corrected.
+    evidence
+        The photograph's information on the image.
     corrections
         The corrections' numbers, by name.
     """
@@ -99,7 +101,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     λ follows the photograph's noise and units, see the module.
 
-    Other parameters and errors are those of `StillMethod`.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------
@@ -250,8 +252,8 @@ class NoiseAware(StillMethod[np.float64]):
         if response is not None:
             down, across = displacement(self.fit.gram, solution.image, response).tolist()
             numbers["place_standard_error"] = down, across
-            if max(down, across) > UNCERTAIN_PLACE:
-                notes.append(Note("place", {"down": down, "across": across}))
+            if (most := max(down, across)) > UNCERTAIN_PLACE:
+                notes.append(Note("place", {"most": most}))
         return replace(
             report,
             numbers=numbers,

@@ -39,7 +39,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     and does not move the minimum: of what was before, a frame depends on the frame before alone.
     Frames are not corrected (`Correction`): a gain over the wall would differ between them.
 
-    Parameters, attributes and errors are those of `FrameByFrame`.
+    Errors are those of `FrameByFrame`.
     """
 
     still: NoiseAware

@@ -66,7 +66,7 @@ class Periscope(StillMethod[np.floating[Any]]):
       from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
     - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
 
-    Other parameters and errors are those of `StillMethod`.
+    Other errors are those of `StillMethod`.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     Repair follows, its window widened to the previous frame (not with ``"none"``). Each frame's
     dual problem starts from the solution of the one before, which saves a third of the iterations.
 
-    Other parameters, attributes and errors are those of `FrameByFrame`.
+    Other errors are those of `FrameByFrame`.
 
     Parameters
     ----------

@@ -97,13 +97,24 @@ def test_standard_errors_are_those_of_the_image(light, hidden, reconstruct, tmp_
     assert summary["standard_errors_count"] == [] == summary["warnings"]
 
 
-def test_scene_that_is_off_leaves_more_unexplained(light, reconstruct, tmp_path):
+def test_scene_that_is_off_leaves_more_unexplained(light, reconstruct, succeeds, tiny, tmp_path):
     np.save(tmp_path / "y.npy", ps.add_noise(light[0], snr=60, seed=0))
     _, summary = reconstruct("y.npy")
-    _, of_wrong = reconstruct("y.npy", "-D", "occluder_dx=0.03")
+    said = succeeds("reconstruct", "y.npy", *tiny, "-D", "occluder_dx=0.03", "--out", "wrong")
+    of_wrong = json.loads((tmp_path / "wrong" / "summary.json").read_text())
+    assert said.splitlines()[-1] == of_wrong["verdict"] and "calibrate" in of_wrong["verdict"]
     assert summary["diagnosis"] == "fits" and not summary["warnings"]
     assert of_wrong["diagnosis"] != "fits" and of_wrong["warnings"]
     assert summary["unexplained"] < 1.5e-3 and of_wrong["unexplained"] > 3 * summary["unexplained"]
+
+
+def test_coarse_patches_cause_a_misfit_that_finer_ones_explain(succeeds, tmp_path):
+    fine = ps.load_scenario("chair", (6, 8), {"resolution": 24})
+    image = np.random.default_rng(3).uniform(0, 1, (48, 3))
+    y = (pixel_transport(fine) @ image).reshape(24, 24, 3)
+    np.save(tmp_path / "y.npy", ps.add_noise(y, snr=60, seed=0))
+    given = ("--scene", "chair", "-D", "resolution=24", "--hidden", "3x4", "--out", "out")
+    assert succeeds("reconstruct", "y.npy", *given).endswith(" Pass --hidden 6x8.\n")
 
 
 @pytest.mark.parametrize(

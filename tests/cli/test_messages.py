@@ -1,0 +1,28 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.cli import messages
+from periscopy_sim.model.residual import Residual
+from periscopy_sim.reconstruction.method import Report
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "unexplained", "noise", "code"),
+    [
+        ("fits", 0.0071, 0.007, "fits"),
+        ("does_not_fit", 0.0081, 0.007, "does_not_fit"),
+        ("does_not_fit", 0.2, 0.007, "does_not_fit"),
+        ("unknown", 0.0081, 0.007, "not_judged"),
+        ("unknown", 0.01, None, "not_judged"),
+        ("fits", 0.2, 0.007, "unexplained"),
+        (None, 0, 0, "no_residual"),
+    ],
+)
+def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, code):
+    light = np.zeros((4, 4, 3))
+    residual = Residual(light, unexplained, unexplained, noise, 1.0, diagnosis)
+    report = Report(residual=residual if diagnosis else None)
+    remedy = messages.sentence("patches", rows=18, columns=32) if code == "does_not_fit" else ""
+    assert report.verdict.code == code
+    line = messages.verdict(report, remedy)
+    assert line.endswith(remedy) and len(line) <= 80 and "\n" not in line
