@@ -1,25 +1,27 @@
 """Lines, warnings, progress, times and JSON of the commands."""
 
 import json
+import shlex
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, NoReturn
 
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.outputs.staging import staged_folder
+from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 
 
 @contextmanager
 def fixable(what: str) -> Iterator[None]:
-    """Turn a ValueError about the user's data into a PeriscopyError that names `what`."""
+    """Turn an InputError about the user's data into a PeriscopyError that names `what`."""
     try:
         yield
-    except PeriscopyError:
-        raise
-    except ValueError as error:
+    except InputError as error:
         raise PeriscopyError(f"{what}: {error}") from error
 
 
@@ -36,6 +38,27 @@ def say_written(*paths: Path) -> None:
 def warn(message: str, kind: str = "warning") -> None:
     """Print one line of a warning, or of an error."""
     print(f"periscopy: {kind}: {message}", file=sys.stderr, flush=True)
+
+
+def warn_defect(error: BaseException) -> None:
+    """Ask for a report of an error that no user can fix; its trace goes to a temporary file.
+
+    Where no such file can be written, the trace is printed.
+    """
+    trace = "".join(traceback.format_exception(error))
+    try:
+        path = Path(gettempdir(), f"periscopy-{time.time_ns()}.txt")
+        with staged_file(path) as file:
+            file.write_text(f"{shlex.join(sys.argv)}\n{trace}", "utf-8", "backslashreplace")
+        place = f"in {path}"
+    except (OSError, OutputError):
+        print(trace, end="", file=sys.stderr)
+        place = "printed above"
+    what = PeriscopyError(f"{type(error).__name__}: {error}")
+    warn(
+        f"{what}; this is a defect of periscopy: please report it, as CONTRIBUTING.md says, with "
+        f"the output of 'periscopy doctor' and the trace {place}", "error"
+    )  # fmt: skip
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:

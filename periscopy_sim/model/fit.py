@@ -18,6 +18,7 @@ from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import NOTHING_LEFT, TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
+from periscopy_sim.numerics.validation import InputError
 
 PRECISION = 3e-5
 """Relative precision of A by areas (1.5e-5 for the plate); A by rays has less."""
@@ -130,7 +131,7 @@ class Fit:
         self.gram: Array = TransportOperator(used, Q).gram()
         energy = float(np.trace(self.gram))
         if not energy > PRECISION**2 * float(np.vdot(used, used)):
-            raise ValueError(NOTHING_LEFT)
+            raise InputError(NOTHING_LEFT)
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 
 LIGHT_RANGE = (1e-30, 1e30)
 """Least and greatest that a photograph's largest value may be: P is of single precision, and the
@@ -14,6 +14,10 @@ squares of what is farther from 1 leave double precision."""
 
 AXES = ("row", "column", "channel")
 """Names of a photograph's dimensions, where they are labelled."""
+
+
+class InputError(PeriscopyError):
+    """A value that a function of arrays cannot use; a command adds the file or option it is of."""
 
 
 def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
@@ -43,7 +47,7 @@ def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
     if values.dtype.kind != "f":
         raise TypeError(f"{name} is of type {values.dtype}: convert it to floating point")
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} holds NaN or infinity: replace those values first")
+        raise InputError(f"{name} holds NaN or infinity: replace those values first")
     single = values.dtype.itemsize <= 4
     return np.require(values, np.float32 if single else np.float64, ["C", "A", "W"])
 
@@ -52,16 +56,16 @@ def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDAr
     """Return an image that stands beside another, checked like it, in its shape and precision."""
     values = checked_image(image, name)
     if values.shape != beside.shape:
-        raise ValueError(f"{name} has shape {values.shape}, the image beside it {beside.shape}")
+        raise InputError(f"{name} has shape {values.shape}, the image beside it {beside.shape}")
     return values.astype(beside.dtype, copy=False)
 
 
 def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
     """Reject a relative tolerance outside (0, 1), and fewer iterations than one."""
     if not 0 < tolerance < 1:
-        raise ValueError(f"tolerance is {tolerance}: give a number between 0 and 1")
+        raise InputError(f"tolerance is {tolerance}: give a number between 0 and 1")
     if max_iterations < 1:
-        raise ValueError(f"max_iterations is {max_iterations}: give at least 1")
+        raise InputError(f"max_iterations is {max_iterations}: give at least 1")
 
 
 def warn_unconverged(
@@ -80,4 +84,4 @@ def warn_unconverged(
 def check_weight(name: str, weight: float) -> None:
     """Reject a weight that is negative, infinite or NaN."""
     if not 0 <= weight < np.inf:
-        raise ValueError(f"{name} is {weight}: give a finite number, not negative")
+        raise InputError(f"{name} is {weight}: give a finite number, not negative")

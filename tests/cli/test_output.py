@@ -8,11 +8,12 @@ import pytest
 from periscopy_sim.cli import output
 from periscopy_sim.cli.output import fixable, progress, write_json
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.validation import InputError
 
 
-def test_fixable_names_what_a_value_error_is_about():
+def test_fixable_names_what_an_input_error_is_about():
     with pytest.raises(PeriscopyError, match=r"^scene: too small$"), fixable("scene"):
-        raise ValueError("too small")
+        raise InputError("too small")
 
 
 def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):

@@ -21,6 +21,7 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
+from periscopy_sim.numerics.validation import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +119,13 @@ def form_preconditioner(
     """
     transport: Array = np.asarray(A, np.float64)
     if A.ndim != 2 or A.shape[0] < A.shape[1]:
-        raise ValueError(f"A must have at least as many rows as columns, not shape {A.shape}")
+        raise InputError(f"A must have at least as many rows as columns, not shape {A.shape}")
     if B is None:
         B = np.zeros((A.shape[0], 0))
     if B.ndim != 2 or B.shape[0] != A.shape[0]:
-        raise ValueError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
+        raise InputError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
     if not np.isfinite(A).all():
-        raise ValueError("A must be finite")
+        raise InputError("A must be finite")
     Q = background_basis(B, rank_tolerance)
     # NumPy's BLAS all along: the idle threads of a second one, SciPy's, would take the cores.
     gram = transport.T @ transport
@@ -139,7 +140,7 @@ def form_preconditioner(
     # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
     if (np.diag(cholesky) <= 1e-6 * norms).any():
         dark = int((norms <= 1e-7 * norms.max()).sum())
-        raise ValueError(
+        raise InputError(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
             f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"
         )
