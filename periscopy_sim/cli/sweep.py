@@ -65,8 +65,8 @@ def sweep(
     The same command resumes an interrupted sweep.
     """
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_method, source_sha256
+    from periscopy_sim.evaluation.workers import check_scheduler
 
     # Reject wrong values here, before hours of rendering.
     require_all()
@@ -108,9 +108,7 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    if scheduler is not None:
-        with workers.connect(scheduler):  # fails if it does not answer
-            pass
+    check_scheduler(scheduler)
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
         matrix = out / "A.npy"
         if not matrix.is_file():

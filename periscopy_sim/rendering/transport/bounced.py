@@ -145,7 +145,7 @@ def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
     if text in WORDS:
         return WORDS[text]
-    if not (text.isascii() and text.isdigit() and int(text) >= DIRECT):
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= DIRECT):
         raise InputError(f"'{text}': give direct, all, or a whole number from 1 on")
     return int(text)
 
