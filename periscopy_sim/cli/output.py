@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, NoReturn
@@ -101,30 +102,47 @@ _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
 
 
+SILENCE = 30.0
+"""Seconds between lines without a terminal: a day's log stays below 3,000 lines."""
+
+
 @contextmanager
-def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
-    """Show the progress of a long computation: a bar on a terminal, elsewhere a line at its start.
+def progress(
+    label: str, unit: str = "", clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[..., None]]:
+    """Show the progress of a long computation: a bar on a terminal, elsewhere lines now and then.
 
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
-    Within the progress of another computation, nothing is shown.
+    Within the progress of another computation, there is no bar, and no line at the start.
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TimeElapsedColumn
 
     console = Console(stderr=True)
+    first: tuple[float, float] | None = None  # of what a former run did, when it is known
+    latest = clock()
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
 
     def update(done: float, total: float = 1.0) -> None:
+        nonlocal first, latest
         if _INTERRUPTS:
             raise KeyboardInterrupt
         text = f"{label}: {done} of {total} {unit}" if unit else label
         bar.update(task, description=text, completed=done, total=total or 1)
+        now, fraction = clock(), done / (total or 1)
+        first = first or (now, fraction)
+        if not console.is_terminal and now - latest >= SILENCE:
+            latest, gain = now, fraction - first[1]
+            seconds = (now - first[0]) * (1 - fraction) / gain if gain > 0 else None
+            left = "" if seconds is None else f", {timedelta(seconds=round(seconds))} left"
+            print(f"periscopy: {text}: {100 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
 
     disable = bool(_AT_WORK) or not console.is_terminal
+    columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)
     try:
-        with Progress(console=console, transient=True, disable=disable) as bar:
+        with Progress(*columns, console=console, transient=True, disable=disable) as bar:
             task = bar.add_task(label, total=None)
             yield update
     finally:

@@ -77,7 +77,8 @@ def reconstruct(
         ):
             solution = fitted.solve(wall.values)
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
-        with session.timed("residual and standard errors"):
+        doing = "residual and standard errors"
+        with session.timed(doing), progress(f"computing {doing}"):
             report = fitted.report(wall.values, solution)
         for line in messages.sentences(report.warnings):
             session.warn(f"{photo}: {line}")

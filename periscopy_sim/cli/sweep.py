@@ -115,7 +115,7 @@ def sweep(
             write_transport(session, light, matrix)
         A = session.transport(light, matrix)
         B = light.backgrounds(scenario)
-        with fixable(f"scene '{scenario.path}'"):
+        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
             fitted = {name: fit_method(name, scenario, A, B, used, off) for name in names}
         if signal is None:
             file = out / "photograph.exr"

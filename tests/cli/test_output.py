@@ -37,11 +37,14 @@ def plain_environment(monkeypatch):
         monkeypatch.delenv(name, raising=False)
 
 
-def test_progress_is_a_line_at_the_start_without_a_terminal(capfd):
-    with progress("rendering") as report, progress("within") as inner:
-        report(0.5)
+def test_progress_is_a_line_at_the_start_and_each_half_minute_without_a_terminal(capfd):
+    time = iter([0, 1, 10, 32, 33, 72]).__next__
+    with progress("rendering", clock=time) as report, progress("within") as inner:
         inner(1.0)
-    assert capfd.readouterr() == ("", "periscopy: rendering\n")
+        for fraction in (0.2, 0.25, 0.3, 0.4, 0.5):
+            report(fraction)
+    lines = ["rendering", "rendering: 30 %, 0:03:37 left", "rendering: 50 %, 0:01:58 left"]
+    assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))
 
 
 def test_interrupt_that_a_library_ignored_is_raised_again(monkeypatch):
