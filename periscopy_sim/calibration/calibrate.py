@@ -29,13 +29,12 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scenario import Array
 
-WEIGHTS = 1 / 3, 1, 0.65, 0.65, 2
+WEIGHTS = 0.4, 1, 1, 1, 2
 """Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
-levels have the same pixels, as measured on the chair at 32x32 and 63x63; for `GROWTH` see `_Path`.
-"""
+levels have the same pixels, as measured on the chair at 32x32, 63x63 and 126x126."""
 
 GROWTH = 1.5
-"""Power of the ratio of fine to coarse pixels with which the seconds of the last three grow."""
+"""Power of the ratio of fine to coarse pixels with which the last three grow, measured likewise."""
 
 
 def calibrate(
@@ -151,7 +150,7 @@ def _calibrated(
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     path = _Path(problem, progress, fine.scene.pixels.sum() / coarse.scene.pixels.sum())
-    search = Search(coarse, fine, seed, path.add)
+    search = Search(coarse, fine, seed, path.add, path.expected)
     starts = search.starts() if problem.has_unknown_images else [fine.candidate(fine.center)]
     level, end = search.best(starts)
     gain, κ = end.point[len(names) :], end.temperature
@@ -197,7 +196,7 @@ class _Path:
     def __init__(
         self, problem: CalibrationProblem, progress: Callable[[float], None], finer: float
     ) -> None:
-        self._expected = expected_stages(len(problem.photographs), problem.has_unknown_images)
+        self.expected = expected_stages(len(problem.photographs), problem.has_unknown_images)
         self._weights = np.multiply(WEIGHTS, np.power(finer, [0, 0, GROWTH, GROWTH, GROWTH]))
         self._count, self._progress = len(problem.names), progress
         self._rows: tuple[list[Array], ...] = ([], [], [], [])
@@ -207,8 +206,8 @@ class _Path:
         values = candidate.point[: self._count]
         self._rows[stage].append(np.append(values, candidate.evidence))
         # Stages follow each other: those before this one are complete, whatever was expected.
-        ended = *self._expected[:stage], min(len(self._rows[stage]), self._expected[stage])
-        whole = self._weights @ [*self._expected, 1]
+        ended = *self.expected[:stage], min(len(self._rows[stage]), self.expected[stage])
+        whole = self._weights @ [*self.expected, 1]
         self._progress(float(self._weights[: stage + 1] @ ended / whole))
 
     @property
