@@ -46,11 +46,11 @@ def warn_defect(error: BaseException) -> None:
 
     Where no such file can be written, the trace is printed.
     """
-    trace = "".join(traceback.format_exception(error))
+    trace = "\n".join([shlex.join(sys.argv), *traceback.format_exception(error)])
     try:
         path = Path(gettempdir(), f"periscopy-{time.time_ns()}.txt")
         with staged_file(path) as file:
-            file.write_text(f"{shlex.join(sys.argv)}\n{trace}", "utf-8", "backslashreplace")
+            file.write_text(trace, "utf-8", "backslashreplace")
         place = f"in {path}"
     except (OSError, OutputError):
         print(trace, end="", file=sys.stderr)

@@ -22,10 +22,9 @@ Result = TypeVar("Result")
 IN_FLIGHT = 256
 """Tasks that the scheduler holds at once, with results that nobody has read yet."""
 
-
 CONNECTING, EXAMINING = 10.0, 60.0
-"""Seconds for a scheduler to answer, Dask's own patience for a slow network doubled, and for its
-workers to import this package, from a shared disk perhaps."""
+"""Seconds for a scheduler to answer, several times those of a slow network, and for its workers to
+import this package, perhaps from a shared disk."""
 
 
 @contextmanager
@@ -39,18 +38,25 @@ def connect(scheduler: str | None) -> "Iterator[Client]":
     from distributed import Client
     from threadpoolctl import threadpool_limits
 
-    disabled = logging.root.manager.disable
-    logging.disable()  # Dask's log: what matters is raised
-    try:
+    check_scheduler(scheduler)
+    local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
+    with _silence():
         if scheduler is None:
-            local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
             # Its server cannot be switched off; on a free port it disturbs no other.
             with threadpool_limits(1), Client(**local, dashboard_address="127.0.0.1:0") as client:
                 yield client
-            return
-        check_scheduler(scheduler)
-        with Client(scheduler, timeout=CONNECTING) as client:
-            yield client
+        else:
+            with Client(scheduler, timeout=CONNECTING) as client:
+                yield client
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Log nothing, as Dask does of what it also raises."""
+    disabled = logging.root.manager.disable
+    logging.disable()
+    try:
+        yield
     finally:
         logging.disable(disabled)
 
@@ -74,7 +80,7 @@ def check_scheduler(scheduler: str | None) -> None:
 
     try:
         # In another thread: a notebook's own has a loop of events already.
-        with config.set(scheduler=None):
+        with _silence(), config.set(scheduler=None):
             there = ThreadPoolExecutor(1).submit(asyncio.run, ask()).result()
     except Exception as error:  # of whatever listens there
         raise PeriscopyError(
