@@ -113,7 +113,13 @@ def compute(
 
     waiting = iter(items)
     try:
-        held = client.scatter(_Parcel(shared), broadcast=True, hash=False)
+        try:
+            held = client.scatter(_Parcel(shared), broadcast=True, hash=False)
+        except TypeError as error:
+            raise PeriscopyError(
+                "a method of yours cannot travel to the workers, because pickle rejects it; keep "
+                "locks, threads and open files out of its object"
+            ) from error
 
         def submit(item: Item) -> Any:
             return client.submit(_on_one_thread, task, held, item, pure=False)

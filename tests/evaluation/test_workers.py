@@ -1,4 +1,5 @@
 import socket
+import threading
 import time
 
 import numpy as np
@@ -57,6 +58,8 @@ def test_arrays_that_travel_keep_the_bits_of_their_sums():
         connect(cluster.scheduler_address) as client,
     ):
         found = dict(compute(client, sums, arrays, range(8)))
+        with pytest.raises(PeriscopyError, match="pickle"):
+            next(compute(client, sums, threading.Lock(), range(8)))
     means = {item: (True, arrays[item].mean()) for item in range(8)}
     assert found == means  # the same bits
 
