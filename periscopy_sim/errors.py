@@ -1,4 +1,7 @@
-"""What a user can fix: each error says what is wrong, where, and what would fix it."""
+"""What a user can fix: each error says what is wrong, where, and what would fix it.
+
+Any other error, a library's ValueError too, is a defect of the package.
+"""
 
 import os
 import re

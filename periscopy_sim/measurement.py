@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import InputError
 
 
 def composite(signal: Image, background: Image, sbr: float) -> Array:
@@ -32,11 +33,11 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     """
     signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     if signal.shape != background.shape:
-        raise ValueError(f"signal {signal.shape} and background {background.shape} differ in shape")
+        raise InputError(f"signal {signal.shape} and background {background.shape} differ in shape")
     if not (np.isfinite(sbr) and sbr > 0):
-        raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
+        raise InputError(f"the signal-to-background ratio must be positive, not {sbr}")
     if not (signal.mean() > 0 and background.mean() > 0):
-        raise ValueError("signal and background must have a positive mean")
+        raise InputError("signal and background must have a positive mean")
     total = signal / signal.mean() + background / (background.mean() * sbr)
     return np.asarray(total / total.mean())
 
@@ -71,7 +72,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
 def noise_level(photograph: Image, snr: float) -> float:
     """Return the standard deviation of what `add_noise` adds, at a finite SNR in dB."""
     if not np.isfinite(snr):
-        raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+        raise InputError(f"the signal-to-noise ratio must be finite, not {snr} dB")
     return float(10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64))))
 
 
@@ -133,21 +134,21 @@ class Sensor:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.full_well) and self.full_well > 0):
-            raise ValueError(f"the full well must be positive, not {self.full_well} electrons")
+            raise InputError(f"the full well must be positive, not {self.full_well} electrons")
         if not 0 < self.electrons <= self.full_well:
-            raise ValueError(
+            raise InputError(
                 f"a mean of {self.electrons:g} electrons a frame is not above 0 and within the "
                 f"full well of {self.full_well:g}: expose less and average more frames"
             )
         if not 0 <= self.read_noise <= self.full_well / 12:
-            raise ValueError(
+            raise InputError(
                 f"a read noise of {self.read_noise:g} electrons is not within 0 and a twelfth of "
                 f"the full well of {self.full_well:g}"
             )
         if self.bit_depth not in range(4, 33):
-            raise ValueError(f"the bit depth must be a whole number 4 to 32, not {self.bit_depth}")
+            raise InputError(f"the bit depth must be a whole number 4 to 32, not {self.bit_depth}")
         if not (self.frames >= 1 and float(self.frames).is_integer()):
-            raise ValueError(f"the frames must be a whole number above 0, not {self.frames}")
+            raise InputError(f"the frames must be a whole number above 0, not {self.frames}")
 
     @property
     def top_code(self) -> int:
@@ -201,15 +202,15 @@ class Sensor:
         """
         light = np.asarray(photograph, np.float64)
         if light.ndim != 3 or light.shape[2] != 3:
-            raise ValueError(f"a photograph is (rows, columns, 3), not of shape {light.shape}")
+            raise InputError(f"a photograph is (rows, columns, 3), not of shape {light.shape}")
         if not (np.isfinite(light).all() and (light >= 0).all()):
-            raise ValueError(
+            raise InputError(
                 "light to expose must be finite and not negative: give it without noise, black "
                 "level undone"
             )
         level = float(light.mean()) if reference is None else reference
         if not (np.isfinite(level) and level > 0):
-            raise ValueError(
+            raise InputError(
                 f"the light that collects {self.electrons:g} electrons must be positive, not "
                 f"{level:g}: is the photograph black?"
             )

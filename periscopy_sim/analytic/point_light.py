@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
 
 FIELD_OF_VIEW = 0.401
@@ -39,7 +40,7 @@ def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
     squared = c_squared[:, None] + α_squared - 2 * c @ α.T
     # Within a millionth of the size of the whole, a distance is all rounding error.
     if (squared.min(axis=0) <= 1e-12 * (c_squared.max() + α_squared)).any():
-        raise ValueError("a point light lies on the wall; move it away")
+        raise InputError("a point light lies on the wall; move it away")
     height = normals @ α.T - np.sum(normals * c, axis=1)[:, None]
     return np.asarray(np.maximum(height, 0) / (squared * np.sqrt(squared)))  # a power is slow
 
@@ -89,7 +90,7 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
     frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
     offsets = _stretched_grid(scenario, frame) if grid is None else np.asarray(grid, np.float64)
     if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
-        raise ValueError(
+        raise InputError(
             f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "
             "coordinate above 0)"
         )

@@ -13,7 +13,7 @@ edges.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 from itertools import compress
 
@@ -57,13 +57,13 @@ def fine_cooling(photographs: int) -> list[float]:
     return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
 
 
-def expected_stages(photographs: int, unknown: bool) -> tuple[int, int, int, int]:
+def expected_stages(photographs: int, unknown: bool) -> list[int]:
     """Return about how many draws, coarse, fine and last temperatures there are."""
     last = len(fine_cooling(photographs)) - len(SURVIVORS) + 1
     if not unknown:
-        return 0, 0, len(SURVIVORS), last
+        return [0, 0, len(SURVIVORS), last]
     coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
-    return DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), 2 * last
+    return [DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), 2 * last]
 
 
 def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
@@ -119,6 +119,7 @@ class Search:
     fine: ResolutionLevel
     seed: int
     visit: Callable[[int, Candidate], None]  # a draw, 0; an end: coarse 1, fine 2, last 3
+    expected: list[int] = field(default_factory=lambda: [0] * 4)  # visits, corrected once known
 
     def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the others.
@@ -147,11 +148,15 @@ class Search:
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
         looks = [self.fine.look(start, HOTTEST * self.fine.photographs) for start in starts]
-        for T, count in zip(fine_cooling(self.fine.photographs), SURVIVORS, strict=False):
+        cooling, begun = fine_cooling(self.fine.photographs), len(looks)
+        self.expected[2] = begun + sum(min(begun, count) for count in SURVIVORS[:-1])
+        for T, count in zip(cooling, SURVIVORS, strict=False):
             looks = _ranked([self._cooled(self.fine, 2, look, T) for look in looks])[:count]
         first, *others = _objectives(looks)
         is_ahead = [True, *(first - other > NEGLIGIBLE for other in others)]
-        ends = [self._end(look) for look in compress(looks, is_ahead)]
+        looks = list(compress(looks, is_ahead))
+        self.expected[3] = sum(look.temperature >= T for look in looks for T in cooling)
+        ends = [self._end(look) for look in looks]
         best, *_ = _ranked([look for _, look in ends])
         return next(end for end in ends if end[1] is best)
 

@@ -1,6 +1,7 @@
 """The `periscopy` command.
 
-Exit codes: 0; 2 with one line for an error that a user can fix; 130 after Ctrl-C.
+Exit codes: 0; 1 with one line and a file for a defect; 2 with one line for an error that a user
+can fix; 130 after Ctrl-C.
 """
 
 import io
@@ -15,7 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from periscopy_sim.cli.options import RENAMED, with_options_of_groups
-from periscopy_sim.cli.output import interrupt, warn
+from periscopy_sim.cli.output import interrupt, warn, warn_defect
 from periscopy_sim.errors import PeriscopyError, did_you_mean, path_fault
 from periscopy_sim.extras import EXTRA_OF, missing
 
@@ -83,7 +84,7 @@ def _periscopy(
 
 
 def main() -> None:
-    """Run the command line; report an error that a user can fix on one line, with exit code 2."""
+    """Run the command line; report any error on one line."""
     warnings.showwarning = lambda message, *_, **__: warn(" ".join(str(message).split()))
     if isinstance(sys.stdout, io.TextIOWrapper):  # it may be unable to encode a file's name
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -99,7 +100,8 @@ def main() -> None:
             warn("interrupted; no file is half-written", "error")
             os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
         if not (reason := _reason(error)):
-            raise
+            warn_defect(error)
+            raise SystemExit(1) from None
         warn(str(PeriscopyError(reason)), "error")
         raise SystemExit(2) from None
     raise SystemExit(code if isinstance(code, int) else 0)

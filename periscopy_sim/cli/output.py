@@ -1,25 +1,28 @@
 """Lines, warnings, progress, times and JSON of the commands."""
 
 import json
+import shlex
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, NoReturn
 
-from periscopy_sim.errors import PeriscopyError, printable
-from periscopy_sim.storage.outputs.staging import staged_folder
+from periscopy_sim.errors import OutputError, PeriscopyError, printable
+from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
 
 
 @contextmanager
 def fixable(what: str) -> Iterator[None]:
-    """Turn a ValueError about the user's data into a PeriscopyError that names `what`."""
+    """Turn an InputError about the user's data into a PeriscopyError that names `what`."""
     try:
         yield
-    except PeriscopyError:
-        raise
-    except ValueError as error:
+    except InputError as error:
         raise PeriscopyError(f"{what}: {error}") from error
 
 
@@ -36,6 +39,27 @@ def say_written(*paths: Path) -> None:
 def warn(message: str, kind: str = "warning") -> None:
     """Print one line of a warning, or of an error."""
     print(f"periscopy: {kind}: {printable(message)}", file=sys.stderr, flush=True)
+
+
+def warn_defect(error: BaseException) -> None:
+    """Ask for a report of an error that no user can fix; its trace goes to a temporary file.
+
+    Where no such file can be written, the trace is printed.
+    """
+    trace = "\n".join([shlex.join(sys.argv), *traceback.format_exception(error)])
+    try:
+        path = Path(gettempdir(), f"periscopy-{time.time_ns()}.txt")
+        with staged_file(path) as file:
+            file.write_text(trace, "utf-8", "backslashreplace")
+        place = f"in {path}"
+    except (OSError, OutputError):
+        print(trace, end="", file=sys.stderr)
+        place = "printed above"
+    what = PeriscopyError(f"{type(error).__name__}: {error}")
+    warn(
+        f"{what}; this is a defect of periscopy: please report it, as CONTRIBUTING.md says, with "
+        f"the output of 'periscopy doctor' and the trace {place}", "error"
+    )  # fmt: skip
 
 
 def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
@@ -78,31 +102,49 @@ _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
 
 
+SILENCE = 30.0
+"""Seconds between lines without a terminal: a day's log stays below 3,000 lines."""
+
+
 @contextmanager
-def progress(label: str, unit: str = "") -> Iterator[Callable[..., None]]:
-    """Show the progress of a long computation: a bar on a terminal, elsewhere a line at its start.
+def progress(
+    label: str, unit: str = "", clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[..., None]]:
+    """Show the progress of a long computation: a bar on a terminal, elsewhere lines now and then.
 
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
-    Within the progress of another computation, nothing is shown.
+    Within the progress of another computation, there is no bar, and no line at the start.
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TimeElapsedColumn
 
     console = Console(stderr=True)
+    first: tuple[float, float] | None = None  # of what a former run did, when it is known
+    latest = clock()
     if not (_AT_WORK or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
     from rich.markup import escape  # a label may quote names
 
     def update(done: float, total: float = 1.0) -> None:
+        nonlocal first, latest
         if _INTERRUPTS:
             raise KeyboardInterrupt
         text = f"{label}: {done} of {total} {unit}" if unit else label
-        bar.update(task, description=escape(printable(text)), completed=done, total=total or 1)
+        text = printable(text)
+        bar.update(task, description=escape(text), completed=done, total=total or 1)
+        now, fraction = clock(), done / (total or 1)
+        first = first or (now, fraction)
+        if not console.is_terminal and now - latest >= SILENCE:
+            latest, gain = now, fraction - first[1]
+            seconds = (now - first[0]) * (1 - fraction) / gain if gain > 0 else None
+            left = "" if seconds is None else f", {timedelta(seconds=round(seconds))} left"
+            print(f"periscopy: {text}: {100 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
 
     disable = bool(_AT_WORK) or not console.is_terminal
+    columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)
     try:
-        with Progress(console=console, transient=True, disable=disable) as bar:
+        with Progress(*columns, console=console, transient=True, disable=disable) as bar:
             task = bar.add_task(escape(printable(label)), total=None)
             yield update
     finally:

@@ -80,7 +80,8 @@ def reconstruct(
         ):
             solution = fitted.solve(wall)
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
-        with session.timed("residual and standard errors"):
+        doing = "residual and standard errors"
+        with session.timed(doing), progress(f"computing {doing}"):
             report = fitted.report(wall, solution)
             verdict = session.judge(str(photo), report, light, fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):

@@ -10,7 +10,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
-from periscopy_sim.cli.output import fixable, progress, say
+from periscopy_sim.cli.output import progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -62,15 +62,14 @@ def photograph(
         session.check_shadows()
         shown = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient, target)
-        with fixable("photograph"), progress("path tracing the photograph") as report:
+        with progress("path tracing the photograph") as report:
             y = ps.render_photograph(
                 session.scenario, shown, samples=samples, seed=session.seed, progress=report
             )
-        with fixable("photograph"):
-            if background is not None and sbr is not None:
-                y = ps.composite(y, background, sbr)
-            y = y if colours is None else colours.mix(y)
-            y = y if snr is None else ps.add_noise(y, snr, session.seed)
+        if background is not None and sbr is not None:
+            y = ps.composite(y, background, sbr)
+        y = y if colours is None else colours.mix(y)
+        y = y if snr is None else ps.add_noise(y, snr, session.seed)
         write_exr(file, y, as_text({**settings, **session.provenance}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
 

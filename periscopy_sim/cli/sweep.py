@@ -72,8 +72,8 @@ def sweep(
     The same command resumes an interrupted sweep.
     """
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.evaluation import workers
     from periscopy_sim.evaluation.methods import find_method, fit_method, source_sha256
+    from periscopy_sim.evaluation.workers import check_scheduler
 
     # Reject wrong values here, before hours of rendering.
     require_all()
@@ -117,9 +117,7 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    if scheduler is not None:
-        with workers.connect(scheduler):  # fails if it does not answer
-            pass
+    check_scheduler(scheduler)
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
         noise = noise_to_signal(snr, max(ratios))
         plans = {name: light.plan(scenario, noise, seed, name) for name in names}
@@ -127,7 +125,7 @@ def sweep(
             plan: _transport(session, light, plan, out) for plan in dict.fromkeys(plans.values())
         }
         B = light.backgrounds(scenario)
-        with fixable(f"scene '{scenario.path}'"):
+        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
             fitted = {
                 name: fit_method(name, scenario, matrices[plan], B, used, off)
                 for name, plan in plans.items()

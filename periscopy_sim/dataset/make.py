@@ -20,6 +20,7 @@ from periscopy_sim.dataset.samples import (
     scenario_of,
 )
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import ahead
 from periscopy_sim.rendering.variant import mi, require_vectorized
 from periscopy_sim.scenario import Scenario
@@ -113,6 +114,7 @@ def make_dataset(
         "layout": layout.attributes,
         "versions": {name: made_by[name] for name in VERSIONS},
     }
+    check_scheduler(scheduler)
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
@@ -170,8 +172,6 @@ def _made(
             geometry_of(configuration, geometry)  # rendered here, not in the threads
             yield from zip(blocks, ahead(partial(making, geometry), blocks), strict=True)
         return
-    from periscopy_sim.evaluation.workers import compute, connect
-
     with connect(scheduler) as client:
         for (_, blocks), made in compute(client, _make_share, making, shares.items()):
             yield from zip(blocks, made, strict=True)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import OutputError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.measurement import noise_level
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
@@ -132,7 +132,7 @@ def run_design(
 ) -> list[Row]:
     """Assess points, the given scene first; resume from the rows that a table holds.
 
-    `errors` returns the `NUMBERS` of a point's values; a ValueError of any but the first point is
+    `errors` returns the `NUMBERS` of a point's values; a PeriscopyError of any but the first is
     its failure. The table is a CSV file of a row for each point, renewed after each; `progress` is
     called with how many points are done, and of how many. An `OutputError` says that the table
     cannot be read or written, or is of other points.
@@ -145,7 +145,7 @@ def run_design(
         numbers, failure = dict[str, float | None].fromkeys(NUMBERS), ""
         try:
             numbers |= errors(points[number])
-        except ValueError as error:  # a SceneError too
+        except PeriscopyError as error:
             if number == 0:
                 raise
             failure = " ".join(str(error).split())

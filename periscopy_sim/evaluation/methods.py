@@ -27,6 +27,7 @@ from periscopy_sim.model.observation import Backgrounds, observation_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image, Mask
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.registry import METHODS
@@ -230,7 +231,7 @@ class OwnMethod(StillMethod[np.float64]):
 
     def projected_transport(self) -> TransportOperator | None:
         """Return A⊥ of the pixels used; None where B explains all of A."""
-        with suppress(ValueError):
+        with suppress(InputError):
             return TransportOperator(self._A, self._Q)
         return None
 

@@ -1,9 +1,10 @@
 """Many independent tasks on Dask workers, few of them in flight at once."""
 
+import asyncio
 import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib import metadata
 from itertools import islice
@@ -21,6 +22,10 @@ Result = TypeVar("Result")
 IN_FLIGHT = 256
 """Tasks that the scheduler holds at once, with results that nobody has read yet."""
 
+CONNECTING, EXAMINING = 10.0, 60.0
+"""Seconds for a scheduler to answer, several times those of a slow network, and for its workers to
+import this package, perhaps from a shared disk."""
+
 
 @contextmanager
 def connect(scheduler: str | None) -> "Iterator[Client]":
@@ -30,37 +35,63 @@ def connect(scheduler: str | None) -> "Iterator[Client]":
     workers live here. A PeriscopyError says that no scheduler answers, or that it has no workers of
     the same versions.
     """
-    from dask import config
     from distributed import Client
     from threadpoolctl import threadpool_limits
 
-    disabled = logging.root.manager.disable
-    logging.disable()  # Dask's log: what matters is raised
-    try:
+    check_scheduler(scheduler)
+    local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
+    with _silence():
         if scheduler is None:
-            local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
             # Its server cannot be switched off; on a free port it disturbs no other.
             with threadpool_limits(1), Client(**local, dashboard_address="127.0.0.1:0") as client:
                 yield client
-            return
-        try:
-            with config.set(scheduler=None):  # a client that fails to connect leaves its own
-                client = Client(scheduler, timeout=10)
-        except Exception as error:  # of whatever listens there
-            raise PeriscopyError(
-                f"no Dask scheduler answers at '{scheduler}'; start one by `dask scheduler`, and "
-                "give the address that it prints, such as tcp://host:8786"
-            ) from error
-        with client:
-            here, there = _versions(), client.run(_versions, on_error="return")
-            if not there or any(each != here for each in there.values()):
-                raise PeriscopyError(
-                    f"the Dask scheduler at '{scheduler}' has no workers of {here} alone, but "
-                    f"{there}; start some by `dask worker {scheduler}`"
-                )
-            yield client
+        else:
+            with Client(scheduler, timeout=CONNECTING) as client:
+                yield client
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Log nothing, as Dask does of what it also raises."""
+    disabled = logging.root.manager.disable
+    logging.disable()
+    try:
+        yield
     finally:
         logging.disable(disabled)
+
+
+def check_scheduler(scheduler: str | None) -> None:
+    """Raise the errors of `connect`, before hours of work say; None is this process."""
+    if scheduler is None:
+        return
+    from dask import config
+    from distributed import Client
+
+    async def ask() -> dict[str, Any]:
+        # Dask has no limit for a port that accepts and says nothing.
+        client = Client(scheduler, asynchronous=True, timeout=CONNECTING)
+        try:
+            await asyncio.wait_for(client, CONNECTING)
+            answers = client.run(_versions, on_error="return")
+            return dict(await asyncio.wait_for(answers, EXAMINING))
+        finally:
+            await client.close()
+
+    try:
+        # In another thread: a notebook's own has a loop of events already.
+        with _silence(), config.set(scheduler=None):
+            there = ThreadPoolExecutor(1).submit(asyncio.run, ask()).result()
+    except Exception as error:  # of whatever listens there
+        raise PeriscopyError(
+            f"no Dask scheduler with its workers answers at '{scheduler}'; start one by `dask "
+            "scheduler`, and give the address that it prints, such as tcp://host:8786"
+        ) from error
+    if not there or any(each != _versions() for each in there.values()):
+        raise PeriscopyError(
+            f"the Dask scheduler at '{scheduler}' has no workers of {_versions()} alone, but "
+            f"{there}; start some by `dask worker {scheduler}`"
+        )
 
 
 def _versions() -> dict[str, str]:
@@ -78,20 +109,30 @@ def compute(
     died, it is a PeriscopyError.
     """
     from distributed import KilledWorker, as_completed
+    from distributed.comm import CommClosedError
 
-    held = client.scatter(_Parcel(shared), broadcast=True, hash=False)
     waiting = iter(items)
-
-    def submit(item: Item) -> Any:
-        return client.submit(_on_one_thread, task, held, item, pure=False)
-
-    running = as_completed([submit(item) for item in islice(waiting, IN_FLIGHT)])
     try:
+        try:
+            held = client.scatter(_Parcel(shared), broadcast=True, hash=False)
+        except TypeError as error:
+            raise PeriscopyError(
+                "a method of yours cannot travel to the workers, because pickle rejects it; keep "
+                "locks, threads and open files out of its object"
+            ) from error
+
+        def submit(item: Item) -> Any:
+            return client.submit(_on_one_thread, task, held, item, pure=False)
+
+        running = as_completed([submit(item) for item in islice(waiting, IN_FLIGHT)])
         for future in running:
             yield future.result()
             for item in islice(waiting, 1):
                 running.add(submit(item))
-    except (CancelledError, KilledWorker) as error:
+    except Exception as error:
+        lost = CancelledError, CommClosedError, KilledWorker, TimeoutError
+        if client.status == "running" and not isinstance(error, lost):
+            raise  # of the task; without a scheduler Dask raises anything
         raise PeriscopyError(
             "the Dask scheduler or its workers are gone; start them, the workers with more memory, "
             "and run the same command again: it goes on"

@@ -9,6 +9,7 @@ from scipy import linalg
 
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics.validation import InputError
 
 RANK_TOLERANCE = 1e-10
 """Relative tolerance on the singular values of B that are kept, or B's precision if that is more;
@@ -47,11 +48,11 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
         If the tolerance is out of range or B is not finite.
     """
     if not 0 < rank_tolerance < 1:
-        raise ValueError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
+        raise InputError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
     rank_tolerance = max(rank_tolerance, precision_of(B))
     B = np.asarray(B, np.float64)
     if not np.isfinite(B).all():
-        raise ValueError("B must be finite")
+        raise InputError("B must be finite")
     norms = np.sqrt(np.einsum("ij,ij->j", B, B))
     if not norms.any():
         return np.zeros((B.shape[0], 0))

@@ -25,6 +25,7 @@ from periscopy_sim.model.transport_operator import NOTHING_LEFT, TransportOperat
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.products import project_out, times_rows
+from periscopy_sim.numerics.validation import InputError
 
 PRECISION = 3e-5
 """Relative precision of A by areas (1.5e-5 for the plate); A by rays has less."""
@@ -140,7 +141,7 @@ class Fit:
         energy = float(np.trace(self.gram))
         precision = precision_of(A)
         if not energy > max(PRECISION, precision) ** 2 * float(np.vdot(used, used)):
-            raise ValueError(NOTHING_LEFT)
+            raise InputError(NOTHING_LEFT)
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
         self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)

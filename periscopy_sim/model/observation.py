@@ -16,7 +16,7 @@ import numpy as np
 
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
 
 Backgrounds: TypeAlias = Sequence[Image] | Mapping[str, Image]
 """Photographs with the monitor off, (rows, columns, 3) or (M, 3) each; errors call them by their
@@ -44,7 +44,7 @@ class Observation:
         """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""
         matrix = np.zeros((self.pixels, 0)) if matrix is None else matrix
         if len(matrix) != self.pixels:
-            raise ValueError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
+            raise InputError(f"B has {len(matrix)} rows; they must match the {self.pixels} of A")
         return matrix if self.mask is None else matrix[self.mask.ravel()]
 
     def ambient(self) -> Image:
@@ -67,7 +67,7 @@ class Observation:
         """Return the rows of A that are used, (M', N) float64; a ValueError if not finite."""
         used = np.ascontiguousarray(self.used(A), np.float64)
         if not np.isfinite(used).all():
-            raise ValueError("A must be finite")
+            raise InputError("A must be finite")
         return used
 
     def unmixed(self) -> Observation:
@@ -99,7 +99,7 @@ class Observation:
         """
         photographs = np.asarray(photographs)
         if photographs.dtype.kind not in "buif":
-            raise ValueError(f"the photograph is of type {photographs.dtype}; give real numbers")
+            raise InputError(f"the photograph is of type {photographs.dtype}; give real numbers")
         if photographs.dtype == np.uint8:
             warnings.warn(
                 "the photograph is of 8-bit integers, taken as linear light; if they are encoded "
@@ -113,10 +113,10 @@ class Observation:
         planes = np.moveaxis(values, -1, 1)
         grey = np.divide(planes, self.channel_gain[:, None], order="C", dtype=np.float64)
         if not np.isfinite(grey).all():
-            raise ValueError("the photograph must be finite")
+            raise InputError("the photograph must be finite")
         largest = float(np.abs(grey).max(initial=0))
         if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
-            raise ValueError(
+            raise InputError(
                 f"the photograph's largest value is {largest:.1e}; scale it to between "
                 f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
             )
@@ -126,12 +126,12 @@ class Observation:
         """Reject photographs whose shape does not suit `planar` or the mask."""
         size, known = shape[1:-1], self.rows_and_columns
         if known is not None and len(size) == 2 and size != tuple(known):
-            raise ValueError(
+            raise InputError(
                 f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera or mask "
                 f"{known[0]}x{known[1]}"
             )
         if shape[-1] != 3 or np.prod(size, dtype=int) != self.pixels or not size:
-            raise ValueError(
+            raise InputError(
                 f"the photograph has shape {shape[1:]}; A has {self.pixels} rows, so "
                 f"it must be (rows, columns, 3) with rows x columns = {self.pixels}"
             )
@@ -175,13 +175,13 @@ def observation_of(
     reflects nothing in a channel, or what is wrong with a background photograph.
     """
     if hidden_shape[0] * hidden_shape[1] != A.shape[1]:
-        raise ValueError(
+        raise InputError(
             f"a hidden image of {hidden_shape[0]}x{hidden_shape[1]} patches does not fit A's "
             f"{A.shape[1]} columns"
         )
     gain = np.ones(3) if channel_gain is None else np.asarray(channel_gain, np.float64)
     if gain.shape != (3,) or not (gain > 0).all():
-        raise ValueError(f"the wall's channel gains must be three positive numbers, not {gain}")
+        raise InputError(f"the wall's channel gains must be three positive numbers, not {gain}")
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
     planes = _background_planes(alone, backgrounds)
@@ -198,10 +198,10 @@ def _background_planes(
     for name, background in named(backgrounds).items():
         try:
             planes[name] = observation.planar(np.asarray(background)[None])[0]
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
         if not planes[name].max(initial=0) > 0:
-            raise ValueError(f"{name}: no value is positive where the wall is used")
+            raise InputError(f"{name}: no value is positive where the wall is used")
     return planes
 
 
@@ -212,7 +212,7 @@ def named(backgrounds: Backgrounds | None) -> dict[str, Image]:
     if isinstance(backgrounds, Mapping):
         return dict(backgrounds)
     if np.ndim(backgrounds[0] if len(backgrounds) else 0) == 1:
-        raise ValueError("backgrounds are a sequence of photographs, (rows, columns, 3) each")
+        raise InputError("backgrounds are a sequence of photographs, (rows, columns, 3) each")
     count = len(backgrounds)
     return {f"background photograph {k} of {count}": b for k, b in enumerate(backgrounds, 1)}
 
@@ -227,21 +227,21 @@ def checked_mask(
     """
     checked = np.array(mask)
     if checked.dtype != np.bool_:
-        raise ValueError("the mask must be boolean, True where the wall is to be used")
+        raise InputError("the mask must be boolean, True where the wall is to be used")
     shape, count = checked.shape, int(np.count_nonzero(checked))
     pixels, patches = transport_shape
     rectangular = shape if photograph_shape is None else tuple(photograph_shape)
     is_rectangular = len(shape) == 2 and shape == rectangular
     if math.prod(shape) != pixels or not (is_rectangular or len(shape) == 1):
         size = "(rows, columns)" if photograph_shape is None else str(rectangular)
-        raise ValueError(
+        raise InputError(
             f"the mask has shape {shape}: it must be {size} or ({pixels},), a value for each of "
             f"the {pixels} pixels"
         )
     if count == 0:
-        raise ValueError("the mask leaves out every pixel: it must be True where the wall is used")
+        raise InputError("the mask leaves out every pixel: it must be True where the wall is used")
     if count < patches <= pixels:
-        raise ValueError(
+        raise InputError(
             f"the mask leaves {count} pixels for {patches} patches: leave out less of the wall, or "
             "use fewer patches"
         )

@@ -21,6 +21,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.machine import in_parallel
+from periscopy_sim.numerics.validation import InputError
 
 PARTS = 16
 """Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""
@@ -99,24 +100,24 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         if not hasattr(A, "row_blocks"):
             A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
             if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
-                raise ValueError(
+                raise InputError(
                     f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
                 )
         super().__init__(np.dtype(np.float64), A.shape)
         self.A, self._gram = A, gram
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
         if len(self.Q) != A.shape[0]:
-            raise ValueError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
+            raise InputError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
         self.QtA = np.zeros((self.Q.shape[1], A.shape[1]))
         squared_norm = 0.0
         for rows, block in self._converted_blocks():
             self.QtA += self.Q[rows].T @ block
             squared_norm += float(np.vdot(block, block))
         if not np.isfinite(squared_norm):
-            raise ValueError("A must be finite")
+            raise InputError("A must be finite")
         self.squared_norm = squared_norm - float(np.vdot(self.QtA, self.QtA))
         if not self.squared_norm > ROUNDING * squared_norm:
-            raise ValueError(NOTHING_LEFT)
+            raise InputError(NOTHING_LEFT)
 
     def project_out(self, y: Image) -> Array:
         """Return photographs, (M, K), with range(Q) projected out: y − Q Qᵀ y."""

@@ -26,7 +26,7 @@ from periscopy_sim.model.observation import Backgrounds, named, observation_of
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, all_backgrounds, common_pixels
 from periscopy_sim.reconstruction.inherited import Documented
 
@@ -301,7 +301,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:
         arguments, settings = self._given
         if "hidden_shape" not in settings:
-            raise ValueError(
+            raise InputError(
                 "the photograph has another mask, or other monitor-off photographs, than this copy "
                 "of a method, which has no A; pass mask= and backgrounds= to the constructor"
             )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import monitor_texture
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
@@ -82,7 +83,7 @@ class Monitor:
     ) -> None:
         require_vectorized("a photograph")
         if samples < 1 or (bounces is not None and bounces < 1):
-            raise ValueError("samples and bounces must be at least 1")
+            raise InputError("samples and bounces must be at least 1")
         self.hidden_shape = hidden_shape
         self._samples = samples
         self._depth = -1 if bounces is None else bounces + 1
@@ -121,7 +122,7 @@ class Monitor:
         """Show another image, (R, C, 3) as in `photograph`, at first a white one."""
         image = _checked_image(image)
         if image.shape[:2] != self.hidden_shape:
-            raise ValueError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
+            raise InputError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
         self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
         self._parameters.update()
 
@@ -129,9 +130,9 @@ class Monitor:
 def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
     image = np.asarray(image)
     if image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
+        raise InputError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
     if not np.isfinite(image).all() or image.min() < 0:
-        raise ValueError("the hidden image's radiance must be finite and not negative")
+        raise InputError("the hidden image's radiance must be finite and not negative")
     return image
 
 

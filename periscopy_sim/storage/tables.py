@@ -31,9 +31,9 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
-    if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
-        return ColourMatrix(raw_colours(path))
     with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
+        if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
+            return ColourMatrix(raw_colours(path))
         if path.suffix == ".npy":
             return ColourMatrix(np.load(io.BytesIO(read_regular(path)), allow_pickle=False))
         if path.suffix == ".json":

@@ -3,6 +3,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 
@@ -97,11 +98,20 @@ def test_what_a_user_can_fix_is_one_short_line(arguments, offender, refused):
     assert offender in line and len(line) < 1200
 
 
-def test_error_that_no_user_can_mend_keeps_its_traceback(monkeypatch, periscopy, tmp_path):
-    monkeypatch.setattr(ps, "load_scenario", failing(RuntimeError("a defect")))
-    with pytest.raises(RuntimeError, match="a defect"):
-        periscopy(*TRANSPORT)
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.usefixtures("few_lights")
+def test_error_of_numpy_is_no_mistake_of_the_user(monkeypatch, periscopy, tmp_path, photographs):
+    np.save("y.npy", photographs[0])
+    monkeypatch.setattr("numpy.linalg.cholesky", failing(ValueError("of NumPy")))
+    command = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--method", "preconditioned")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ended = periscopy(*command, "--out", "out")
+    assert (ended.code, ended.out, ended.err.count("\n")) == (1, "", 1)
+    (trace,) = tmp_path.glob("*.txt")
+    assert str(trace) in ended.err and "periscopy doctor" in ended.err
+    assert "preconditioner.py" in trace.read_text() and not Path("out").exists()
+    monkeypatch.setattr("periscopy_sim.cli.output.gettempdir", failing(OSError("a full disk")))
+    ended = periscopy(*command, "--out", "out")
+    assert ended.code == 1 and "preconditioner.py" in ended.err
 
 
 def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
@@ -151,18 +161,28 @@ def test_interrupt_is_one_line_and_130_even_in_a_string_of_code(moment, monkeypa
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (130, "", 1)
 
 
-def test_termination_leaves_nothing_half_written(tmp_path):
-    code = (
+@pytest.mark.parametrize(
+    ("event", "code", "left"),
+    [("os.kill(os.getpid(), signal.SIGTERM)", 130, 0), ("np.ones(2) + np.ones(3)", 1, 1)],
+)
+def test_what_ends_a_command_leaves_nothing_half_written(event, code, left, tmp_path):
+    script = (
         "import os, signal, sys\n"
+        "import numpy as np\n"
         "import periscopy_sim as ps\n"
         "from periscopy_sim import cli\n"
-        "ps.load_scenario = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        f"ps.load_scenario = lambda *_: {event}\n"
         "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out']\n"
         "cli.main()\n"
     )
-    ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True)
-    assert ended.returncode == 130 and list(tmp_path.iterdir()) == []
+    ended = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "TMPDIR": str(tmp_path)}, cwd=tmp_path, capture_output=True,
+    )  # fmt: skip
+    assert ended.returncode == code and b"Traceback" not in ended.stderr
     assert ended.stderr.count(b"periscopy: error: ") == 1  # whatever the option parser makes of it
+    traces = [path.read_text() for path in tmp_path.iterdir()]
+    assert len(traces) == left and all("ValueError" in trace for trace in traces)
 
 
 @pytest.mark.usefixtures("jit")

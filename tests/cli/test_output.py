@@ -8,11 +8,12 @@ import pytest
 from periscopy_sim.cli import output
 from periscopy_sim.cli.output import fixable, progress, write_json
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.validation import InputError
 
 
-def test_fixable_names_what_a_value_error_is_about():
+def test_fixable_names_what_an_input_error_is_about():
     with pytest.raises(PeriscopyError, match=r"^scene: too small$"), fixable("scene"):
-        raise ValueError("too small")
+        raise InputError("too small")
 
 
 def test_json_holds_arrays_as_lists_and_paths_as_text(tmp_path):
@@ -36,11 +37,14 @@ def plain_environment(monkeypatch):
         monkeypatch.delenv(name, raising=False)
 
 
-def test_progress_is_a_line_at_the_start_without_a_terminal(capfd):
-    with progress("rendering") as report, progress("within") as inner:
-        report(0.5)
+def test_progress_is_a_line_at_the_start_and_each_half_minute_without_a_terminal(capfd):
+    time = iter([0, 1, 10, 32, 33, 72]).__next__
+    with progress("rendering", clock=time) as report, progress("within") as inner:
         inner(1.0)
-    assert capfd.readouterr() == ("", "periscopy: rendering\n")
+        for fraction in (0.2, 0.25, 0.3, 0.4, 0.5):
+            report(fraction)
+    lines = ["rendering", "rendering: 30 %, 0:03:37 left", "rendering: 50 %, 0:01:58 left"]
+    assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))
 
 
 def test_interrupt_that_a_library_ignored_is_raised_again(monkeypatch):

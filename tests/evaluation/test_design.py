@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.errors import OutputError
+from periscopy_sim.errors import OutputError, SceneError
 from periscopy_sim.evaluation.design import errors_of, grid_of, ranked, run_design
 
 HIDDEN, SIDE = (3, 4), 12
@@ -60,7 +60,7 @@ def test_grid_combines_all_values_with_their_ends():
 
 def bounds(values):
     if values["a"] == "1":
-        raise ValueError('it hides "all",\nor nearly')
+        raise SceneError('it hides "all",\nor nearly')
     return {"bound": 1 / 3 if values["a"] == "2" else np.inf}
 
 

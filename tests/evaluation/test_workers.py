@@ -1,3 +1,5 @@
+import socket
+import threading
 import time
 
 import numpy as np
@@ -5,7 +7,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.workers import compute, connect
+from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 
 
 def test_scheduler_that_does_not_answer_is_one_line(capfd):
@@ -16,6 +18,13 @@ def test_scheduler_that_does_not_answer_is_one_line(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_port_that_says_nothing_is_one_line_in_time(monkeypatch):
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.CONNECTING", 0.2)
+    one_line = pytest.raises(PeriscopyError, match="no Dask scheduler")
+    with socket.create_server(("127.0.0.1", 0)) as mute, one_line:
+        check_scheduler("tcp://127.0.0.1:{1}".format(*mute.getsockname()))
+
+
 def test_workers_of_another_version_are_refused(monkeypatch):
     from distributed import Client, LocalCluster
 
@@ -23,8 +32,11 @@ def test_workers_of_another_version_are_refused(monkeypatch):
     with LocalCluster(**local) as cluster:
         with connect(cluster.scheduler_address):
             pass
-        other = {"tcp://far:1": {"periscopy-sim": "0.0", "mitsuba": "3.0"}}
-        monkeypatch.setattr(Client, "run", lambda *_, **__: other)
+
+        async def other(*_, **__):
+            return {"tcp://far:1": {"periscopy-sim": "0.0", "mitsuba": "3.0"}}
+
+        monkeypatch.setattr(Client, "run", other)
         refused = pytest.raises(PeriscopyError, match="tcp://far:1")
         with refused, connect(cluster.scheduler_address):
             pass
@@ -46,6 +58,8 @@ def test_arrays_that_travel_keep_the_bits_of_their_sums():
         connect(cluster.scheduler_address) as client,
     ):
         found = dict(compute(client, sums, arrays, range(8)))
+        with pytest.raises(PeriscopyError, match="pickle"):
+            next(compute(client, sums, threading.Lock(), range(8)))
     means = {item: (True, arrays[item].mean()) for item in range(8)}
     assert found == means  # the same bits
 
@@ -89,13 +103,18 @@ def nap(shared, item):  # noqa: ARG001
     return shared
 
 
-def test_a_scheduler_lost_midway_is_one_line_that_says_what_goes_on():
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_scheduler_lost_midway_is_one_line_that_says_what_goes_on(begun, monkeypatch):
     from distributed import LocalCluster
+
+    monkeypatch.setattr("periscopy_sim.evaluation.workers.CONNECTING", 0.5)
 
     local = {"n_workers": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
     lost = pytest.raises(PeriscopyError, match="same command")
     with LocalCluster(protocol="tcp://", **local) as cluster:
         with lost as error, connect(cluster.scheduler_address) as client:
+            if not begun:
+                cluster.close()
             for _ in compute(client, nap, None, range(400)):
                 cluster.close()
         assert "\n" not in str(error.value)

@@ -20,7 +20,12 @@ from periscopy_sim.model.fit import Evidence, ambient_basis
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import check_stopping, check_weight, warn_unconverged
+from periscopy_sim.numerics.validation import (
+    InputError,
+    check_stopping,
+    check_weight,
+    warn_unconverged,
+)
 from periscopy_sim.reconstruction.method import (
     Observed,
     Precision,
@@ -54,7 +59,7 @@ def neighbour_differences(
     rows, columns = photograph_shape
     pixels = rows * columns if mask is None else np.count_nonzero(mask)
     if len(A) != pixels:
-        raise ValueError(
+        raise InputError(
             f"a photograph of {rows}x{columns} pixels does not fit the {len(A)} rows of A"
         )
     if mask is not None:
@@ -209,9 +214,9 @@ class Differencing(StillMethod[np.float64]):
         super().__init__(A, **observed)
         photograph_shape, mask = self.observation.rows_and_columns, self.observation.mask
         if photograph_shape is None:
-            raise ValueError("differencing needs photograph_shape, (rows, columns)")
+            raise InputError("differencing needs photograph_shape, (rows, columns)")
         if stop not in get_args(Stop):
-            raise ValueError(f"stop is '{stop}': give 'converged' or 'published'")
+            raise InputError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance, max_iterations)
         self._B = B
@@ -226,7 +231,7 @@ class Differencing(StillMethod[np.float64]):
         # they leave.
         DA = self._differenced(np.asarray(A, np.float64))
         if mask is not None and len(DA) < A.shape[1]:
-            raise ValueError(
+            raise InputError(
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
                 "patches: leave out less of the wall, or use fewer patches"
             )

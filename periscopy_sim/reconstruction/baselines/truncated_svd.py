@@ -11,6 +11,7 @@ from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.method import Observed, Report, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
@@ -60,7 +61,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     ) -> None:
         super().__init__(A, **observed)
         if not 0 < fraction <= 1:
-            raise ValueError(f"the fraction of singular values is in (0, 1], not {fraction}")
+            raise InputError(f"the fraction of singular values is in (0, 1], not {fraction}")
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
         used = self.observation.used_transport(A)
@@ -71,7 +72,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.rank = max(round(fraction * N), 1)
         energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
         if not energy[0] > max(1e-14, precision_of(A) ** 2) * energy[-1]:
-            raise ValueError(
+            raise InputError(
                 f"A has fewer than {self.rank} singular values above rounding: keep a smaller "
                 f"fraction than {fraction}"
             )

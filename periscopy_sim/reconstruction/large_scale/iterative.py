@@ -35,7 +35,7 @@ from periscopy_sim.model.transport_operator import (
     used_rows,
 )
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import check_stopping, warn_unconverged
+from periscopy_sim.numerics.validation import InputError, check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
 from periscopy_sim.reconstruction.method import Observed, Solution, StillMethod, of_all
 
@@ -105,7 +105,7 @@ class IterativePeriscope(StillMethod[np.float64]):
     ) -> None:
         super().__init__(A, **observed)
         if not 0 < regularization < np.inf:
-            raise ValueError(f"regularization is {regularization}: give a positive, finite number")
+            raise InputError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
         self.regularization = regularization
         self.tolerance = tolerance
@@ -117,7 +117,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         pixels, patches = self.transport.shape
         self._strongest = max(min(EIGENVECTORS, patches // 8), 1)
         if (rank := Q.shape[1]) + patches > pixels:
-            raise ValueError(
+            raise InputError(
                 f"{pixels} pixels do not determine {patches} patches beside {rank} patterns of "
                 "ambient light; use more pixels, or fewer patches or backgrounds"
             )

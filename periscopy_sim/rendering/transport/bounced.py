@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
 from periscopy_sim.rendering.transport.kernel import make_kernel
@@ -117,7 +118,7 @@ class BouncedTransport:
         """
         image = np.asarray(image)
         if image.shape != (self.shape[1], 3):
-            raise ValueError(
+            raise InputError(
                 f"the hidden image has shape {image.shape}; its channels have matrices of their "
                 f"own: give ({self.shape[1]}, 3)"
             )
@@ -146,7 +147,7 @@ def bounces_of_words(text: str) -> int | None:
     if text in WORDS:
         return WORDS[text]
     if not (re.fullmatch("[0-9]{1,6}", text) and int(text) >= DIRECT):
-        raise ValueError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
+        raise InputError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
     return int(text)
 
 
@@ -191,7 +192,7 @@ def render_bounced_light(
         way of a mirror.
     """
     if bounces is not None and operator.index(bounces) <= DIRECT:
-        raise ValueError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
+        raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
     require_vectorized("light that bounces")
     report = progress or (lambda _: None)
     shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
