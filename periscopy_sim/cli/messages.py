@@ -32,6 +32,7 @@ SENTENCES = {
     "no_residual": "This method judges no scene: it does not use A.",
     "calibrate": "Run calibrate.",
     "look": "Look at residual.png.",
+    "more_rays": "Pass --samples {samples}.",
     "measure": "Measure it again.",
     "patches": "Pass --hidden {rows}x{columns}.",
     "default_method": "Try the default method.",

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
 from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
@@ -181,6 +180,9 @@ class Session(options.OptionGroup):
             return sentence("default_method")
         if report.verdict.code != "does_not_fit":
             return ""
+        error, noise = (self.record.get(name) for name in ("transport_error", "relative_noise"))
+        if error and noise and error > noise:
+            return sentence("more_rays", samples=4 * (self.record["samples"] or SAMPLES))
         if scene_covariance(self.scenario.document) is not None:
             return sentence("look")
         if not has_areas(self.scenario):
@@ -290,6 +292,7 @@ class Session(options.OptionGroup):
         made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
         self.record |= {**made, "transport": matrix, **light.origin}
         if noise is not None:
+            self.record["relative_noise"] = noise
             self.check_error(made["transport_error"], noise)
         return np.asarray(A if light.most_bounces == 1 else A.mean)
 
@@ -311,6 +314,7 @@ class Session(options.OptionGroup):
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+        from periscopy_sim.model.noise import relative_noise
 
         colours = None if colour_matrix is None else colour_matrix.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
