@@ -182,7 +182,7 @@ class Session(options.OptionGroup):
             return ""
         error, noise = (self.record.get(name) for name in ("transport_error", "relative_noise"))
         if error and noise and error > noise:
-            return sentence("more_rays", samples=4 * (self.record["samples"] or SAMPLES))
+            return sentence("pass", options=self._better_transport(self.record["samples"]))
         if scene_covariance(self.scenario.document) is not None:
             return sentence("look")
         if not has_areas(self.scenario):
@@ -191,7 +191,7 @@ class Session(options.OptionGroup):
         with progress("looking for the cause of the misfit"):
             finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
             if light.most_bounces == 1 and _explains(finer, report, fitted, wall, solution):
-                return sentence("patches", rows=rows, columns=columns)
+                return sentence("pass", options=f"--hidden {rows}x{columns}")
         return sentence("calibrate")
 
     # -- reading ---------------------------------------------------------------------------------
@@ -293,14 +293,28 @@ class Session(options.OptionGroup):
         self.record |= {**made, "transport": matrix, **light.origin}
         if noise is not None:
             self.record["relative_noise"] = noise
-            self.check_error(made["transport_error"], noise)
+            self.check_error(made["transport_error"], noise, made["samples"])
         return np.asarray(A if light.most_bounces == 1 else A.mean)
 
-    def check_error(self, error: float | None, noise: float, name: str = "A") -> None:
+    def check_error(
+        self, error: float | None, noise: float, samples: int | None, name: str = "A"
+    ) -> None:
         """Warn where an error of A exceeds the photographs' noise, both over their mean."""
         if error is not None and error > noise:
-            percent = {"error": 100 * error, "noise": 100 * noise}
-            self.warn(sentence("transport_error", name=name, **percent))
+            self.warn(
+                sentence(
+                    "transport_error", name=name, error=100 * error, noise=100 * noise,
+                    options=self._better_transport(samples),
+                )
+            )  # fmt: skip
+
+    def _better_transport(self, samples: int | None) -> str:
+        """Return the options that lower the error of an A by rays."""
+        from periscopy_sim.analytic.area_transport import has_areas
+
+        if has_areas(self.scenario):
+            return "--model analytic"
+        return f"--samples {4 * (samples or SAMPLES)}"
 
     def fit(
         self,

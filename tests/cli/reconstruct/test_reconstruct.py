@@ -103,7 +103,9 @@ def test_scene_that_is_off_leaves_more_unexplained(light, reconstruct, succeeds,
     summary["warnings"] = [line for line in summary["warnings"] if "rays" not in line]
     said = succeeds("reconstruct", "y.npy", *tiny, "-D", "occluder_dx=0.03", "--out", "wrong")
     of_wrong = json.loads((tmp_path / "wrong" / "summary.json").read_text())
-    assert said.splitlines()[-1] == of_wrong["verdict"] and "--samples 16" in of_wrong["verdict"]
+    assert (
+        said.splitlines()[-1] == of_wrong["verdict"] and "--model analytic" in of_wrong["verdict"]
+    )
     assert summary["diagnosis"] == "fits" and not summary["warnings"]
     assert of_wrong["diagnosis"] != "fits" and of_wrong["warnings"]
     assert summary["unexplained"] < 1.5e-3 and of_wrong["unexplained"] > 3 * summary["unexplained"]
