@@ -160,7 +160,7 @@ def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
     names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
     with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
         for _, shape, _ in whosmat(stream):
-            check_budget(shape)
+            check_budget(shape, path)
         fields = loadmat(stream, variable_names=names)
         fields = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
     counts = fields.get("image", np.zeros(0))
