@@ -220,12 +220,11 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    whole = (n for n in records.numbers() if n in records.layout.blocks and records.has(n))
-    sizes = {n: records.layout.size(n) for n in whole}
+    whole = [n for n in records.numbers() if n in records.layout.blocks and records.has(n)]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,
-            "finished": sum(sizes.values()),
+            "finished": sum(map(records.layout.size, whole)),
             "photograph": list(layout.photograph_shape),
             "hidden": list(layout.hidden_shape),
             "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

@@ -136,16 +136,9 @@ def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
 def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
     """Return a published capture as arrays that `read_photograph` and `read_hidden_image` know.
 
-    Returns
-    -------
-    dict
-        ``photograph``, (126, 126, 3) linear counts for each unit of exposure; ``hidden``,
-        (rows, columns, 3) linear, what the monitor showed, if the file has it.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged or of another layout.
+    They are ``photograph``, (126, 126, 3) linear counts for each unit of exposure, and ``hidden``,
+    (rows, columns, 3) linear, what the monitor showed, if the file has it. A file that is damaged
+    or of another layout is a `PhotographError`.
     """
     fields = capture_fields(path)
     light = area_average(bayer_colours(fields["image"]), FILM) / capture_exposure(fields, path)
