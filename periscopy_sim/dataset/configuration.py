@@ -8,7 +8,7 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource
-from periscopy_sim.dataset.reading import MOST_SAMPLES
+from periscopy_sim.dataset.reading import Count, Size
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
@@ -19,8 +19,6 @@ from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 SPLITS = ("train", "validation", "test")
-
-Count = Annotated[int, Field(strict=True, ge=1)]
 
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -157,9 +155,9 @@ class Configuration(Strict):
     """
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    count: Annotated[Count, Field(le=MOST_SAMPLES)]
+    count: Size
     hidden: RowsAndColumns
-    samples_per_geometry: Annotated[Count, Field(le=MOST_SAMPLES)] = 1000
+    samples_per_geometry: Size = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1
     splits: Splits = Splits()

@@ -58,7 +58,8 @@ MOST_SAMPLES = 10**8
 """Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
 
 
-Size = Annotated[int, Field(strict=True, ge=1, le=MOST_SAMPLES)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Size = Annotated[Count, Field(le=MOST_SAMPLES)]
 
 
 @dataclass(frozen=True)

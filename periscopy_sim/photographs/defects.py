@@ -93,8 +93,8 @@ def defective_pixels(
         If the photograph has another number of dimensions, or the mask another shape.
     """
     if isinstance(photograph, Photograph):
-        mask = common_pixels(mask, photograph.mask)
-    values = photograph.values if isinstance(photograph, Photograph) else np.asarray(photograph)
+        mask, photograph = common_pixels(mask, photograph.mask), photograph.values
+    values = np.asarray(photograph)
     values = values[..., np.newaxis] if values.ndim == 2 else values
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:

@@ -42,8 +42,8 @@ class Strict(BaseModel):
             if each["type"] == UNKNOWN and len(each["loc"]) == 1:
                 advice = did_you_mean(str(*each["loc"]), known) or f"there are {', '.join(known)}"
                 each["msg"] = f"is not known; {advice}"
-            error = PydanticCustomError(each["type"], "{text}", {"text": each["msg"]})
-            each |= {"type": error, "input": None}
+            custom = PydanticCustomError(each["type"], "{text}", {"text": each["msg"]})
+            each |= {"type": custom, "input": None}
         raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
