@@ -45,7 +45,8 @@ SENTENCES = {
     ),
     "transport_error": (
         "{name} by rays errs by {error:.2g} % of the light, more than the photograph's noise of "
-        "{noise:.2g} %: take more rays (--samples), or fewer pixels and patches"
+        "{noise:.2g} %: take more rays (--samples, where the command has it), or fewer pixels and "
+        "patches"
     ),
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",

@@ -14,25 +14,22 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
-from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Report, StillMethod
+from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
+from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
+from periscopy_sim.rendering.transport.shadow_rays import require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_image
-from periscopy_sim.storage.pictures import (
-    area_average,
-    averaged_photograph,
-    read_hidden_image,
-)
+from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
 
 COARSE = 32, 12
 """Pixels along a photograph's longer side, patches along a hidden image's: some 100 ms on one core
 from a scene that has moved to its pictures."""
 
-RAYS = {True: 4, False: 16}
-"""Rays per patch and wall point where a scene has no closed form; fewer at the coarse size."""
+BUDGET = 1 << 30
+"""Most rays for a full A where a scene has no closed form: some 6 s on one core."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,13 @@ class Level:
 
         start = time.perf_counter()
         values = tuple(choice.values.values())
-        scenario, A = self._keep("A", values, lambda: self._transport(choice.values))
+        given = {name: f"{value:.9g}" for name, value in choice.values.items()}
+        scenario = self._keep("scenario", values, lambda: self.scenario(self._given | given))
+        noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
+        plan = self._keep("plan", (values, noise), lambda: self._plan(scenario, noise))
+        A = self._keep(
+            "A", (values, plan), lambda: self._transport(scenario, plan, unless_overtaken)
+        )
         unless_overtaken()
         truth = None
         if choice.image:
@@ -133,7 +136,7 @@ class Level:
             "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
         )
         method = self._keep(
-            "method", (choice.method, values),
+            "method", (choice.method, values, plan),
             lambda: fit_method(
                 choice.method, scenario, A, B, photograph.mask, photograph.monitor_off
             ),
@@ -149,6 +152,9 @@ class Level:
                     report = replace(report, residual=None)
             else:
                 image = image_by(method, photograph.values, self.hidden_shape)
+        if plan.error > noise:
+            errors = {"name": "A", "error": 100 * plan.error, "noise": 100 * noise}
+            report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, truth, photograph, image,
@@ -163,14 +169,21 @@ class Level:
             self._kept[name] = key, make()
         return self._kept[name][1]
 
-    def _transport(self, values: Mapping[str, float]) -> tuple[Scenario, Any]:
-        """Return the scene at some values, and its A."""
-        given = {name: f"{value:.9g}" for name, value in values.items()}
-        scenario = self.scenario(self._given | given)
-        has_form, samples = has_areas(scenario), RAYS[self.is_coarse]
-        A = area_transport(scenario) if has_form else render_transport(scenario, samples=samples)
+    def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
+        """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
+        if self.is_coarse:
+            return TransportPlan(None if has_areas(scenario) else FEWEST)
+        return plan_transport(scenario, noise, budget=BUDGET)
+
+    def _transport(
+        self, scenario: Scenario, plan: TransportPlan, unless_overtaken: Callable[[], None]
+    ) -> NDArray[np.float32]:
+        if self.is_coarse and plan.by == "areas":
+            A = area_transport(scenario)  # from the pixels' centres
+        else:
+            A = plan.transport(scenario, progress=lambda _: unless_overtaken())
         require_light(A, scenario)
-        return scenario, A
+        return A
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any

@@ -99,6 +99,7 @@ def plan_transport(
     by: By | None = None,
     samples: int | None = None,
     seed: int = 0,
+    budget: int | None = None,
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise.
 
@@ -112,9 +113,11 @@ def plan_transport(
         ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
     samples
         Rays from the centre of each pixel to each patch. None takes as many as make the error of A
-        a third of the noise or less, within `BUDGET`, and averages over the pixels' areas.
+        a third of the noise or less, within the budget, and averages over the pixels' areas.
     seed
         Seed of the rays that measure the error.
+    budget
+        Most rays for a whole A, but for the fewest; None for `BUDGET`.
 
     Returns
     -------
@@ -136,10 +139,10 @@ def plan_transport(
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
     points = points_across(scenario.photograph_shape) ** 2
     entries = int(np.prod(scenario.transport_shape)) * points
-    samples = FEWEST
+    samples, most = FEWEST, BUDGET if budget is None else budget
     while True:
         error = transport_error(scenario, samples, points, seed=seed)
-        if error <= SMALL * noise or 4 * samples * entries > BUDGET:
+        if error <= SMALL * noise or 4 * samples * entries > most:
             return TransportPlan(samples, points, error)
         samples *= 4
 
