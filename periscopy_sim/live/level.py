@@ -112,34 +112,35 @@ class Level:
         Overtaken is raised as soon as `is_overtaken` says that a newer wish came.
         """
 
-        def unless_overtaken() -> None:
+        def unless_overtaken(*_: object) -> None:
             if is_overtaken():
                 raise Overtaken
+
+        def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
+            """Return what `make` makes; that of before while its key is the same."""
+            unless_overtaken()
+            if name not in self._kept or self._kept[name][0] != key:
+                self._kept.pop(name, None)  # before another takes as much memory
+                self._kept[name] = key, make()
+            return self._kept[name][1]
 
         start = time.perf_counter()
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
-        scenario = self._keep("scenario", values, lambda: self.scenario(self._given | given))
+        scenario = kept("scenario", values, lambda: self.scenario(self._given | given))
         noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        plan = self._keep("plan", (values, noise), lambda: self._plan(scenario, noise))
-        A = self._keep(
-            "A", (values, plan), lambda: self._transport(scenario, plan, unless_overtaken)
-        )
-        unless_overtaken()
+        plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
+        A = kept("A", (values, plan), lambda: self._transport(scenario, plan, unless_overtaken))
         truth = None
         if choice.image:
             path = find_image(choice.image)
-            truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
+            truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
-        unless_overtaken()
-        B = self._keep(
-            "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
-        )
-        method = self._keep(
+        B = kept("B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario))
+        of_photograph = photograph.mask, photograph.monitor_off
+        method = kept(
             "method", (choice.method, values, plan),
-            lambda: fit_method(
-                choice.method, scenario, A, B, photograph.mask, photograph.monitor_off
-            ),
+            lambda: fit_method(choice.method, scenario, A, B, *of_photograph),
         )  # fmt: skip
         unless_overtaken()
         report = Report()
@@ -162,13 +163,6 @@ class Level:
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 
-    def _keep(self, name: str, key: object, make: Callable[[], Any]) -> Any:
-        """Return what `make` makes; that of before while its key is the same."""
-        if name not in self._kept or self._kept[name][0] != key:
-            self._kept.pop(name, None)  # before another takes as much memory
-            self._kept[name] = key, make()
-        return self._kept[name][1]
-
     def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
         if self.is_coarse:
@@ -176,12 +170,12 @@ class Level:
         return plan_transport(scenario, noise, budget=BUDGET)
 
     def _transport(
-        self, scenario: Scenario, plan: TransportPlan, unless_overtaken: Callable[[], None]
+        self, scenario: Scenario, plan: TransportPlan, progress: Callable[[float], None]
     ) -> NDArray[np.float32]:
         if self.is_coarse and plan.by == "areas":
             A = area_transport(scenario)  # from the pixels' centres
         else:
-            A = plan.transport(scenario, progress=lambda _: unless_overtaken())
+            A = plan.transport(scenario, progress=progress)
         require_light(A, scenario)
         return A
 
