@@ -45,7 +45,7 @@ SENTENCES = {
     ),
     "transport_error": (
         "{name} by rays has an error of {error:.2g} % of the light, more than the noise of "
-        "{noise:.2g} %: pass {options}"
+        "{noise:.2g} %"
     ),
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",

@@ -301,12 +301,9 @@ class Session(options.OptionGroup):
     ) -> None:
         """Warn where an error of A exceeds the photographs' noise, both over their mean."""
         if error is not None and error > noise:
-            self.warn(
-                sentence(
-                    "transport_error", name=name, error=100 * error, noise=100 * noise,
-                    options=self._better_transport(samples),
-                )
-            )  # fmt: skip
+            percent = {"error": 100 * error, "noise": 100 * noise}
+            excess = sentence("transport_error", name=name, **percent)
+            self.warn(f"{excess}: pass {self._better_transport(samples)}")
 
     def _better_transport(self, samples: int | None) -> str:
         """Return the options that lower the error of an A by rays."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.level import Level, Overtaken, coarse_sizes
 from periscopy_sim.photograph import Photograph
@@ -39,6 +40,21 @@ def test_photograph_is_what_its_model_says(level, choice):
     expected = ps.composite(signal, ambient, 0.3)
     error = np.sqrt(np.mean((pictures.photograph.values - expected) ** 2) / np.mean(expected**2))
     assert error == pytest.approx(0.01, rel=0.1)
+
+
+def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice, monkeypatch):
+    from periscopy_sim.live import level as module
+
+    path = find_scene("bright_room")  # has no closed form
+    laboratory = Level(path, {}, ((12, 12), (3, 4)), is_coarse=False)
+    pictures = laboratory.pictures(replace(choice, values={}), never)
+    assert not pictures.report.warnings
+    monkeypatch.setattr(module, "BUDGET", 0)
+    report = laboratory.pictures(replace(choice, values={}, snr=80.0), never).report
+    (warning,) = report.warnings
+    assert warning.code == "transport_error"
+    assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
+    assert "A by rays errs" in report_sentences(report)[0]
 
 
 def test_what_was_computed_is_kept(level, choice, monkeypatch):

@@ -21,7 +21,11 @@ from periscopy_sim.analytic.area_transport import (
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.kernel import Strata
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
+from periscopy_sim.rendering.transport.shadow_rays import (
+    RenderedTransport,
+    render_transport,
+    require_light,
+)
 from periscopy_sim.scenario import Scenario
 
 By = Literal["areas", "rays"]
@@ -83,9 +87,14 @@ class TransportPlan:
         seed: int = 0,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
-        """Compute A of direct light, (M, N); see `render_transport` for what rays take."""
+        """Compute A of direct light, (M, N); see `render_transport` for what rays take.
+
+        A SceneError says that no light of the monitor reaches the wall.
+        """
         if self.samples is None:
-            return pixel_transport(scenario)
+            A = pixel_transport(scenario)
+            require_light(A, scenario)
+            return A
         return render_transport(
             scenario, samples=self.samples, strata=strata, pixel_samples=self.pixel_samples,
             seed=seed, progress=progress,
@@ -99,6 +108,7 @@ def plan_transport(
     by: By | None = None,
     samples: int | None = None,
     seed: int = 0,
+    budget: int | None = None,
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise.
 
@@ -112,9 +122,11 @@ def plan_transport(
         ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
     samples
         Rays from the centre of each pixel to each patch. None takes as many as make the error of A
-        a third of the noise or less, within `BUDGET`, and averages over the pixels' areas.
+        a third of the noise or less, within the budget, and averages over the pixels' areas.
     seed
         Seed of the rays that measure the error.
+    budget
+        Most rays for a whole A, but for the fewest; None for `BUDGET`.
 
     Returns
     -------
@@ -136,10 +148,10 @@ def plan_transport(
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
     points = points_across(scenario.photograph_shape) ** 2
     entries = int(np.prod(scenario.transport_shape)) * points
-    samples = FEWEST
+    samples, most = FEWEST, BUDGET if budget is None else budget
     while True:
         error = transport_error(scenario, samples, points, seed=seed)
-        if error <= SMALL * noise or 4 * samples * entries > BUDGET:
+        if error <= SMALL * noise or 4 * samples * entries > most:
             return TransportPlan(samples, points, error)
         samples *= 4
 
