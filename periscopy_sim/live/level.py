@@ -174,10 +174,9 @@ class Level:
     ) -> NDArray[np.float32]:
         if self.is_coarse and plan.by == "areas":
             A = area_transport(scenario)  # from the pixels' centres
-        else:
-            A = plan.transport(scenario, progress=progress)
-        require_light(A, scenario)
-        return A
+            require_light(A, scenario)
+            return A
+        return plan.transport(scenario, progress=progress)
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
