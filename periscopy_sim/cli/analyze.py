@@ -8,7 +8,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import Session, left_out
+from periscopy_sim.cli.session import WallSession, left_out
 from periscopy_sim.figures import panels
 from periscopy_sim.model.observation import observation_of
 
@@ -26,15 +26,13 @@ MEANINGS = {
 
 
 def analyze(
-    session: Session,
+    session: WallSession,
     light: Light,
     out: options.Out,
     rank_tolerance: Annotated[
         float,
         option("NUMBER", "Relative tolerance on B's singular values.", kind="relative tolerance"),
     ] = 1e-10,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
 ) -> None:
     """Report how well a scene determines its hidden image.
 
@@ -45,7 +43,7 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used, off = session.companions(mask, monitor_off)
+        used, off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):

@@ -49,9 +49,6 @@ def reconstruct(
     uncertain: Annotated[
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
-    colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
@@ -64,14 +61,13 @@ def reconstruct(
     if named and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
-    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
-        wall = session.wall(photo, mask, monitor_off)
+        wall = session.wall(photo)
         known = None if truth is None else session.hidden_image(truth)
         counts = counts_errors and uncertain != "none"
         moved = _uncertain_transport(session, named) if counts else None
-        fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
+        fitted = session.fit(method, settings, light, matrix, wall, moved)
         with (
             session.timed("reconstruct"),
             progress("reconstructing"),
@@ -82,8 +78,7 @@ def reconstruct(
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
-            report = fitted.report(wall, solution)
-            verdict = session.judge(str(photo), report, light, fitted, wall, solution)
+            report, verdict = session.judge(str(photo), fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)

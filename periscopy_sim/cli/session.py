@@ -1,7 +1,7 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -46,14 +46,14 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     return {**record, "parameters": dict(scenario.parameters)}
 
 
-def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
-    """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
+def warn_without_shadows(
+    scenario: ps.Scenario, name: str, warn: Callable[[str], None] = warn
+) -> None:
+    """Warn where no occluder casts a shadow into the camera's view."""
     from periscopy_sim.rendering.survey import shadow_doubt
 
-    lines = [f"{name}: {doubt}"] if (doubt := shadow_doubt(scenario)) else []
-    for line in lines:
-        warn(line)
-    return lines
+    if doubt := shadow_doubt(scenario):
+        warn(f"{name}: {doubt}")
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
@@ -75,25 +75,20 @@ def left_out(mask: Mask | None) -> dict[str, Any]:
     return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
 
 
-def _explains(
-    finer: ps.Scenario, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any
-) -> bool:
-    """Return whether a scene of finer patches explains a misfit."""
+def _explains(finer: ps.Scenario, misfit: float, fitted: Any, y: Array, solution: Any) -> bool:
+    """Return whether a scene of finer patches explains a misfit of the corrected photograph."""
     from periscopy_sim.analytic.area_transport import pixel_transport
     from periscopy_sim.model.residual import residual_of
     from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 
-    transport, observation, residual = (
-        fitted.projected_transport(), fitted.observation, report.residual
-    )  # fmt: skip
+    transport, observation = fitted.projected_transport(), fitted.observation
     pixels, patches = len(transport.Q), finer.transport_shape[1]
-    if residual is None or 2 * patches > pixels or pixels * patches**2 > LARGEST_GRAM:
+    if 2 * patches > pixels or pixels * patches**2 > LARGEST_GRAM:
         return False
-    y = fitted.corrected(wall.values, solution)
     signal = transport.light(observation.mixed(solution.image))
     A = observation.used_transport(pixel_transport(finer))
     other = residual_of(y, signal, TransportOperator(A, transport.Q), observation.placed)
-    return other.misfit < (1 - FINER) * residual.misfit
+    return other.misfit < (1 - FINER) * misfit
 
 
 @dataclass(eq=False)
@@ -150,47 +145,12 @@ class Session(options.OptionGroup):
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warnings += warn_without_shadows(self.scenario, self.scene)
+            warn_without_shadows(self.scenario, self.scene, self.warn)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
         warn(line)
         self.warnings.append(line)
-
-    def judge(
-        self, name: str, report: "Report", light: Light, fitted: Any, wall: ps.Photograph,
-        solution: Any,
-    ) -> str:  # fmt: skip
-        """Print a report's warnings but the verdict; return that, one line with a remedy."""
-        line = verdict(report, self._remedy(report, light, fitted, wall, solution))
-        for note in report.warnings:
-            if note.code == report.verdict.code:
-                self.warnings.append(f"{name}: {line}")
-            else:
-                self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        return line
-
-    def _remedy(
-        self, report: "Report", light: Light, fitted: Any, wall: ps.Photograph, solution: Any
-    ) -> str:
-        """Return the sentence of the likeliest remedy; empty where the scene fits."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.calibration.scene_covariance import scene_covariance
-
-        if report.verdict.code == "unexplained":
-            return sentence("default_method")
-        if report.verdict.code != "does_not_fit":
-            return ""
-        if scene_covariance(self.scenario.document) is not None:
-            return sentence("look")
-        if not has_areas(self.scenario):
-            return sentence("measure")
-        rows, columns = (2 * size for size in self.scenario.hidden_shape)
-        with progress("looking for the cause of the misfit"):
-            finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
-            if light.most_bounces == 1 and _explains(finer, report, fitted, wall, solution):
-                return sentence("patches", rows=rows, columns=columns)
-        return sentence("calibrate")
 
     # -- reading ---------------------------------------------------------------------------------
 
@@ -219,38 +179,7 @@ class Session(options.OptionGroup):
             self.warn(warning)
         return photograph
 
-    def companions(
-        self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> tuple[Mask | None, dict[str, Array]]:
-        """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
-        used = None
-        if mask is not None:
-            with fixable(str(mask)):
-                given = read_mask(mask, self.scenario.photograph_shape)
-                used = checked_mask(given, self.scenario.transport_shape)
-        off = {str(file): self.photograph(file, used).values for file in monitor_off or []}
-        self.record |= {"mask": mask, **left_out(used), "backgrounds": list(off)}
-        return used, off
-
-    def wall(
-        self, path: Path, mask: Path | None = None, monitor_off: list[Path] | None = None
-    ) -> ps.Photograph:
-        """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
-        used, off = self.companions(mask, monitor_off)
-        photograph = replace(self.photograph(path, used), monitor_off=off)
-        return self.without_defects(photograph, str(path))
-
-    def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
-        """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        values, used = photograph.values, photograph.mask
-        defects = defective_pixels(values, used)
-        if defects.any_kind.any():
-            self.warn(sentence("defects", name=name, defects=defects))
-            used = ~defects.any_kind if used is None else used & ~defects.any_kind
-            self.record |= left_out(used)
-        return replace(photograph, values=blackened(values, used), mask=used)
-
-    # -- fitting and writing ---------------------------------------------------------------------
+    # -- modelling and writing -------------------------------------------------------------------
 
     def transport(
         self,
@@ -299,37 +228,6 @@ class Session(options.OptionGroup):
             percent = {"error": 100 * error, "noise": 100 * noise}
             self.warn(sentence("transport_error", name=name, **percent))
 
-    def fit(
-        self,
-        method: str,
-        settings: Mapping[str, float],
-        light: Light,
-        matrix: Path | None,
-        wall: ps.Photograph,
-        uncertain: "ps.UncertainTransport | None" = None,
-        colour_matrix: ps.ColourMatrix | None = None,
-    ) -> Any:
-        """Return a method fitted to the scene's A, of a file if one is given, and B."""
-        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
-
-        colours = None if colour_matrix is None else colour_matrix.matrix
-        self.record |= {"method": method, **settings, "colour_matrix": colours}
-        with self.timed("transport matrix"):
-            noise = relative_noise(wall.values, wall.mask)
-            A = self.transport(light, noise, matrix=matrix, method=method)
-        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
-            B = light.backgrounds(self.scenario)
-        place = fixable(str(matrix or f"scene '{self.path}'"))
-        with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            fitted = fit_method(
-                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
-                **settings,
-            )  # fmt: skip
-            return fitted if method in METHODS else OwnMethod.for_scene(
-                self.scenario, A, B, method=fitted, mask=wall.mask, backgrounds=wall.monitor_off,
-                colour_matrix=colour_matrix,
-            )  # fmt: skip
-
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
         summary = {
@@ -345,7 +243,113 @@ class Session(options.OptionGroup):
 
 
 @dataclass(eq=False)
-class PhotoSession(Session):
+class WallSession(Session):
+    """A session of a command that leaves out pixels, and light other than the monitor's."""
+
+    monitor_off: options.MonitorOffOption = None
+    mask: options.MaskOption = None
+
+    def companions(self) -> tuple[Mask | None, dict[str, Array]]:
+        """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
+        used = None
+        if self.mask is not None:
+            with fixable(str(self.mask)):
+                given = read_mask(self.mask, self.scenario.photograph_shape)
+                used = checked_mask(given, self.scenario.transport_shape)
+        off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
+        self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
+        return used, off
+
+    def wall(self, path: Path) -> ps.Photograph:
+        """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
+        used, off = self.companions()
+        photograph = replace(self.photograph(path, used), monitor_off=off)
+        return self.without_defects(photograph, str(path))
+
+    def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
+        """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
+        values, used = photograph.values, photograph.mask
+        defects = defective_pixels(values, used)
+        if defects.any_kind.any():
+            self.warn(sentence("defects", name=name, defects=defects))
+            used = photograph.pixels & ~defects.any_kind
+            self.record |= left_out(used)
+        return replace(photograph, values=blackened(values, used), mask=used)
+
+
+@dataclass(eq=False)
+class PhotoSession(WallSession):
     """A session of a command whose argument is a photograph: ``--scene`` names the scene."""
 
     scene: options.SceneOption
+    colour_matrix: options.ColourMatrixOption = None
+
+    @cached_property
+    def colours(self) -> ps.ColourMatrix | None:
+        """The colour matrix, read at first use."""
+        return None if self.colour_matrix is None else ps.read_colour_matrix(self.colour_matrix)
+
+    def fit(
+        self,
+        method: str,
+        settings: Mapping[str, float],
+        light: Light,
+        matrix: Path | None,
+        wall: ps.Photograph,
+        uncertain: "ps.UncertainTransport | None" = None,
+    ) -> Any:
+        """Return a method fitted to the scene's A, of a file if one is given, and B."""
+        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+
+        colours = self.colours and self.colours.matrix
+        self.record |= {"method": method, **settings, "colour_matrix": colours}
+        with self.timed("transport matrix"):
+            noise = relative_noise(wall.values, wall.mask)
+            A = self.transport(light, noise, matrix=matrix, method=method)
+        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
+            B = light.backgrounds(self.scenario)
+        place = fixable(str(matrix or f"scene '{self.path}'"))
+        with self.timed("fit the method"), progress(f"fitting {method}"), place:
+            observed = {"mask": wall.mask, "backgrounds": wall.monitor_off}
+            keywords: dict[str, Any] = {**observed, "colour_matrix": self.colours}
+            scene = self.scenario
+            given = {**keywords, **settings, "uncertain": uncertain}
+            fitted = fit_method(method, scene, A, B, **given)
+            if method in METHODS:
+                return fitted
+            return OwnMethod.for_scene(scene, A, B, method=fitted, **keywords)
+
+    def judge(
+        self, name: str, fitted: Any, wall: ps.Photograph, solution: Any
+    ) -> "tuple[Report, str]":
+        """Return a report and its verdict, one line with a remedy; print the other warnings."""
+        report = fitted.report(wall, solution)
+        line = verdict(report, self._remedy(report, fitted, wall, solution))
+        for note in report.warnings:
+            if note.code == report.verdict.code:
+                self.warnings.append(f"{name}: {line}")
+            else:
+                self.warn(f"{name}: {sentence(note.code, **note.values)}")
+        return report, line
+
+    def _remedy(self, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any) -> str:
+        """Return the sentence of the likeliest remedy; empty where the scene fits."""
+        from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.calibration.scene_covariance import scene_covariance
+
+        if report.verdict.code == "unexplained":
+            return sentence("default_method")
+        if report.residual is None or report.verdict.code != "does_not_fit":
+            return ""
+        if scene_covariance(self.scenario.document) is not None:
+            return sentence("look")
+        if not has_areas(self.scenario):
+            return sentence("measure")
+        rows, columns = (2 * size for size in self.scenario.hidden_shape)
+        y = fitted.corrected(wall.values, solution)
+        with progress("looking for the cause of the misfit"):
+            finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
+            is_direct = self.record["bounces"] == "direct"
+            if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
+                return sentence("patches", rows=rows, columns=columns)
+        return sentence("calibrate")

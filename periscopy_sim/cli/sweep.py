@@ -11,7 +11,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
@@ -38,7 +38,7 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 
 def sweep(
-    session: Session,
+    session: WallSession,
     light: Light,
     out: options.ResumedFolder,
     photograph: Annotated[
@@ -64,8 +64,6 @@ def sweep(
         int, option("NUMBER", "Noise draws for each background and SBR.", kind="draws")
     ] = 1,
     scheduler: options.Scheduler = None,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
@@ -88,9 +86,9 @@ def sweep(
     shown = session.hidden_image(truth or hidden_image or "")
     signal = None
     if photograph is None:
-        used, off = session.companions(mask, monitor_off)
+        used, off = session.companions()
     else:
-        wall = session.wall(photograph, mask, monitor_off)
+        wall = session.wall(photograph)
         signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
     ambience = {
         name: session.photograph(path, used).values if path else None
