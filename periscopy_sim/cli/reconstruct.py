@@ -21,9 +21,7 @@ _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
 )
-OPTIONAL = (
-    "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
-)  # fmt: skip
+OPTIONAL = ["certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy"]
 """Files that depend on the method and the options."""
 
 LARGE_DISPLACEMENT = 1.0
@@ -122,11 +120,11 @@ def _uncertain_transport(
         errors = known
     elif not named:
         errors = free_parameters(scenario.document)
-    count = len(errors.names if isinstance(errors, SceneCovariance) else errors)
-    if count and not named and not has_areas(scenario):
-        say(messages.sentence("no_derivatives", scene=scene))
-    elif count:
+    if not (errors.names if isinstance(errors, SceneCovariance) else errors):
+        return None
+    if named or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
+    say(messages.sentence("no_derivatives", scene=scene))
     return None
 
 

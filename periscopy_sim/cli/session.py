@@ -1,7 +1,9 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
 import sys
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +16,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.observation import checked_mask
@@ -95,8 +97,8 @@ def _explains(finer: ps.Scenario, misfit: float, fitted: Any, y: Array, solution
 class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
-    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, `record`
-    its entries about what was read and fitted.
+    `seconds` holds those that each stage took, `warnings` the lines that a summary repeats,
+    `record` its entries about what was read and fitted.
     """
 
     scene: options.SceneArgument
@@ -107,9 +109,16 @@ class Session(options.OptionGroup):
     def __post_init__(self) -> None:
         self.size, self.path = options.parse_size(self.hidden), find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
-        self.timed = Stopwatch()
+        self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.record: dict[str, Any] = {}
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Time a block."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = round(time.perf_counter() - start, 4)
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -195,32 +204,27 @@ class Session(options.OptionGroup):
         The noise is that of the photographs that A is fitted to, over their mean; None of none. A
         warning says where the error of A exceeds it.
         """
+        from periscopy_sim.rendering.transport.bounced import channels_mean
         from periscopy_sim.rendering.transport.plan import NOISE
-        from periscopy_sim.storage.transport_matrix import (
-            OtherMatrixError,
-            read_record,
-            read_transport,
-        )
+        from periscopy_sim.storage import transport_matrix as files
 
-        A: Any
         if matrix is None:
             plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
             A, made = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
             try:
-                A = read_transport(matrix, self.scenario, light.most_bounces)
-            except OtherMatrixError as error:
+                A = files.read_transport(matrix, self.scenario, light.most_bounces)
+            except files.OtherMatrixError as error:
                 remedy = matrix_remedy(error.entry, error.recorded)
                 raise PeriscopyError(f"{error}; {remedy}") from error
-            made = read_record(matrix)
-            if not made:
+            if not (record := files.read_record(matrix)):
                 self.warn(sentence("no_record", file=matrix))
-            made = {**made, "model": "file", "samples": None}
+            made = {**record, "model": "file", "samples": None}
         made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
         self.record |= {**made, "transport": matrix, **light.origin}
         if noise is not None:
             self.check_error(made["transport_error"], noise)
-        return np.asarray(A if light.most_bounces == 1 else A.mean)
+        return np.asarray(channels_mean(A))
 
     def check_error(self, error: float | None, noise: float, name: str = "A") -> None:
         """Warn where an error of A exceeds the photographs' noise, both over their mean."""
@@ -236,7 +240,7 @@ class Session(options.OptionGroup):
             **self.record,
             **values,
             "warnings": self.warnings,
-            "seconds": self.timed.seconds,
+            "seconds": self.seconds,
             "provenance": self.provenance,
         }
         write_json(file, summary)
@@ -310,14 +314,13 @@ class PhotoSession(WallSession):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            observed = {"mask": wall.mask, "backgrounds": wall.monitor_off}
-            keywords: dict[str, Any] = {**observed, "colour_matrix": self.colours}
-            scene = self.scenario
-            given = {**keywords, **settings, "uncertain": uncertain}
-            fitted = fit_method(method, scene, A, B, **given)
+            observed: dict[str, Any] = {"mask": wall.mask, "backgrounds": wall.monitor_off}
+            observed |= {"colour_matrix": self.colours}
+            options = {**observed, **settings, "uncertain": uncertain}
+            fitted = fit_method(method, self.scenario, A, B, **options)
             if method in METHODS:
                 return fitted
-            return OwnMethod.for_scene(scene, A, B, method=fitted, **keywords)
+            return OwnMethod.for_scene(self.scenario, A, B, method=fitted, **observed)
 
     def judge(
         self, name: str, fitted: Any, wall: ps.Photograph, solution: Any

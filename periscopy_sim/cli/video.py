@@ -56,8 +56,7 @@ def video(
     formats = ["png", *dict.fromkeys(also or ())]
     settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
-    of_still = {option.name for option in entry.options}
-    weights = {name: settings[name] for name in settings if name not in of_still}
+    for_still = {each.name: settings.pop(each.name) for each in entry.options}
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
@@ -67,9 +66,8 @@ def video(
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
             hidden = session.scenario.hidden_shape
             known = np.stack([*sequences.read_hidden_frames(path, hidden, len(names))])
-        for_still = {name: settings[name] for name in settings if name in of_still}
         still = session.fit(method, for_still, light, matrix, wall)
-        recovery = entry.frames_by(still, coupling, **weights)
+        recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
             report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
@@ -95,7 +93,7 @@ def video(
         summary = {
             "photographs": str(frames),
             "frames": len(names),
-            **weights,
+            **settings,
             "first_frame": report.numbers,
             "verdict": verdict,
             "coupling": coupling,
@@ -142,9 +140,8 @@ def _recover(
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
         solved = video_metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
-            first = first or solution
             images.append(solution.image.astype(np.float32))
-            numbers = solution.numbers()
-            records.append(video_metrics.record_of(k, names[k], seconds, numbers))
+            first = solution if k == 0 else first
+            records.append(video_metrics.record_of(k, names[k], seconds, solution.numbers()))
             frame_done(k + 1, len(names))
     return np.stack(images), records, first
