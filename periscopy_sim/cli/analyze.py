@@ -30,8 +30,7 @@ def analyze(
     light: Light,
     out: options.Out,
     rank_tolerance: Annotated[
-        float,
-        option("NUMBER", "Relative tolerance on B's singular values.", kind="relative tolerance"),
+        float, option("NUMBER", "Relative tolerance on B's singular values.", kind="tolerance")
     ] = 1e-10,
 ) -> None:
     """Report how well a scene determines its hidden image.

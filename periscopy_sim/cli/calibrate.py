@@ -1,6 +1,6 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
@@ -104,10 +105,8 @@ def calibrate(
     if silhouette is None:
         find_parameters(session, out, free, uncertain or [])
     elif free or uncertain or session.colour_matrix:
-        raise SceneError(
-            "--silhouette finds a form, and all numbers stay; leave out --free, --uncertain and "
-            "--colour-matrix"
-        )
+        given = "--free, --uncertain and --colour-matrix"
+        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {given}")
     else:
         find_silhouette(session, out, silhouette, cells)
 
@@ -178,11 +177,10 @@ def _write_copy(
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
-    from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        load_scenario(staged, session.size)
+        ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
@@ -222,6 +220,10 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
 def calibration_record(result: "Calibration") -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
     held = result.uncertain
+
+    def by_name(values: Iterable[Any]) -> dict[str, Any]:
+        return dict(zip(result.values, values, strict=True))
+
     return {
         "trusted": result.trusted,
         "doubts": result.doubts,
@@ -230,19 +232,12 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
             p.name: {key: getattr(p, key) for key in PARAMETER} for p in result.parameters
         },
         "uncertain": {
-            name: {
-                "value": value,
-                "standard_error": error,
-                "moves": dict(zip(result.values, moves, strict=True)),
-            }
+            name: {"value": value, "standard_error": error, "moves": by_name(moves)}
             for name, value, error, moves in zip(
                 held.names, held.values, held.standard_errors, result.moves.T, strict=True
             )
         },
-        "correlation": {
-            name: dict(zip(result.values, row, strict=True))
-            for name, row in zip(result.values, result.correlation, strict=True)
-        },
+        "correlation": by_name(map(by_name, result.correlation)),
         "unexplained_before": result.noise_before,
         "unexplained": result.noise,
         "overdispersion": result.overdispersion,
@@ -268,10 +263,7 @@ def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
 
 
 def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
-    """Print what is unexplained, the parameters, the gain and the colour matrix.
-
-    `units` are those of the parameters that have one.
-    """
+    """Print what is unexplained, the parameters with their units, the gain and the colours."""
     from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
 
@@ -279,10 +271,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
     if result.overdispersion > 1:
-        say(
-            f"the photograph has 1/{result.overdispersion:g} of its weight, because the scene does "
-            "not explain all of it"
-        )
+        weight = f"1/{result.overdispersion:g} of its weight"
+        say(f"the photograph has {weight}, because the scene does not explain all of it")
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
@@ -308,9 +298,8 @@ def say_silhouette(solution: "Silhouette") -> None:
 
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
-    say(
-        f"of {solution.opaque.size} cells the photograph shows the shadows of {solution.seen.sum()}"
-    )
+    cells, seen = solution.opaque.size, solution.seen.sum()
+    say(f"of {cells} cells the photograph shows the shadows of {seen}")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)
     say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
     if solution.starts:

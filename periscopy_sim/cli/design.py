@@ -67,10 +67,8 @@ def design(
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
     start = start_values(session.scenario.document, list(ranges))
-    points = [
-        dict(zip(ranges, map(designs.as_text, start), strict=True)),
-        *designs.grid_of(ranges, grid),
-    ]
+    given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
+    points = [given_point, *designs.grid_of(ranges, grid)]
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.told and not names:
         raise PeriscopyError("--by told needs images; leave --images out")

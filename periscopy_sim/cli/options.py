@@ -25,22 +25,20 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
 
-
 RANGES: Mapping[str, tuple[float, float]] = {
     "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
     "decibels": (-100, 300),
     "ratio": (1e-6, 1e6),
     "ratio or inf": (1e-6, math.inf),
     "relative error": (1e-5, 1),
-    "relative tolerance": (1e-15, 0.5),
+    "tolerance": (1e-15, 0.5),
     "effort": (1e-4, 1),
     "rate": (0.1, 1000),
     "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
     "side": (1, 10_000),  # of a block of pixels
     "resolution": (2, 2048),  # as many pixels as a scene may have
     "grid": (2, 100),
-    "draws": (1, 1000),
-    "ratios": (1, 1000),
+    "count": (1, 1000),
     "samples": (1, 10**8),
     "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
     "camera samples": (1, 2**20),
@@ -246,15 +244,11 @@ def _argument(taken: Mapping[str, Option]) -> Any:
         unit = f" ({each.unit})" if each.unit else ""
         defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
     listed = "; ".join(f"{default} for {', '.join(names)}" for default, names in defaults.items())
-    words = option(
-        "NUMBER",
-        f"{first.help} Default: {listed}.",
-        group=SOLVER if first.name.endswith("weight") else EXPERT,
-        min=min(entry.least for entry in taken.values()),
-        max=max(entry.most for entry in taken.values()),
-        show_default=False,
-    )
-    return Annotated[float | None, words]
+    group = SOLVER if first.name.endswith("weight") else EXPERT
+    least, most = min(e.least for e in taken.values()), max(e.most for e in taken.values())
+    limits: dict[str, Any] = {"min": least, "max": most, "show_default": False}
+    words = f"{first.help} Default: {listed}."
+    return Annotated[float | None, option("NUMBER", words, group=group, **limits)]
 
 
 def _signature(offered: Offered) -> inspect.Signature:
@@ -385,7 +379,7 @@ def parse_ratios(text: str) -> list[float]:
     if steps and valid:
         space: Any = {"log": np.geomspace, "lin": np.linspace}[steps[3]]
         ratios = [float(f"{ratio:.6g}") for ratio in space(*ratios, int(steps[4]))]
-    if not (valid and in_range("ratios", len(ratios)) and len({*ratios}) == len(ratios)):
+    if not (valid and in_range("count", len(ratios)) and len({*ratios}) == len(ratios)):
         least, most = RANGES["ratio"]
         raise PeriscopyError(
             f"--sbr '{text}': write different ratios from {least:g} to {most:g}, as 0.1,1,10 or "

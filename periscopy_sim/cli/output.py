@@ -101,7 +101,6 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
 _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
 
-
 SILENCE = 30.0
 """Seconds between lines without a terminal: a day's log stays below 3,000 lines."""
 

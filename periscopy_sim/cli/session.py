@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report
     from periscopy_sim.rendering.transport.kernel import Strata
 
-
 FINER = 0.75
 """Fraction of the misfit that a grid of twice the rows and columns explains where patches are too
 coarse: 0.88 to 1 of chairs with patches 1.5 to 3 times too coarse, 0.33 to 0.5 of a chair 10 to
@@ -168,10 +167,7 @@ class Session(options.OptionGroup):
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
-
-        The relative error of a pixel that is path traced is the target.
-        """
+        """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
         if Path(name).is_file():
             return self.photograph(Path(name)).values
         with progress("path tracing the ambient light") as report:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
-
 RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
@@ -61,7 +60,7 @@ def sweep(
     ] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = 60.0,
     seeds: Annotated[
-        int, option("NUMBER", "Noise draws for each background and SBR.", kind="draws")
+        int, option("NUMBER", "Noise draws for each background and SBR.", kind="count")
     ] = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -90,10 +89,7 @@ def sweep(
     else:
         wall = session.wall(photograph)
         signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
-    ambience = {
-        name: session.photograph(path, used).values if path else None
-        for name, path in lights.items()
-    }
+    given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
@@ -106,8 +102,8 @@ def sweep(
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.image_sha256(shown),
         "ambient": [
-            [name, "rendered" if image is None else sweeps.array_sha256(image)]
-            for name, image in ambience.items()
+            [name, sweeps.array_sha256(given[name]) if name in given else "rendered"]
+            for name in lights
         ],
         "flips": flips,
         "methods": [[name, source_sha256(name) or "built in"] for name in names],
@@ -119,9 +115,8 @@ def sweep(
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
         noise = noise_to_signal(snr, max(ratios))
         plans = {name: light.plan(scenario, noise, seed, name) for name in names}
-        matrices = {
-            plan: _transport(session, light, plan, out) for plan in dict.fromkeys(plans.values())
-        }
+        each = dict.fromkeys(plans.values())
+        matrices = {plan: _transport(session, light, plan, out) for plan in each}
         B = light.backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
             fitted = {
@@ -133,9 +128,9 @@ def sweep(
             if not file.is_file():
                 take_photograph(session=session, image=str(hidden_image), out=file)
             signal = session.photograph(file).values
-        missing = [name for name, image in ambience.items() if image is None]
-        rendered = ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
-        lit = {name: rendered[name] if image is None else image for name, image in ambience.items()}
+        missing = [name for name in lights if name not in given]
+        given |= ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
+        lit = {name: given[name] for name in lights}
         whole = sweeps.Sweep(
             signal=signal,
             truth=shown,
@@ -174,8 +169,8 @@ def _transport(
 
     own = plan.samples == SAMPLES and light.samples is None
     matrix = out / (f"A_{SAMPLES}_rays.npy" if own else "A.npy")
-    made = {name: read_record(matrix).get(name) for name in plan.origin}
-    if not matrix.is_file() or (made["model"] and made != plan.origin):
+    made = read_record(matrix)
+    if not matrix.is_file() or ("model" in made and not plan.origin.items() <= made.items()):
         write_transport(session, light, plan, matrix)
     return session.transport(light, matrix=matrix)
 

@@ -41,8 +41,7 @@ def video(
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float,
-        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate"),
+        float, option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate")
     ] = 16.0,
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
