@@ -1,7 +1,6 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,11 +11,10 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed
+from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import CALIBRATED
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -53,10 +51,11 @@ class CalibrationSession(PhotoSession):
     ]
     shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
-    def spare(self, *outputs: Path) -> None:
-        """Raise an error if an output would replace one of the files."""
-        others = *(self.monitor_off or ()), self.path, self.mask, self.colour_matrix
-        spare_inputs(outputs, (*self.photo, *others))
+    @property
+    def inputs(self) -> list[Path | None]:
+        """The files that are read."""
+        others = self.path, self.mask, self.colour_matrix
+        return [*self.photo, *(self.monitor_off or ()), *others]
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
@@ -136,16 +135,14 @@ def find_parameters(
     from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
 
-    outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
-    session.spare(*outputs)
     document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
     start_values(document, list(free_parameters(document, freed, errors or {})))
     colours = session.colours
-    with ExitStack() as stack:
-        scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+    outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
+    with output_files(outputs, session.inputs) as (scene, json, png):
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
 
@@ -199,10 +196,8 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    session.spare(*outputs)
     MaskPlane.of(session.scenario, shape)
-    with ExitStack() as stack:
-        scene, ply, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+    with output_files(outputs, session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)

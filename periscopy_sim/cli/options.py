@@ -252,7 +252,6 @@ def _argument(taken: Mapping[str, Option]) -> Any:
 
 
 def _signature(offered: Offered) -> inspect.Signature:
-    """Return the signature of a group of the options of some methods."""
     by_name: dict[str, dict[str, Option]] = {}
     for method, options in offered.items():
         for each in options:

@@ -6,7 +6,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from periscopy_sim.errors import OutputError, PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file, staged_folder
 
 
 @contextmanager
@@ -80,6 +80,16 @@ def interrupt(number: int, _frame: object) -> NoReturn:
     """Handle Ctrl-C; `progress` raises again where a library ignored the exception."""
     _INTERRUPTS.append(number)
     raise KeyboardInterrupt
+
+
+@contextmanager
+def output_files(
+    outputs: Sequence[Path], inputs: Iterable[Path | None]
+) -> Iterator[Sequence[Path]]:
+    """Yield staged files; an OutputError if one would replace an input."""
+    spare_inputs(outputs, inputs)
+    with ExitStack() as stack:
+        yield [stack.enter_context(staged_file(file)) for file in outputs]
 
 
 @contextmanager
