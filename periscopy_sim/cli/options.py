@@ -135,11 +135,14 @@ _COLOURS = (
     "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels, or a raw "
     "file of the camera."
 )
-_SAMPLES = "Shadow rays from each wall point to each patch, if rays compute A (16)."
+_SAMPLES = (
+    "Shadow rays from each pixel's centre to each patch. [default, without a closed form: as many "
+    "as keep the error of A small beside the noise]"
+)
 _MODEL = (
     "Compute A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). "
-    "If no default is shown: in closed form where the scene has one, but by rays for "
-    "preconditioned and unrolled."
+    "[default: in closed form where the scene has one, but by 16 rays for preconditioned and "
+    "unrolled]"
 )
 _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."

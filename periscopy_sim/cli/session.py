@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
@@ -219,14 +218,26 @@ class Session(options.OptionGroup):
         made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
         self.record |= {**made, "transport": matrix, **light.origin}
         if noise is not None:
-            self.check_error(made["transport_error"], noise)
+            self.record["relative_noise"] = noise
+            self.check_error(made, noise)
         return np.asarray(channels_mean(A))
 
-    def check_error(self, error: float | None, noise: float, name: str = "A") -> None:
-        """Warn where an error of A exceeds the photographs' noise, both over their mean."""
-        if error is not None and error > noise:
-            percent = {"error": 100 * error, "noise": 100 * noise}
-            self.warn(sentence("transport_error", name=name, **percent))
+    def check_error(self, made: Mapping[str, Any], noise: float, name: str = "A") -> None:
+        """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
+        if better := self.better_transport(made, noise):
+            percent = {"error": 100 * made["transport_error"], "noise": 100 * noise}
+            self.warn(sentence("transport_error", name=name, options=better, **percent))
+
+    def better_transport(self, made: Mapping[str, Any], noise: float | None) -> str:
+        """Return the options that lower the error of an A; empty where it is below the noise."""
+        from periscopy_sim.analytic.area_transport import has_areas
+
+        error = made["transport_error"]
+        if error is None or noise is None or error <= noise:
+            return ""
+        if has_areas(self.scenario):
+            return "--model analytic"
+        return f"--samples {4 * (made['samples'] or SAMPLES)}"
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -300,6 +311,7 @@ class PhotoSession(WallSession):
     ) -> Any:
         """Return a method fitted to the scene's A, of a file if one is given, and B."""
         from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+        from periscopy_sim.model.noise import relative_noise
 
         colours = self.colours and self.colours.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
@@ -340,6 +352,8 @@ class PhotoSession(WallSession):
             return sentence("default_method")
         if report.residual is None or report.verdict.code != "does_not_fit":
             return ""
+        if better := self.better_transport(self.record, self.record.get("relative_noise")):
+            return sentence("pass", options=better)
         if scene_covariance(self.scenario.document) is not None:
             return sentence("look")
         if not has_areas(self.scenario):
@@ -350,5 +364,5 @@ class PhotoSession(WallSession):
             finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
             is_direct = self.record["bounces"] == "direct"
             if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
-                return sentence("patches", rows=rows, columns=columns)
+                return sentence("pass", options=f"--hidden {rows}x{columns}")
         return sentence("calibrate")

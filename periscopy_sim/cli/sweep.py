@@ -154,7 +154,7 @@ def sweep(
             panels.draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
     for name, plan in plans.items():
-        session.check_error(plan.error, noise, f"{name}: A")
+        session.check_error(plan.origin, noise, f"{name}: A")
     say_written(*(out / name for name in RESULTS))
 
 
