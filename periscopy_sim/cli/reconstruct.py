@@ -101,26 +101,20 @@ def reconstruct(
 def _uncertain_transport(
     session: Session, named: dict[str, float]
 ) -> "ps.UncertainTransport | None":
-    """Return what errors do to light: those named, those a calibration left, or the declared ones.
-
-    Warn where that calibration does not hold.
-    """
+    """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
     from periscopy_sim.calibration.prior import free_parameters
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
+    from periscopy_sim.calibration.scene_covariance import scene_covariance
 
     scenario, scene = session.scenario, session.scene
-    errors: dict[str, float] | SceneCovariance = named
-    if not named and (known := scene_covariance(scenario.document)) is not None:
-        if not known.trusted:
-            session.warn(messages.sentence("untrusted", scene=scene))
-        if changed := ", ".join(known.changed(scenario.document)):
-            session.warn(messages.sentence("uncounted", scene=scene, names=changed))
-            return None
-        errors = known
-    elif not named:
-        errors = free_parameters(scenario.document)
-    if not (errors.names if isinstance(errors, SceneCovariance) else errors):
+    known = None if named else scene_covariance(scenario.document)
+    if known and not known.trusted:
+        session.warn(messages.sentence("untrusted", scene=scene))
+    if known and (changed := ", ".join(known.changed(scenario.document))):
+        session.warn(messages.sentence("uncounted", scene=scene, names=changed))
+        return None
+    errors = known or named or free_parameters(scenario.document)
+    if not (known.names if known else errors):
         return None
     if named or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
