@@ -55,21 +55,21 @@ def analyze(
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(seen.sum(axis=1).mean())
-        maps = {"A alone": result.bounds_without_background, "[A, B]": result.bounds}
+        alone, both = noise * result.bounds_without_background, noise * result.bounds
         panels.draw_maps(
             folder / "bounds.png",
-            [(title, noise * bounds) for title, bounds in maps.items()],
+            [("A alone", alone), ("[A, B]", both)],
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
         )
-        errors = 100 * noise * result.bounds
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
         summary = {"rank_tolerance": rank_tolerance, **left_out(used), **numbers}
         session.write_summary(folder / "summary.json", summary)
+    median, worst = 100 * np.median(both), 100 * both.max()
     say(
-        f"median patch ± {np.median(errors):.2g} % of white, worst ± {errors.max():.2g} %, at "
-        "noise of 0.1 % of a white screen's mean photograph"
+        f"median patch ± {median:.2g} % of white, worst ± {worst:.2g} %, at noise of 0.1 % of a "
+        "white screen's mean photograph"
     )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")

@@ -382,11 +382,9 @@ def parse_ratios(text: str) -> list[float]:
         space: Any = {"log": np.geomspace, "lin": np.linspace}[steps[3]]
         ratios = [float(f"{ratio:.6g}") for ratio in space(*ratios, int(steps[4]))]
     if not (valid and in_range("count", len(ratios)) and len({*ratios}) == len(ratios)):
-        least, most = RANGES["ratio"]
-        raise PeriscopyError(
-            f"--sbr '{text}': write different ratios from {least:g} to {most:g}, as 0.1,1,10 or "
-            "0.1:10:log:9"
-        )
+        limits = "{:g} to {:g}".format(*RANGES["ratio"])
+        form = f"different ratios from {limits}, as 0.1,1,10 or 0.1:10:log:9"
+        raise PeriscopyError(f"--sbr '{text}': write {form}")
     return ratios
 
 

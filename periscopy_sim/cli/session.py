@@ -324,8 +324,8 @@ class PhotoSession(WallSession):
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
             observed: dict[str, Any] = {"mask": wall.mask, "backgrounds": wall.monitor_off}
             observed |= {"colour_matrix": self.colours}
-            options = {**observed, **settings, "uncertain": uncertain}
-            fitted = fit_method(method, self.scenario, A, B, **options)
+            keywords = {**observed, **settings, "uncertain": uncertain}
+            fitted = fit_method(method, self.scenario, A, B, **keywords)
             if method in METHODS:
                 return fitted
             return OwnMethod.for_scene(self.scenario, A, B, method=fitted, **observed)
