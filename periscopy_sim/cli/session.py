@@ -159,8 +159,6 @@ class Session(options.OptionGroup):
         warn(line)
         self.warnings.append(line)
 
-    # -- reading ---------------------------------------------------------------------------------
-
     def hidden_image(self, name: str) -> NDArray[np.float64]:
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
@@ -182,8 +180,6 @@ class Session(options.OptionGroup):
         for warning in photograph.warnings:
             self.warn(warning)
         return photograph
-
-    # -- modelling and writing -------------------------------------------------------------------
 
     def transport(
         self,
