@@ -223,9 +223,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "trusted": result.trusted,
         "doubts": result.doubts,
         "better_than_start": result.moved,
-        "parameters": {
-            p.name: {key: getattr(p, key) for key in PARAMETER} for p in result.parameters
-        },
+        "parameters": {p.name: {n: getattr(p, n) for n in PARAMETER} for p in result.parameters},
         "uncertain": {
             name: {"value": value, "standard_error": error, "moves": by_name(moves)}
             for name, value, error, moves in zip(

@@ -44,8 +44,7 @@ def design(
         By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
     ] = By.bound,
     sbr: Annotated[
-        float,
-        option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="ratio or inf"),
+        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="sbr")
     ] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[

@@ -29,8 +29,8 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
     "decibels": (-100, 300),
     "ratio": (1e-6, 1e6),
-    "ratio or inf": (1e-6, math.inf),
-    "relative error": (1e-5, 1),
+    "sbr": (1e-6, math.inf),
+    "error": (1e-5, 1),
     "tolerance": (1e-15, 0.5),
     "effort": (1e-4, 1),
     "rate": (0.1, 1000),

@@ -83,9 +83,7 @@ def interrupt(number: int, _frame: object) -> NoReturn:
 
 
 @contextmanager
-def output_files(
-    outputs: Sequence[Path], inputs: Iterable[Path | None]
-) -> Iterator[Sequence[Path]]:
+def output_files(outputs: Sequence[Path], inputs: Iterable[Path | None]) -> Iterator[list[Path]]:
     """Yield staged files; an OutputError if one would replace an input."""
     spare_inputs(outputs, inputs)
     with ExitStack() as stack:

@@ -64,7 +64,7 @@ def reconstruct(
         wall = session.wall(photo)
         known = None if truth is None else session.hidden_image(truth)
         counts = counts_errors and uncertain != "none"
-        moved = _uncertain_transport(session, named) if counts else None
+        moved = _uncertain_light(session, named) if counts else None
         fitted = session.fit(method, settings, light, matrix, wall, moved)
         with (
             session.timed("reconstruct"),
@@ -98,9 +98,7 @@ def reconstruct(
     say(verdict)
 
 
-def _uncertain_transport(
-    session: Session, named: dict[str, float]
-) -> "ps.UncertainTransport | None":
+def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
     from periscopy_sim.calibration.prior import free_parameters

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
 TargetOption = Annotated[
-    float,
-    option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="relative error"),
+    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="error")
 ]
 
 

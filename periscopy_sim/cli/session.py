@@ -46,13 +46,11 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     return {**record, "parameters": dict(scenario.parameters)}
 
 
-def warn_without_shadows(
-    scenario: ps.Scenario, name: str, warn: Callable[[str], None] = warn
-) -> None:
+def warn_without_shadows(scene: ps.Scenario, name: str, warn: Callable[[str], None] = warn) -> None:
     """Warn where no occluder casts a shadow into the camera's view."""
     from periscopy_sim.rendering.survey import shadow_doubt
 
-    if doubt := shadow_doubt(scenario):
+    if doubt := shadow_doubt(scene):
         warn(f"{name}: {doubt}")
 
 
