@@ -59,11 +59,7 @@ class MonitorLight(options.OptionGroup):
             return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
 
     def transport(
-        self,
-        scenario: ps.Scenario,
-        plan: "TransportPlan",
-        seed: int,
-        strata: "Strata" = "jittered",
+        self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: "Strata" = "jittered"
     ) -> "Transport":
         """Compute A, (M, N), as planned, with a progress bar.
 

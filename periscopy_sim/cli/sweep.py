@@ -90,6 +90,7 @@ def sweep(
         wall = session.wall(photograph)
         signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
     given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
+    digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
@@ -101,10 +102,7 @@ def sweep(
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.image_sha256(shown),
-        "ambient": [
-            [name, sweeps.array_sha256(given[name]) if name in given else "rendered"]
-            for name in lights
-        ],
+        "ambient": [[name, digests.get(name, "rendered")] for name in lights],
         "flips": flips,
         "methods": [[name, source_sha256(name) or "built in"] for name in names],
         "sbr": ratios,
