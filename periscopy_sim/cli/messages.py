@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Note, Report
+    from periscopy_sim.reconstruction.method import Report
 
 SENTENCES = {
     "no_hidden_image": (
@@ -70,14 +70,9 @@ def sentence(code: str, **values: Any) -> str:
     return SENTENCES[code].format(**values)
 
 
-def sentences(notes: "Iterable[Note]") -> list[str]:
-    """Return the sentence of each note."""
-    return [sentence(note.code, **note.values) for note in notes]
-
-
 def report_sentences(report: "Report") -> list[str]:
     """Return the sentences of a report, warnings first."""
-    return sentences([*report.warnings, *report.notes])
+    return [sentence(note.code, **note.values) for note in (*report.warnings, *report.notes)]
 
 
 def verdict(report: "Report", remedy: str = "") -> str:
