@@ -119,16 +119,22 @@ def _check_reflection(colors: list[Array], aside: Array, where: str, material: s
         )
 
 
-def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> list[Array]:
-    """Evaluate a function of a Point2f, that returns Dr.Jit numbers and vectors, at (n, 2) points.
+def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list[Array]:
+    """Evaluate a function of Mitsuba's points, that returns Dr.Jit numbers and vectors.
 
-    The result is an (n, components) float64 array for each of its values.
+    The points are (n, 2) or (n, 3); the result is an (n, components) float64 array for each of the
+    function's values.
     """
+    kinds = [mi.Point2f if each.shape[1] == 2 else mi.Point3f for each in points]
     if is_vectorized():
-        values = function(mi.Point2f(points.T.astype(np.float32)))
+        arguments = (each.T.astype(np.float32) for each in points)
+        values = function(*(kind(each) for kind, each in zip(kinds, arguments, strict=True)))
         dr.eval(*values)  # all in one kernel, where each component would be traced by its own
-        return [_columns(value, len(points)) for value in values]
-    each = [function(mi.Point2f(float(x), float(y))) for x, y in points]
+        return [_columns(value, len(points[0])) for value in values]
+    each = [
+        function(*(kind(place.tolist()) for kind, place in zip(kinds, places, strict=True)))
+        for places in zip(*points, strict=True)
+    ]
     return [
         np.array([np.ravel(row) for row in rows], dtype=np.float64)
         for rows in zip(*each, strict=True)
