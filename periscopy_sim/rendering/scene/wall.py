@@ -1,7 +1,6 @@
 """The wall as the camera's own rays meet it: of one material and colour, no mirror."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
@@ -19,24 +18,13 @@ UNIFORM = 1e-4
 single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeenWall:
-    """What a `Scenario` has of its wall, and the rays by which its pixels see it."""
-
-    origins: Array  # (M, 3)
-    directions: Array  # (M, 3)
-    points: Array  # (M, 3)
-    normals: Array  # (M, 3)
-    reflectance: Array | None  # (3,)
-    channel_gain: Array  # (3,)
-
-
 def seen_wall(
     scene: Any, camera: Any, wall: Any, pixels: tuple[int, int], where: str, material: str
-) -> SeenWall:
-    """Return what the camera sees of the wall.
+) -> tuple[dict[str, Any], Array, Array]:
+    """Return what a `Scenario` has of the wall that its camera sees, by the names of its fields.
 
-    `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
+    Then the origins and directions, (M, 3), of the rays by which the pixels see it. `where` and
+    `material` are for messages: a wall that cannot be treated is a SceneError.
     """
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
@@ -75,7 +63,13 @@ def seen_wall(
     cosine = SLOPES[0][2]
     fall = np.abs(np.array(colors[2:]) / cosine - colors[1]).max()
     reflectance = np.pi * albedo if fall <= UNIFORM * colors[1].max() else None
-    return SeenWall(origins, directions, points, normals, reflectance, albedo / albedo.mean())
+    seen = {
+        "wall_points": points,
+        "wall_normals": normals,
+        "wall_reflectance": reflectance,
+        "channel_gain": albedo / albedo.mean(),
+    }
+    return seen, origins, directions
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:

@@ -112,7 +112,7 @@ class BouncedTransport:
     __array_ufunc__ = None  # array * A and array @ A must not take the mean silently
 
     def __matmul__(self, image: NDArray[np.floating[Any]]) -> Array:
-        """Return the photograph, (M, 3), of a hidden image, (N, 3)."""
+        """Return the photograph, (M, 3), of a hidden image, (N, 3); else raise a ValueError."""
         image = np.asarray(image)
         if image.shape != (self.shape[1], 3):
             raise InputError(
@@ -122,7 +122,7 @@ class BouncedTransport:
         return np.asarray(self.mean @ image + self.beyond_mean(image))
 
     def beyond_mean(self, images: NDArray[np.floating[Any]]) -> Array:
-        """Return what the channels' matrices send beyond their mean of images, (..., N, 3)."""
+        """Return what channels send beyond their mean, (..., M, 3), of images (..., N, 3)."""
         sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
         return np.asarray(self.bounced.over_wall @ sent)
 
