@@ -124,15 +124,13 @@ def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list
         arguments = (each.T.astype(np.float32) for each in points)
         values = function(*(kind(each) for kind, each in zip(kinds, arguments, strict=True)))
         dr.eval(*values)  # all in one kernel, where each component would be traced by its own
-        return [_columns(value, len(points[0])) for value in values]
+        # Values that are the same everywhere have length 1.
+        return [np.atleast_2d(value).T + np.zeros((len(points[0]), 1)) for value in values]
     each = [
         function(*(kind(place.tolist()) for kind, place in zip(kinds, places, strict=True)))
         for places in zip(*points, strict=True)
     ]
-    return [
-        np.array([np.ravel(row) for row in rows], dtype=np.float64)
-        for rows in zip(*each, strict=True)
-    ]
+    return [np.array([*map(np.ravel, rows)], np.float64) for rows in zip(*each, strict=True)]
 
 
 def surface_at(shape: Any, uv: Any) -> Any:
@@ -148,11 +146,3 @@ def surface_at(shape: Any, uv: Any) -> Any:
     beside = uv * (1 - 2e-5) + mi.Point2f(0.7e-5, 1.3e-5)
     missed = ~surface.is_valid() if is_vectorized() else not surface.is_valid()
     return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), surface)
-
-
-def _columns(value: Any, count: int) -> Array:
-    components = value if dr.depth_v(value) > 1 else [value]
-    # Components that are the same everywhere have length 1.
-    return np.stack(
-        [np.broadcast_to(np.array(c, dtype=np.float64), count) for c in components], axis=1
-    )
