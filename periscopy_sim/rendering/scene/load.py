@@ -27,7 +27,7 @@ MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
 SIDES = 128
-"""Of the polygon that stands for a circle: a thin rod's A is right to 1e-5."""
+"""Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""

@@ -113,7 +113,6 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a mesh file."""
     try:
         content = read_regular(path, MOST_BYTES)
     except OSError as error:

@@ -371,6 +371,7 @@ def searching(*folders: Path) -> Iterator[None]:
     """
     with _SEARCH:
         before, resolver = mi.file_resolver(), mi.FileResolver()
+        resolver.clear()  # of the folder that the process is in
         for folder in (*map(str, folders), *mi.__path__):
             resolver.append(folder)
         mi.set_file_resolver(resolver)
