@@ -270,11 +270,8 @@ def wall_plane(scenario: Scenario) -> WallFrame:
     wall = wall_frame(points, normals, scenario.photograph_shape)
     deviation = np.abs((points - wall.center) @ wall.normal).max()
     if deviation > tolerance(points) or np.abs(normals - wall.normal).max() > FLATNESS:
-        raise refusal(
-            scenario,
-            "wall",
-            f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it",
-        )
+        reason = f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it"
+        raise refusal(scenario, "wall", reason)
     return wall
 
 
@@ -288,12 +285,8 @@ def monitor_axes(scenario: Scenario) -> Array:
     deviation = max(np.abs(metres).max() for metres in deviations)
     corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
     if deviation > tolerance(corners) or np.abs(normals - normal).max() > FLATNESS:
-        raise refusal(
-            scenario,
-            "monitor",
-            f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m); use a "
-            "rectangle",
-        )
+        reason = f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m)"
+        raise refusal(scenario, "monitor", f"{reason}; use a rectangle")
     axes = np.stack([across[0], up[0], normal])
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
