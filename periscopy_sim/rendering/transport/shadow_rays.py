@@ -5,7 +5,7 @@ Column j of A is the photograph of the wall when only patch j shines with unit n
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
-
-if TYPE_CHECKING:
-    from periscopy_sim.rendering.transport.bounced import BouncedLight
 
 LANES = 1 << 22
 """Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
@@ -108,7 +105,7 @@ class RenderedTransport:
     strata: Strata = "jittered"
     pixel_samples: int = 1
     seed: int = 0
-    bounced: "BouncedLight | None" = None
+    bounced: Any = None  # a BouncedLight, whose module imports this one
 
     def __post_init__(self) -> None:
         if self.samples < 1 or self.pixel_samples < 1:
