@@ -26,8 +26,7 @@ CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
 
 PIXEL_POINTS = 126
-"""Wall points, about, along a photograph's longer side, over which pixels are averaged: by the 63
-points of its 63 pixels a picture lost 0.4 dB."""
+"""Wall points along a photograph's longer side, about: by its 63 pixels' own it lost 0.4 dB."""
 
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a surface counts as planar."""
@@ -75,8 +74,7 @@ analytic_transport = area_transport  # the public name
 
 def pixel_transport(scenario: Scenario) -> NDArray[np.float32]:
     """Compute A, (M, N), averaged over the pixels' areas; for the rest see `area_transport`."""
-    shape = scenario.photograph_shape
-    finer = points_across(shape)
+    shape, finer = scenario.photograph_shape, points_across(scenario.photograph_shape)
     places = (np.arange(finer) + 0.5) / finer - 0.5
     grid, normals = (
         values.reshape(*shape, 3) for values in (scenario.wall_points, scenario.wall_normals)
@@ -272,11 +270,8 @@ def wall_plane(scenario: Scenario) -> WallFrame:
     wall = wall_frame(points, normals, scenario.photograph_shape)
     deviation = np.abs((points - wall.center) @ wall.normal).max()
     if deviation > tolerance(points) or np.abs(normals - wall.normal).max() > FLATNESS:
-        raise refusal(
-            scenario,
-            "wall",
-            f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it",
-        )
+        reason = f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it"
+        raise refusal(scenario, "wall", reason)
     return wall
 
 
@@ -290,12 +285,8 @@ def monitor_axes(scenario: Scenario) -> Array:
     deviation = max(np.abs(metres).max() for metres in deviations)
     corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
     if deviation > tolerance(corners) or np.abs(normals - normal).max() > FLATNESS:
-        raise refusal(
-            scenario,
-            "monitor",
-            f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m); use a "
-            "rectangle",
-        )
+        reason = f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m)"
+        raise refusal(scenario, "monitor", f"{reason}; use a rectangle")
     axes = np.stack([across[0], up[0], normal])
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 

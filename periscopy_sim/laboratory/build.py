@@ -10,12 +10,9 @@ import numpy as np
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.document import LENGTHS, MeshBody, UprightCylinder, load_laboratory
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.load import SIDES, load_scenario
 from periscopy_sim.rendering.scene.mesh_formats import REMEDY, TriangleMesh, read_mesh, write_ply
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
-
-SIDES = 128
-"""Of the prism that replaces a cylinder: its width is right to 2e-4."""
 
 FOOT = 0.01
 """Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""

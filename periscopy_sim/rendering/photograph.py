@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
-from periscopy_sim.rendering.scene.nodes import monitor_texture
+from periscopy_sim.rendering.scene.load import build_scene, camera_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Array, Scenario
 
@@ -58,82 +56,17 @@ def render_photograph(
     ValueError
         If the image is not (R, C, 3), not finite or negative, or samples or bounces is below 1.
     """
-    image = _checked_image(image)
-    monitor = Monitor(
-        scenario, image.shape[:2], samples=samples, bounces=bounces, only_monitor=only_monitor
-    )
-    return monitor.photograph(image, seed=seed, progress=progress)
-
-
-class Monitor:
-    """A scene, loaded once, whose monitor shows one image after another.
-
-    Images are of `hidden_shape`, (R, C); the other parameters are those of `render_photograph`. A
-    monitor that cannot show images is a `SceneError`, a scalar variant a `VariantError`.
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        hidden_shape: tuple[int, int],
-        *,
-        samples: int = 4096,
-        bounces: int | None = None,
-        only_monitor: bool = False,
-    ) -> None:
-        require_vectorized("a photograph")
-        if samples < 1 or (bounces is not None and bounces < 1):
-            raise InputError("samples and bounces must be at least 1")
-        self.hidden_shape = hidden_shape
-        self._samples = samples
-        self._depth = -1 if bounces is None else bounces + 1
-        self._mirrored = scenario.mirrored
-        white = np.ones((*hidden_shape, 3))
-        self.scene = build_scene(scenario, white, only_monitor=only_monitor)
-        self.camera = camera_of(self.scene)
-        self._parameters = mi.traverse(self.scene)
-        emitter = shape_of(self.scene, "monitor").emitter()
-        names = [f"monitor.{name}.radiance.data" for name in ("emitter", emitter.id())]
-        radiances = [name for name in names if name in self._parameters]
-        if not radiances:
-            raise SceneError(
-                f"scene '{scenario.path}': the monitor's radiance cannot be changed; "
-                "give it an emitter of type area or lcd"
-            )
-        self._texture = radiances[0]
-
-    def photograph(
-        self,
-        image: NDArray[np.floating[Any]],
-        *,
-        seed: int = 0,
-        progress: Callable[[float], None] | None = None,
-    ) -> Array:
-        """Path trace a photograph, (rows, columns, 3) radiance, while the monitor shows an image.
-
-        The image is (R, C, 3) linear radiance along the monitor's normal, finite and not negative.
-        """
-        self.show(image)
-        return path_trace(
-            self.scene, self._depth, samples=self._samples, seed=seed, progress=progress
-        )
-
-    def show(self, image: NDArray[np.floating[Any]]) -> None:
-        """Show another image, (R, C, 3) as in `photograph`, at first a white one."""
-        image = _checked_image(image)
-        if image.shape[:2] != self.hidden_shape:
-            raise InputError(f"the hidden image is {image.shape[:2]}, not {self.hidden_shape}")
-        self._parameters[self._texture] = mi.TensorXf(monitor_texture(image, self._mirrored))
-        self._parameters.update()
-
-
-def _checked_image(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    require_vectorized("a photograph")
     image = np.asarray(image)
     if image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
     if not np.isfinite(image).all() or image.min() < 0:
         raise InputError("the hidden image's radiance must be finite and not negative")
-    return image
+    if samples < 1 or (bounces is not None and bounces < 1):
+        raise InputError("samples and bounces must be at least 1")
+    scene = build_scene(scenario, image, only_monitor=only_monitor)
+    depth = -1 if bounces is None else bounces + 1
+    return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
 
 
 def path_trace(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from periscopy_sim.rendering.scene.load import build_scene, camera_of
 from periscopy_sim.rendering.scene.wall import map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import is_vectorized, mi
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 
 EDGE = 1e-4
@@ -82,19 +82,14 @@ class Survey:
 
     def blocked(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """Return whether anything stands between points (n, 3) and others (n, 3)."""
+
+        def test(start: Any, path: Any) -> tuple[Any]:
+            ray = mi.Ray3f(start, path, 1 - 2 * SHADOW_EPSILON, 0.0, [])
+            return (self._scene.ray_test(ray),)
+
         path = ends - starts
-        first = starts + SHADOW_EPSILON * path
-
-        def test(origin: Any, direction: Any) -> Any:
-            return self._scene.ray_test(
-                mi.Ray3f(origin, direction, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-            )
-
-        if is_vectorized():
-            origins, directions = (each.T.astype(np.float32) for each in (first, path))
-            return np.array(test(mi.Point3f(origins), mi.Vector3f(directions)), bool)
-        pairs = zip(first.tolist(), path.tolist(), strict=True)
-        return np.array([bool(test(origin, direction)) for origin, direction in pairs])
+        (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)
+        return np.asarray(met[:, 0] != 0)
 
 
 def _points_of(occluder: Occluder, shape: Any) -> Array:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock, RLock
+from threading import RLock
 from types import ModuleType
 from typing import Any
 
@@ -96,8 +96,7 @@ def examine_variants() -> list[VariantReport]:
         raise VariantError(f"Mitsuba: {error.__context__ or error}; {install}") from error
 
     cuda, metal, llvm = (
-        bool(drjit.has_backend(getattr(drjit.JitBackend, name)))
-        for name in ("CUDA", "Metal", "LLVM")
+        drjit.has_backend(getattr(drjit.JitBackend, name)) for name in ("CUDA", "Metal", "LLVM")
     )
     version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
@@ -134,32 +133,28 @@ def use_variant(name: str | None = None) -> str:
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
     """
-    with _CHOICE:
-        return _use_variant(name)
+    with _SHARED:
+        reports = {report.name: report for report in examine_variants()}
+        import mitsuba
 
-
-def _use_variant(name: str | None) -> str:
-    reports = {report.name: report for report in examine_variants()}
-    import mitsuba
-
-    asked = name or os.environ.get(OVERRIDE) or mitsuba.variant()
-    installed = mitsuba.variants()
-    if asked is None:
-        asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
-    if asked not in installed or "_rgb" not in asked:
-        usable = ", ".join(variant for variant in installed if "_rgb" in variant)
-        raise VariantError(
-            f"'{asked}' is no RGB variant of Mitsuba here; use one of {usable}, or unset {OVERRIDE}"
-        )
-    report = reports.get(asked)
-    if report is not None and not report.works:
-        raise VariantError(f"variant '{asked}' does not work here: {report.reason}")
-    if mitsuba.variant() != asked:
-        mitsuba.set_variant(asked)
-    for register in PLUGINS:
-        register(mitsuba)
-    _Renderer.ready_for = asked
-    return str(asked)
+        asked = name or os.environ.get(OVERRIDE) or mitsuba.variant()
+        installed = mitsuba.variants()
+        if asked is None:
+            asked = next(each for each in PREFERENCE if reports[each].works and each in installed)
+        if asked not in installed or "_rgb" not in asked:
+            usable = ", ".join(variant for variant in installed if "_rgb" in variant)
+            raise VariantError(
+                f"'{asked}' is no RGB variant of Mitsuba here; use one of {usable}, or unset "
+                f"{OVERRIDE}"
+            )
+        if asked in reports and not reports[asked].works:
+            raise VariantError(f"variant '{asked}' does not work here: {reports[asked].reason}")
+        if mitsuba.variant() != asked:
+            mitsuba.set_variant(asked)
+        for register in PLUGINS:
+            register(mitsuba)
+        _Renderer.ready_for = asked
+        return str(asked)
 
 
 class _Renderer(ModuleType):
@@ -180,8 +175,8 @@ dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
 PLUGINS: list[Callable[[Any], None]] = []
 """Functions that register this package's plugins with Mitsuba, again for each variant."""
 
-_CHOICE = RLock()
-"""Held while Mitsuba is imported and a variant set: other threads wait until it can be used."""
+_SHARED = RLock()
+"""Held while Mitsuba is imported and a variant or a log level set, which all threads share."""
 
 
 def is_vectorized() -> bool:
@@ -204,19 +199,17 @@ def require_vectorized(purpose: str) -> None:
 _QUIET: list[Any] = []
 """The log levels that `without_warnings` found, the outermost first."""
 
-_QUIET_LOCK = Lock()
-
 
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
-    with _QUIET_LOCK:
+    with _SHARED:
         _QUIET.append(mi.log_level())
         mi.set_log_level(mi.LogLevel.Error)
     try:
         yield
     finally:
-        with _QUIET_LOCK:
+        with _SHARED:
             level = _QUIET.pop()
             if not _QUIET:
                 mi.set_log_level(level)
@@ -224,6 +217,5 @@ def without_warnings() -> Iterator[None]:
 
 def one_line(error: BaseException) -> str:
     """Return Mitsuba's reason without the source file that complains."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = " ".join(lines)
+    text = " ".join(str(error).split())
     return text.split("] ", 1)[1] if text.startswith("[") and "] " in text else text

@@ -4,6 +4,7 @@ import pytest
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
+from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.variant import mi
 from tests.rendering.ambient.lamps import scene_of
 
@@ -124,10 +125,9 @@ def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, m
 
 def test_a_wavefront_is_what_mitsuba_renders(room):
     seen, image = room.load(), np.random.default_rng(0).random((2, 3, 3))
-    rendered = photograph.Monitor(seen, (2, 3), samples=64)
-    ours = rendered.photograph(image, seed=3)
+    ours = render_photograph(seen, image, samples=64, seed=3)
     integrator = mi.load_dict({"type": "path", "max_depth": -1})
-    theirs = np.array(mi.render(rendered.scene, integrator=integrator, spp=64, seed=3))
+    theirs = np.array(mi.render(build_scene(seen, image), integrator=integrator, spp=64, seed=3))
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
@@ -116,8 +117,6 @@ def render_background(
     RuntimeWarning
         The target was not reached within `max_rounds`.
     """
-    from threadpoolctl import threadpool_limits
-
     require_vectorized("ambient light")
     if scenario.wall_reflectance is None:
         raise SceneError(
@@ -127,10 +126,8 @@ def render_background(
     path = find_scene(path)
     scene, points, normals = placed_in(path, scenario, parameters)
     parts = _parts(scene, points, normals, scenario.photograph_shape)
-    seeds = (
-        int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-        for number in itertools.count()
-    )
+    states = (np.random.SeedSequence([seed, k]).generate_state(1) for k in itertools.count())
+    seeds = (int(state[0]) for state in states)
     with threadpool_limits(1):  # the last bits follow the number of threads
         irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
     if not irradiance.any():
@@ -170,17 +167,13 @@ class Part:
 
 def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
     """Each emitter's direct light at every pixel, and bounced light at a few."""
-    edges, sites = pixel_edges(points, normals, shape), chosen_sites(shape)
-    direct = [
-        partial(direct_irradiance, scene, emitter, points, normals, edges, DIRECT_SAMPLES)
-        for emitter in scene.emitters()
-    ]
+    edges, sites, pixels = pixel_edges(points, normals, shape), chosen_sites(shape), len(points)
+    surface = points, normals, edges, DIRECT_SAMPLES
+    direct = [partial(direct_irradiance, scene, each, *surface) for each in scene.emitters()]
     bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
-    everywhere = np.arange(len(points))
-    work = len(points) * DIRECT_SAMPLES, len(sites) * RAYS * RAY
     return [
-        *(Part(each, everywhere, shape, work[0]) for each in direct),
-        Part(bounced, sites, shape, work[1]),
+        *(Part(each, np.arange(pixels), shape, pixels * DIRECT_SAMPLES) for each in direct),
+        Part(bounced, sites, shape, len(sites) * RAYS * RAY),
     ]
 
 
@@ -269,9 +262,8 @@ def placed_in(
     edges = pixel_edges(points, normals, shape) @ sides
     reach = (np.abs(offsets @ sides) + np.abs(edges).sum(axis=1) / 2).max(axis=0)
     scale = float(f"{(half / reach).min():.4g}")  # rounded: the points are of single precision
-    turn = np.stack([own.across, own.normal, own.up]).T @ np.stack(
-        [view.across, view.normal, view.up]
-    )
+    axes, axes_there = ([each.across, each.normal, each.up] for each in (own, view))
+    turn = np.transpose(axes) @ np.array(axes_there)
     height = np.maximum(lift, scale * rises(points, normals, shape))
     # A wall that bends lies on the place's wall by its lowest point.
     lowest = lift * np.round(scale * (offsets @ own.normal).min() / lift)

@@ -11,6 +11,9 @@ from periscopy_sim.rendering.variant import PLUGINS, dr, mi
 
 PLUGIN = "lcd"
 
+EXPONENTS = "vertical_exponent", "horizontal_exponent"
+"""Parameters of the angular profile."""
+
 
 def falloff_about(surface: Any, direction: Any, exponents: tuple[float, float]) -> Any:
     """Evaluate the profile towards a world direction, about a surface point's own axes.
@@ -51,16 +54,12 @@ def register_lcd(mitsuba: Any) -> None:
         def __init__(self, props: Any) -> None:
             super().__init__(props)
             self.radiance = props.get_emissive_texture("radiance", 1.0)
-            self.exponents = (
-                float(props.get("vertical_exponent", 0.0)),
-                float(props.get("horizontal_exponent", 0.0)),
-            )
-            flags = int(mi.EmitterFlags.Surface)
-            if self.radiance.is_spatially_varying():
-                flags |= int(mi.EmitterFlags.SpatiallyVarying)
-            self.m_flags = flags
-            self.m_needs_sample_2 = True
-            self.m_needs_sample_3 = True
+            vertical, horizontal = (float(props.get(name, 0.0)) for name in EXPONENTS)
+            self.exponents = vertical, horizontal
+            varies = self.radiance.is_spatially_varying()
+            self.m_flags = int(mi.EmitterFlags.Surface)
+            self.m_flags |= int(mi.EmitterFlags.SpatiallyVarying) if varies else 0
+            self.m_needs_sample_2 = self.m_needs_sample_3 = True
 
         def traverse(self, callback: Any) -> None:
             callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
@@ -77,8 +76,7 @@ def register_lcd(mitsuba: Any) -> None:
             surface = self._surface(uv, active)
             ds = mi.DirectionSample3f()
             ds.p, ds.n, ds.uv = surface.p, surface.n, surface.uv
-            ds.time = it.time
-            ds.delta = False
+            ds.time, ds.delta = it.time, False
             to_light = surface.p - it.p
             ds.dist = dr.norm(to_light)
             ds.d = to_light / ds.dist

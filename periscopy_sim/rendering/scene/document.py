@@ -29,23 +29,15 @@ TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate
         "scale", "float", "shape", "sensor")  # fmt: skip
 """Tags that name files, or values for such names, or that give values a unit or sizes."""
 
-DEEPEST = 50
-"""Elements within each other: of some 10,000 Mitsuba's parser leaves the stack."""
-
-MOST_INCLUDING = 15
-"""Documents that include each other in a row, as Mitsuba allows."""
-
-MOST_DOCUMENTS = 1000
-"""Documents of a scene, one that is included twice counts twice."""
-
-MOST_ELEMENTS = 100_000
-"""Elements of a scene's documents: Mitsuba builds a scene of as many shapes in 15 s."""
-
-MOST_DEFAULTS = 5000
-"""Parameters: Mitsuba fills them in within a second; its time grows with their square."""
-
-LONGEST = 10_000
-"""Characters of a text that parameters are filled in, as values may name each other in a row."""
+MOST = {
+    "elements within each other": 50,  # of some 10,000 Mitsuba's parser leaves the stack
+    "elements": 100_000,  # Mitsuba builds a scene of as many shapes in 15 s
+    "documents that include each other": 15,  # as Mitsuba allows
+    "documents": 1000,  # one that is included twice counts twice
+    "parameters": 5000,  # filled in within a second; the time grows with their square
+    "characters when filled in": 10_000,  # values may name each other in a row
+}
+"""What a scene may have at most."""
 
 Tag = tuple[str, Mapping[str, str]]
 
@@ -106,11 +98,15 @@ def _texels(file: Path) -> float:
     import OpenEXR
     from PIL import Image
 
+    with file.open("rb") as stream:
+        start = stream.read(4096)
     try:
         if file.suffix.lower() == ".exr":
             with OpenEXR.File(str(file), header_only=True) as head:
                 low, high = head.parts[0].header["dataWindow"]
             return float(np.prod(np.subtract(high, low, dtype=float) + 1))
+        if sides := re.match(rb"(?s)P[Ff]\s+(\d+)\s+(\d+)|#\?.*?-Y (\d+) \+X (\d+)", start):
+            return float(np.prod([float(side) for side in sides.groups() if side]))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of large pictures
             with Image.open(file) as picture:
@@ -118,20 +114,14 @@ def _texels(file: Path) -> float:
     except Image.DecompressionBombError:
         return np.inf
     except Exception:  # Mitsuba says what is wrong
-        head = re.match(rb"(?s)P[Ff]\s+(\d+)\s+(\d+)|#\?.*?-Y (\d+) \+X (\d+)", _head(file))
-        return float(np.prod([float(side) for side in head.groups() if side])) if head else 0
-
-
-def _head(file: Path) -> bytes:
-    with file.open("rb") as stream:
-        return stream.read(4096)
+        return 0
 
 
 class _Reader:
     """A walk through a scene's documents in the order of their text, as Mitsuba parses them."""
 
     def __init__(self, scene: Path, parameters: Mapping[str, str]) -> None:
-        self._scene = scene
+        self._where = f"scene '{scene}'"
         self._values: dict[str, str] = {}
         for name, value in parameters.items():
             self._set(name, value)
@@ -146,19 +136,13 @@ class _Reader:
         """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
         identity = document.resolve()
         if identity in including:
-            raise SceneError(
-                f"scene '{self._scene}': '{document.name}' includes itself; leave that out"
-            )
+            raise SceneError(f"{self._where}: '{document.name}' includes itself; leave that out")
         self.named.append(document)
         elements, tags = _parsed(document)
         self._documents, self._elements = self._documents + 1, self._elements + elements
-        for count, most, what in (
-            (len(including), MOST_INCLUDING, "documents that include each other"),
-            (self._documents, MOST_DOCUMENTS, "documents"),
-            (self._elements, MOST_ELEMENTS, "elements"),
-        ):
-            if count > most:
-                raise SceneError(f"scene '{self._scene}' has more than {most} {what}; give fewer")
+        self._check_count(len(including), "documents that include each other")
+        self._check_count(self._documents, "documents")
+        self._check_count(self._elements, "elements")
         owner = ""
         for tag, texts in tags:
             nearer = [document.parent, *folders]
@@ -199,11 +183,10 @@ class _Reader:
         """Take a parameter's value, unless it has one: the first counts."""
         if "$" in value:
             raise SceneError(
-                f"scene '{self._scene}': '{name}' has the value '{value[:80]}', whose '$' no "
-                "parameter before it fills in"
+                f"{self._where}: '{name}' has the value '{value[:80]}', whose '$' no parameter "
+                "before it fills in"
             )
-        if len(self._values) > MOST_DEFAULTS:
-            raise SceneError(f"scene '{self._scene}' has more than {MOST_DEFAULTS} parameters")
+        self._check_count(len(self._values), "parameters")
         self._values.setdefault(name, value)
 
     def _filled(self, text: str) -> str:
@@ -211,25 +194,25 @@ class _Reader:
         if "$" not in text:
             return text
         values, references = self._values, _references(tuple(self._values))
-        if len(text) + sum(len(values[name]) for name in references.findall(text)) > LONGEST:
-            raise SceneError(
-                f"scene '{self._scene}': '{text[:40]}' has more than {LONGEST} characters when its "
-                "parameters are filled in; shorten them"
-            )
+        length = len(text) + sum(len(values[name]) for name in references.findall(text))
+        self._check_count(length, "characters when filled in", f": '{text[:40]}'")
         return references.sub(lambda match: values[match[1]], text).replace("\\$", "$")
+
+    def _check_count(self, count: int, what: str, text: str = "") -> None:
+        if count > MOST[what]:
+            raise SceneError(f"{self._where}{text} has more than {MOST[what]} {what}; give fewer")
 
     def _check_sizes(self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]) -> None:
         """Reject a scale or radius of 0, and a negative one that a parameter gives."""
         for name, text in texts.items():
-            words = filled[name].replace(",", " ").split()
-            sizes = [number_of(word) for word in words]
+            sizes = [number_of(word) for word in filled[name].replace(",", " ").split()]
             if not np.isfinite(sizes).all():
                 continue  # Mitsuba, or the check of the parameters, says what is wrong
-            for word, size in zip(words, sizes, strict=True):
+            for size in sizes:
                 if abs(size) < SMALLEST or (size < 0 and "$" in text):
                     raise SceneError(
-                        f"scene '{self._scene}': {owner} has the size {word} ({name}={text}); give "
-                        f"at least {SMALLEST:g}"
+                        f"{self._where}: {owner} has the size {size:g} ({name}={text}); give at "
+                        f"least {SMALLEST:g}"
                     )
 
 
@@ -282,9 +265,9 @@ def _tags(content: bytes) -> tuple[int, tuple[Tag, ...]]:
     for event, element in ET.iterparse(io.BytesIO(content), ("start", "end")):
         depth += 1 if event == "start" else -1
         count += event == "start"
-        if depth > DEEPEST or count > MOST_ELEMENTS:
-            most = f"{MOST_ELEMENTS} elements, or {DEEPEST} within each other"
-            raise ValueError(f"it has more than {most}; give fewer")
+        for number, what in ((count, "elements"), (depth, "elements within each other")):
+            if number > MOST[what]:
+                raise ValueError(f"it has more than {MOST[what]} {what}; give fewer")
         named = element.tag in TAGS or any("$" in text for text in element.attrib.values())
         if event == "start" and named:
             tags.append((element.tag, element.attrib))

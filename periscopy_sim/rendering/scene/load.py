@@ -27,7 +27,7 @@ MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
 SIDES = 128
-"""Of the polygon that stands for a circle: a thin rod's A is right to 1e-5."""
+"""Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
@@ -94,37 +94,27 @@ def _load(
     scene = nodes.instantiate()
     shapes = {shape.id(): shape for shape in scene.shapes()}
     pixels = _photograph_size(scene, photograph, hidden, path)
-    wall = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, f"scene '{path}'", material)
-    centers, patch_normals, across, up, mirrored = _patches(shapes["monitor"], hidden, path)
-    bodies = {name: _occluder(shape, layout) for name, shape in shapes.items()}
-    for name, body in bodies.items():
-        if body.bounds is not None and not np.isfinite(body.bounds).all():
-            raise SceneError(f"scene '{path}': shape '{name}' has no finite size; correct it")
+    where = f"scene '{path}'"
+    wall, *rays = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, where, material)
+    patches = _patches(shapes["monitor"], hidden, path)
+    boxes = {name: _box(shape, path) for name, shape in shapes.items()}
+    bodies = {name: _occluder(shape, layout, boxes[name]) for name, shape in shapes.items()}
+    ends, vertices = corners(boxes.pop("wall")), bodies["wall"].vertices
+    ends = ends if vertices is None else vertices
+    ahead = (ends - wall["wall_points"].mean(axis=0)) @ wall["wall_normals"].mean(axis=0)
     scenario = Scenario(
         document=nodes.document,
         photograph_shape=pixels,
         hidden_shape=hidden,
-        wall_points=wall.points,
-        wall_normals=wall.normals,
-        wall_reflectance=wall.reflectance,
-        channel_gain=wall.channel_gain,
-        patch_centers=centers,
-        patch_normals=patch_normals,
-        patch_across=across,
-        patch_up=up,
-        mirrored=mirrored,
+        **wall,
+        **patches,
         emission=emission,
         occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
-        wall_relief=_relief(bodies["wall"], wall.points, wall.normals),
+        wall_relief=float(max(0.0, ahead.max())),
         lights=lights,
     )
     _check_places(scenario)
-    boxes = {
-        name: corners(body.bounds)
-        for name, body in bodies.items()
-        if name != "wall" and body.bounds is not None
-    }
-    origins, directions = (each.astype(np.float32) for each in (wall.origins, wall.directions))
+    origins, directions = (each.astype(np.float32) for each in rays)
     loaded = LoadedScene(scenario, layout, origins, directions, boxes)
     return replace(scenario, loader=partial(_at, loaded, photograph))
 
@@ -203,10 +193,8 @@ def _photograph_size(
     return rows, columns
 
 
-def _patches(
-    monitor: Any, hidden: tuple[int, int], path: Path
-) -> tuple[Array, Array, Array, Array, bool]:
-    """Centres, normals and edge vectors of the patches, and whether u is mirrored."""
+def _patches(monitor: Any, hidden: tuple[int, int], path: Path) -> dict[str, Any]:
+    """Return what a `Scenario` has of its patches, by the names of its fields."""
     rows, columns = hidden
 
     def locate(uv: Any) -> tuple[Any, ...]:
@@ -232,8 +220,13 @@ def _patches(
         raise SceneError(
             f"scene '{path}': the monitor's UV coordinates do not cover the unit square"
         )
-    across = (-du if mirrored else du) / columns
-    return centers, normals, across, dv / rows, mirrored
+    return {
+        "patch_centers": centers,
+        "patch_normals": normals,
+        "patch_across": (-du if mirrored else du) / columns,
+        "patch_up": dv / rows,
+        "mirrored": mirrored,
+    }
 
 
 def _check_places(scenario: Scenario) -> None:
@@ -258,16 +251,16 @@ def _check_places(scenario: Scenario) -> None:
     )
 
 
-def _relief(wall: Occluder, points: Array, normals: Array) -> float:
-    """Return how far a wall's shape reaches before the plane through the points seen of it."""
-    assert wall.bounds is not None
-    places = corners(wall.bounds) if wall.vertices is None else wall.vertices
-    return float(max(0.0, ((places - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
-
-
-def _occluder(shape: Any, layout: SceneLayout) -> Occluder:
-    box, name = shape.bbox(), shape.id()
+def _box(shape: Any, path: Path) -> Array:
+    box = shape.bbox()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
+    if not np.isfinite(bounds).all():
+        raise SceneError(f"scene '{path}': shape '{shape.id()}' has no finite size; correct it")
+    return bounds
+
+
+def _occluder(shape: Any, layout: SceneLayout, bounds: Array) -> Occluder:
+    name = shape.id()
     if shape.is_mesh():
         vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)

@@ -75,13 +75,7 @@ def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:
             reason = " ".join(str(error).split())[-200:]
             raise ValueError(f"cannot be read (... {reason})") from None
     announced = _announced(content, kind)
-    parts = _parts(content, kind)
-    # Geometry of a GLB file that trimesh skips or takes for another.
-    end = 20 + int.from_bytes(content[12:16], "little")
-    if kind == "glb" and (feature := UNREAD.search(content, 20, end)):
-        what = feature[0].decode().replace('"', "")
-        raise ValueError(f"has what is not supported ({what})")
-    mesh = _concatenated(parts)
+    mesh = _concatenated(_parts(content, kind))
     if announced is not None and len(mesh.faces) < announced:
         raise ValueError(f"is cut short: it has {len(mesh.faces)} faces of {announced}")
     _check_arrays(mesh)
@@ -119,7 +113,6 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a mesh file."""
     try:
         content = read_regular(path, MOST_BYTES)
     except OSError as error:
@@ -160,10 +153,19 @@ def _copies() -> TemporaryDirectory[str]:
     return TemporaryDirectory(prefix="periscopy-meshes-")
 
 
+def _document_end(content: bytes) -> int:
+    """Return where the document of a GLB file, which begins at 20, ends."""
+    return 20 + int.from_bytes(content[12:16], "little")
+
+
 def _announced(content: bytes, kind: str) -> int | None:
     """Return how many faces a file announces, if its format does; reject one that is cut short."""
-    if kind == "glb" and int.from_bytes(content[8:12], "little") != len(content):
-        raise ValueError("is cut short, or no GLB file")
+    if kind == "glb":
+        if int.from_bytes(content[8:12], "little") != len(content):
+            raise ValueError("is cut short, or no GLB file")
+        if feature := UNREAD.search(content, 20, _document_end(content)):
+            what = feature[0].decode().replace('"', "")
+            raise ValueError(f"has what is not supported ({what})")
     if kind != "stl":
         return None
     count = int.from_bytes(content[80:84], "little")
@@ -200,8 +202,7 @@ def _parts(content: bytes, kind: str) -> list[TriangleMesh]:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL + 1)  # which logs what it tries in vain
     try:
         if kind == "glb":  # trimesh makes zeros of what is in no buffer
-            end = 20 + int.from_bytes(content[12:16], "little")
-            accessors = json.loads(content[20:end]).get("accessors", [])
+            accessors = json.loads(content[20 : _document_end(content)]).get("accessors", [])
             if any(each["count"] > len(content) for each in accessors):
                 raise ValueError("it announces more than it holds")
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)

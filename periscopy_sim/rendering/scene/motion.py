@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
-from periscopy_sim.scenario import Array, Occluder, Scenario
+from periscopy_sim.scenario import Array, Occluder, Scenario, corners
 
 CAMERAS = "orthographic", "perspective"
 """Sensors whose rays through the picture's corners enclose all others."""
@@ -28,7 +28,7 @@ class LoadedScene:
     layout: SceneLayout
     origins: NDArray[np.float32]  # (M, 3) of the rays through the pixels' centres
     directions: NDArray[np.float32]  # (M, 3)
-    boxes: Mapping[str, Array]  # (8, 3) corners about each shape but the wall
+    boxes: Mapping[str, Array]  # (2, 3) lower and upper corner about each shape but the wall
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out Mitsuba's nodes, which cannot be pickled: a copy traces rays."""
@@ -99,13 +99,13 @@ class LoadedScene:
     def _is_wall_in_view(self, points: Array, motions: Mapping[str, Array]) -> bool:
         """Return whether planes separate all boxes from the camera's view of the wall."""
         rows, columns = self.scenario.photograph_shape
-        corners = [0, columns - 1, rows * columns - 1, (rows - 1) * columns]
-        seen = points[corners]
-        eyes = _moved(self.origins[corners], motions.get("camera", np.eye(4)))
+        ends = [0, columns - 1, rows * columns - 1, (rows - 1) * columns]
+        seen = points[ends]
+        eyes = _moved(self.origins[ends], motions.get("camera", np.eye(4)))
         sides = np.cross(np.roll(seen, -1, axis=0) - seen, eyes - seen)
         planes = np.concatenate([np.eye(3), sides, [(seen - eyes).sum(axis=0)]]).T
         view = np.concatenate([seen, eyes]) @ planes
-        moved = [_moved(box, motions.get(name, np.eye(4))) for name, box in self.boxes.items()]
+        moved = [_moved(corners(b), motions.get(name, np.eye(4))) for name, b in self.boxes.items()]
         boxes = np.stack(moved) @ planes
         beside = (boxes.min(axis=1) > view.max(axis=0)) | (boxes.max(axis=1) < view.min(axis=0))
         return bool(beside.any(axis=1).all())

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import LARGEST, number_of
+from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import file_of, read_document
 from periscopy_sim.rendering.variant import mi, one_line
 from periscopy_sim.scenario import EmissionProfile, SceneDocument
-
-EXPONENTS = "vertical_exponent", "horizontal_exponent"
-"""Parameters of the LCD's angular profile."""
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
@@ -131,7 +129,11 @@ class SceneNodes:
             for index, node in enumerate(self._state.nodes)
             if str(node.type).endswith("Emitter") and owners.get(index) != "monitor"
         }
-        return tuple(name for name, props in lights.items() if _shines(props))
+        return tuple(
+            name
+            for name, props in lights.items()
+            if all(numbers_of(props[amount]).any() for amount in BRIGHTNESS if amount in props)
+        )
 
     def layout(self) -> SceneLayout:
         """Return where the shapes and sensors are, and everything else that the scene says."""
@@ -177,7 +179,7 @@ class SceneNodes:
         if "radiance" not in emitter:
             raise SceneError(
                 f"scene '{self.path}': the monitor's emitter '{emitter.plugin_name()}' has no "
-                "'radiance' to show an image by"
+                "'radiance' to show an image by; give it one of type area or lcd"
             )
         if image is None:
             emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
@@ -288,8 +290,7 @@ def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray
 
     The image is (R, C, 3) radiance as a viewer facing the monitor sees it, `mirrored` if the
     monitor's u runs to a viewer's left. A texture's row 0 lies at v = 0, the monitor's lower edge.
-    A single row or column is doubled: Mitsuba's textures have at least 2 x 2 pixels, and an update
-    with fewer is read past its end.
+    A single row or column is doubled: Mitsuba's textures have at least 2 x 2 pixels.
     """
     texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
     for axis in (0, 1):
@@ -349,15 +350,12 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
     return config, state
 
 
-def _shines(emitter: Any) -> bool:
-    """Return whether no amount of light of an emitter is a plain 0."""
-    for amount in (emitter[name] for name in BRIGHTNESS if name in emitter):
-        try:
-            if not np.any(np.array(getattr(amount, "values", amount), float)):
-                return False
-        except TypeError:  # a texture
-            continue
-    return True
+def numbers_of(value: Any) -> NDArray[np.float64]:
+    """Return the values of a number, a colour or a spectrum; NaN of a texture."""
+    try:
+        return np.array(getattr(value, "values", value), dtype=np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        return np.array(np.nan)
 
 
 def _is_in_range(word: str) -> bool:
@@ -371,17 +369,13 @@ def searching(*folders: Path) -> Iterator[None]:
 
     Its parser also leaves a scene's ``<path>`` folders behind for every scene that follows.
     """
-
-    def search(names: list[str]) -> None:
-        resolver.clear()
-        for name in names:
-            resolver.append(name)
-
-    resolver = mi.file_resolver()
     with _SEARCH:
-        before = [str(folder) for folder in resolver]
-        search([*map(str, folders), *mi.__path__])
+        before, resolver = mi.file_resolver(), mi.FileResolver()
+        resolver.clear()  # of the folder that the process is in
+        for folder in (*map(str, folders), *mi.__path__):
+            resolver.append(folder)
+        mi.set_file_resolver(resolver)
         try:
             yield
         finally:
-            search(before)
+            mi.set_file_resolver(before)

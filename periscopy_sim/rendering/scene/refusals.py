@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneNodes, numbers_of
 from periscopy_sim.rendering.scene.wall import map_points, surface_at
 from periscopy_sim.rendering.variant import dr
 
@@ -90,20 +90,13 @@ def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
     for _, inner in nodes.children(props, "BSDF"):
         name = str(inner.plugin_name())
         if name == "principled":
-            opaque = "spec_trans" not in inner or _numbers(inner["spec_trans"]).max() <= 0
+            # No comparison is true of a texture's NaN.
+            opaque = "spec_trans" not in inner or numbers_of(inner["spec_trans"]).max() <= 0
         elif name == "mask":
-            opaque = "opacity" in inner and _numbers(inner["opacity"]).min() >= 1
+            opaque = "opacity" in inner and numbers_of(inner["opacity"]).min() >= 1
         else:
             opaque = name in OPAQUE
         if not opaque:
             yield name
         elif name != "twosided":
             yield from _see_through(nodes, inner)
-
-
-def _numbers(value: Any) -> Any:
-    """Values of a number, a colour or a spectrum; NaN, which no comparison passes, of a texture."""
-    try:
-        return np.array(getattr(value, "values", value), dtype=np.float64)
-    except (TypeError, ValueError, RuntimeError):
-        return np.array(np.nan)

@@ -1,7 +1,6 @@
 """The wall as the camera's own rays meet it: of one material and colour, no mirror."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
@@ -19,24 +18,13 @@ UNIFORM = 1e-4
 single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeenWall:
-    """What a `Scenario` has of its wall, and the rays by which its pixels see it."""
-
-    origins: Array  # (M, 3)
-    directions: Array  # (M, 3)
-    points: Array  # (M, 3)
-    normals: Array  # (M, 3)
-    reflectance: Array | None  # (3,)
-    channel_gain: Array  # (3,)
-
-
 def seen_wall(
     scene: Any, camera: Any, wall: Any, pixels: tuple[int, int], where: str, material: str
-) -> SeenWall:
-    """Return what the camera sees of the wall.
+) -> tuple[dict[str, Any], Array, Array]:
+    """Return what a `Scenario` has of the wall that its camera sees, by the names of its fields.
 
-    `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
+    Then the origins and directions, (M, 3), of the rays by which the pixels see it. `where` and
+    `material` are for messages: a wall that cannot be treated is a SceneError.
     """
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
@@ -75,7 +63,13 @@ def seen_wall(
     cosine = SLOPES[0][2]
     fall = np.abs(np.array(colors[2:]) / cosine - colors[1]).max()
     reflectance = np.pi * albedo if fall <= UNIFORM * colors[1].max() else None
-    return SeenWall(origins, directions, points, normals, reflectance, albedo / albedo.mean())
+    seen = {
+        "wall_points": points,
+        "wall_normals": normals,
+        "wall_reflectance": reflectance,
+        "channel_gain": albedo / albedo.mean(),
+    }
+    return seen, origins, directions
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
@@ -119,20 +113,24 @@ def _check_reflection(colors: list[Array], aside: Array, where: str, material: s
         )
 
 
-def map_points(function: Callable[[Any], tuple[Any, ...]], points: Array) -> list[Array]:
-    """Evaluate a function of a Point2f, that returns Dr.Jit numbers and vectors, at (n, 2) points.
+def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list[Array]:
+    """Evaluate a function of Mitsuba's points, that returns Dr.Jit numbers and vectors.
 
-    The result is an (n, components) float64 array for each of its values.
+    The points are (n, 2) or (n, 3); the result is an (n, components) float64 array for each of the
+    function's values.
     """
+    kinds = [mi.Point2f if each.shape[1] == 2 else mi.Point3f for each in points]
     if is_vectorized():
-        values = function(mi.Point2f(points.T.astype(np.float32)))
+        arguments = (each.T.astype(np.float32) for each in points)
+        values = function(*(kind(each) for kind, each in zip(kinds, arguments, strict=True)))
         dr.eval(*values)  # all in one kernel, where each component would be traced by its own
-        return [_columns(value, len(points)) for value in values]
-    each = [function(mi.Point2f(float(x), float(y))) for x, y in points]
-    return [
-        np.array([np.ravel(row) for row in rows], dtype=np.float64)
-        for rows in zip(*each, strict=True)
+        # Values that are the same everywhere have length 1.
+        return [np.atleast_2d(value).T + np.zeros((len(points[0]), 1)) for value in values]
+    each = [
+        function(*(kind(place.tolist()) for kind, place in zip(kinds, places, strict=True)))
+        for places in zip(*points, strict=True)
     ]
+    return [np.array([*map(np.ravel, rows)], np.float64) for rows in zip(*each, strict=True)]
 
 
 def surface_at(shape: Any, uv: Any) -> Any:
@@ -148,11 +146,3 @@ def surface_at(shape: Any, uv: Any) -> Any:
     beside = uv * (1 - 2e-5) + mi.Point2f(0.7e-5, 1.3e-5)
     missed = ~surface.is_valid() if is_vectorized() else not surface.is_valid()
     return dr.select(missed, shape.eval_parameterization(beside, +mi.RayFlags.All, missed), surface)
-
-
-def _columns(value: Any, count: int) -> Array:
-    components = value if dr.depth_v(value) > 1 else [value]
-    # Components that are the same everywhere have length 1.
-    return np.stack(
-        [np.broadcast_to(np.array(c, dtype=np.float64), count) for c in components], axis=1
-    )

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
-from periscopy_sim.rendering.transport.kernel import make_kernel
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.scenario import Array, Scenario
@@ -70,7 +70,7 @@ class BouncedLight:
         """(K, N) of the channels' mean."""
         return np.asarray(self.of_patches.mean(axis=0, dtype=np.float64), np.float32)
 
-    def rows(self, rows: slice) -> NDArray[np.float32]:
+    def rows(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
         with threadpool_limits(1):  # the last bits follow the number of threads
             return np.asarray(self.over_wall[rows] @ self.mean)
@@ -97,7 +97,7 @@ class BouncedTransport:
     bounced
         What has bounced.
     bounces
-        Most reflections of a path, 2 or more; None of any number.
+        Most reflections of a path, 2 or more; None for any number.
     """
 
     mean: NDArray[np.float32]
@@ -112,10 +112,7 @@ class BouncedTransport:
     __array_ufunc__ = None  # array * A and array @ A must not take the mean silently
 
     def __matmul__(self, image: NDArray[np.floating[Any]]) -> Array:
-        """Return the photograph, (M, 3), of a hidden image, (N, 3).
-
-        A ValueError says that the image has another shape.
-        """
+        """Return the photograph, (M, 3), of a hidden image, (N, 3); else raise a ValueError."""
         image = np.asarray(image)
         if image.shape != (self.shape[1], 3):
             raise InputError(
@@ -125,10 +122,7 @@ class BouncedTransport:
         return np.asarray(self.mean @ image + self.beyond_mean(image))
 
     def beyond_mean(self, images: NDArray[np.floating[Any]]) -> Array:
-        """Return by how much photographs, (..., M, 3), of images, (..., N, 3), are off the mean's.
-
-        That is what the channels' matrices send beyond their mean.
-        """
+        """Return what channels send beyond their mean, (..., M, 3), of images (..., N, 3)."""
         sent = np.einsum("ckn,...nc->...kc", self.bounced.colour, images, dtype=np.float64)
         return np.asarray(self.bounced.over_wall @ sent)
 
@@ -199,7 +193,7 @@ def render_bounced_light(
     everywhere = np.arange(np.prod(shape))
     trace = make_tracer(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(everywhere, min(SITES, len(everywhere)), False)
-    direct = _direct(scenario, pixels, seed)
+    direct = RenderedTransport(scenario, 1, seed=seed).white(pixels)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
     error = np.inf
@@ -261,8 +255,7 @@ def make_tracer(
     """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
 
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
-    radiance. `bounces` is the most reflections of a
-    path, 2 or more; None for any number.
+    radiance. `bounces` is the most reflections of a path, 2 or more; None for any number.
     """
     # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
     scene = build_scene(scenario, np.ones((2, 2, 3)), only_monitor=True)
@@ -309,8 +302,7 @@ def make_tracer(
             scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
             active=active, most=min(bounces or 0xFFFFFFFF, 0xFFFFFFFF), deposit=splat,
         )  # fmt: skip
-        whole = np.array(sums).reshape(len(sites), R * C, 3)
-        return np.asarray(whole * (FINEST / PATHS))
+        return np.asarray(np.array(sums).reshape(len(sites), R * C, 3) * (FINEST / PATHS))
 
     return trace
 
@@ -321,13 +313,3 @@ def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:
     block = ((np.arange(R) * BLOCKS // R)[:, None] * BLOCKS + np.arange(C) * BLOCKS // C).ravel()
     parts = [light[..., block == one, :].sum(axis=-2) for one in np.unique(block)]
     return np.concatenate([sum(parts, np.zeros(())), *parts], axis=-1)
-
-
-def _direct(scenario: Scenario, pixels: NDArray[np.intp], seed: int) -> Array:
-    """Return what a white image sends straight, (S,), at some pixels."""
-    patches = scenario.transport_shape[1]
-    entries = make_kernel(scenario, 1, "jittered", 1)
-    pixel = mi.UInt32(np.repeat(pixels, patches).astype(np.uint32))
-    patch = dr.arange(mi.UInt32, len(pixels) * patches) % patches
-    light = np.array(entries(pixel, patch, dr.opaque(mi.UInt32, seed)), np.float64)
-    return np.asarray(light.reshape(len(pixels), patches).sum(axis=1))

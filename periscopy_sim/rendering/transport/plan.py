@@ -5,6 +5,7 @@ camera's noise. Rays leave noise of their own, which two independent renderings 
 measure.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -20,7 +21,6 @@ from periscopy_sim.analytic.area_transport import (
 )
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
-from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
     render_transport,
@@ -79,15 +79,8 @@ class TransportPlan:
             "transport_error": self.error,
         }
 
-    def transport(
-        self,
-        scenario: Scenario,
-        *,
-        strata: Strata = "jittered",
-        seed: int = 0,
-        progress: Callable[[float], None] | None = None,
-    ) -> NDArray[np.float32]:
-        """Compute A of direct light, (M, N); see `render_transport` for what rays take.
+    def transport(self, scenario: Scenario, **of_rays: Any) -> NDArray[np.float32]:
+        """Compute A of direct light, (M, N); `render_transport` has the keywords, for rays.
 
         A SceneError says that no light of the monitor reaches the wall.
         """
@@ -96,9 +89,8 @@ class TransportPlan:
             require_light(A, scenario)
             return A
         return render_transport(
-            scenario, samples=self.samples, strata=strata, pixel_samples=self.pixel_samples,
-            seed=seed, progress=progress,
-        )  # fmt: skip
+            scenario, samples=self.samples, pixel_samples=self.pixel_samples, **of_rays
+        )
 
 
 def plan_transport(
@@ -112,33 +104,12 @@ def plan_transport(
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise.
 
-    Parameters
-    ----------
-    scenario
-        The scene.
-    noise
-        Standard deviation of a photograph's noise over the mean of the monitor's light in it.
-    by
-        ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
-    samples
-        Rays from the centre of each pixel to each patch. None takes as many as make the error of A
-        a third of the noise or less, within the budget, and averages over the pixels' areas.
-    seed
-        Seed of the rays that measure the error.
-    budget
-        Most rays for a whole A, but for the fewest; None for `BUDGET`.
-
-    Returns
-    -------
-    TransportPlan
-        Its error exceeds the noise where `samples`, or the budget, are too few.
-
-    Raises
-    ------
-    ClosedFormError
-        If areas are asked for and the scene has none; the message names the shape.
-    VariantError
-        If rays are needed in a scalar variant.
+    `noise` is the standard deviation of a photograph's over the mean of the monitor's light in it,
+    `samples` the rays from the centre of each pixel to each patch. None takes as many as make the
+    error of A a third of the noise or less, within a `budget` of rays (None: `BUDGET`), and
+    averages over the pixels' areas. The plan's error exceeds the noise where `samples`, or the budget, are
+    too few. Errors and other parameters are those of `transport`; the seed is of the rays that
+    measure the error.
     """
     if by == "areas":
         require_areas(scenario)
@@ -146,14 +117,13 @@ def plan_transport(
         return TransportPlan()
     if samples is not None:
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
-    points = points_across(scenario.photograph_shape) ** 2
-    entries = int(np.prod(scenario.transport_shape)) * points
-    samples, most = FEWEST, BUDGET if budget is None else budget
-    while True:
-        error = transport_error(scenario, samples, points, seed=seed)
-        if error <= SMALL * noise or 4 * samples * entries > most:
-            return TransportPlan(samples, points, error)
+    samples, points = FEWEST, points_across(scenario.photograph_shape) ** 2
+    most = (BUDGET if budget is None else budget) / points / np.prod(scenario.transport_shape)
+    while (error := transport_error(scenario, samples, points, seed=seed)) > SMALL * noise:
+        if 4 * samples > most:
+            break
         samples *= 4
+    return TransportPlan(samples, points, error)
 
 
 def transport_error(
@@ -164,10 +134,9 @@ def transport_error(
     Two independent renderings of the rows of `PIXELS` pixels differ by √2 of it.
     """
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
+    rows.sort()
     first, second = (
-        RenderedTransport(scenario, samples, "jittered", pixel_samples, seed + shift)
-        .rows(np.sort(rows))
-        .sum(axis=1, dtype=np.float64)
+        RenderedTransport(scenario, samples, "jittered", pixel_samples, seed + shift).white(rows)
         for shift in (1, 2)
     )
     light = float(np.mean(first + second)) / 2
@@ -219,8 +188,6 @@ def transport(
     RuntimeWarning
         The error of A exceeds the noise: the budget is too small.
     """
-    import warnings
-
     plan = plan_transport(scenario, noise, by=by, seed=seed)
     if plan.error > noise:
         warnings.warn(

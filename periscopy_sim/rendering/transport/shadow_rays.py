@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.bounced import BouncedLight
 from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
@@ -72,13 +71,12 @@ def render_transport(
     VariantError
         In scalar variants.
     """
-    require_vectorized("the transport matrix by rays")
     rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
     A = np.empty(rendered.shape, np.float32)
-    report = progress or (lambda _: None)
     for rows, block in rendered.row_blocks():
         A[rows] = block
-        report(rows.stop / len(A))
+        if progress is not None:
+            progress(rows.stop / len(A))
     require_light(A, scenario)
     return A
 
@@ -96,23 +94,10 @@ def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
+    The channels' mean of `bounced`, a result of `render_bounced_light`, is added to direct light.
     `model.transport_operator.TransportOperator` makes a SciPy linear operator of it, and
     `IterativePeriscope` takes it in the place of A. Every pass traces all the rays again, and draws
-    the same samples.
-
-    Parameters
-    ----------
-    scenario
-        The scene.
-    samples, strata, pixel_samples, seed
-        As of `render_transport`.
-    bounced
-        Result of `render_bounced_light`, whose channels' mean is added. None: direct light.
-
-    Raises
-    ------
-    ValueError
-        If a number is below 1, or `strata` is not known.
+    the same samples. Parameters that `render_transport` rejects are a ValueError.
     """
 
     scenario: Scenario
@@ -120,7 +105,7 @@ class RenderedTransport:
     strata: Strata = "jittered"
     pixel_samples: int = 1
     seed: int = 0
-    bounced: BouncedLight | None = None
+    bounced: Any = None  # a BouncedLight, whose module imports this one
 
     def __post_init__(self) -> None:
         if self.samples < 1 or self.pixel_samples < 1:
@@ -135,31 +120,29 @@ class RenderedTransport:
         """(M, N)."""
         return self.scenario.transport_shape
 
-    def row_blocks(self) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-        """Yield every row once: a slice of rows and their entries, (rows, N) float32.
+    def row_blocks(
+        self, pixels: NDArray[np.integer[Any]] | None = None
+    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Yield every row, or those of some pixels, once: a slice and its (rows, N) entries.
 
         Scalar variants raise a `VariantError`.
         """
-        for rows, block in self._direct(np.arange(self.shape[0])):
-            yield rows, block if self.bounced is None else block + self.bounced.rows(rows)
-
-    def rows(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float32]:
-        """Return direct light's rows of some pixels, (K, N), given their K numbers."""
-        return np.concatenate([block for _, block in self._direct(pixels)])
-
-    def _direct(
-        self, chosen: NDArray[np.integer[Any]]
-    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-        """Yield the rows of chosen pixels, without bounces, with their places among the chosen."""
         require_vectorized("the transport matrix by rays")
         entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
-        pixels, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
+        chosen = np.arange(self.shape[0]) if pixels is None else pixels
+        numbers, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
         work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
         height = max(1, LANES // work // patches)
         for start in range(0, len(chosen), height):
             rows = slice(start, min(start + height, len(chosen)))
             lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
             # Opaque, so that all blocks share one compiled kernel.
-            pixel = dr.gather(mi.UInt32, pixels, lane // patches + dr.opaque(mi.UInt32, start))
+            pixel = dr.gather(mi.UInt32, numbers, lane // patches + dr.opaque(mi.UInt32, start))
             values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
-            yield rows, np.array(values).reshape(-1, patches)
+            block = np.array(values).reshape(-1, patches)
+            yield rows, block if self.bounced is None else block + self.bounced.rows(chosen[rows])
+
+    def white(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
+        """Return the light, (K,), that a white hidden image sends to some pixels."""
+        blocks = self.row_blocks(pixels)
+        return np.concatenate([block.sum(axis=1, dtype=np.float64) for _, block in blocks])

@@ -83,7 +83,7 @@ SIZED = '<default name="w" value="{}"/><shape type="cube" id="box"><transform na
     [
         (including("c", 1, 40), "15 documents"),
         (including("e", 3, 10), "1000 documents"),
-        (repeated(f"{'<bsdf>' * 20_000}{'</bsdf>' * 20_000}"), "50 within"),
+        (repeated(f"{'<bsdf>' * 20_000}{'</bsdf>' * 20_000}"), "50 elements within"),
         (repeated("".join(f'<default name="a{k}" value="1"/>' for k in range(5002))), "5000 para"),
         (repeated('<default name="a0" value="xxxxxxxxxx"/>' + "".join(
             f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>' for k in range(9)

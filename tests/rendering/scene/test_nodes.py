@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.rendering.scene.load import camera_of
-from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture
+from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture, searching
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import EmissionProfile
 
@@ -117,3 +117,10 @@ def test_no_file_is_taken_from_the_folder_that_the_process_started_in(
     path = room.write(tag)
     assert len(mi.load_file(str(path)).shapes()) >= 2
     assert "names a missing file" in refusal(path)
+
+
+def test_mitsuba_searches_the_folders_named_and_no_other(tmp_path):
+    before = mi.file_resolver()
+    with searching(tmp_path):
+        assert [str(folder) for folder in mi.file_resolver()] == [str(tmp_path), *mi.__path__]
+    assert list(mi.file_resolver()) == list(before)
