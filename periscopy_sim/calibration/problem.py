@@ -70,12 +70,10 @@ class CalibrationProblem:
     @property
     def camera_noise(self) -> Array:
         """(K, C) standard deviation of white noise in the averaged photographs, 0 if unknown."""
-        photographs = self._averaged
-        values = [np.where(each.pixels[..., None], each.values, np.nan) for each in photographs]
-        light = np.array(values)
-        planes = np.moveaxis(light, 3, 1).reshape(-1, *photographs[0].shape)
+        planes = np.concatenate([each.planes for each in self._averaged])
         noise = camera_noise(planes)
-        return np.reshape(np.zeros(len(planes)) if noise is None else noise, (len(light), -1))
+        noise = np.zeros(len(planes)) if noise is None else noise
+        return noise.reshape(len(self._averaged), -1)
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
@@ -128,9 +126,8 @@ class CalibrationProblem:
         shape = finer * pixels.shape[0], finer * pixels.shape[1]
         scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
         scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
-        Q = background_basis(scene.point_lights(self.centers))
         off = [each[pixels] for each in first.monitor_off.values()]
-        Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
+        Q = joined_basis(background_basis(scene.point_lights(self.centers)), *off)
         if len(Q) <= 2 * Q.shape[1]:
             raise PhotographError(
                 f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "

@@ -315,7 +315,7 @@ class Session(options.OptionGroup):
         colours = None if colour_matrix is None else colour_matrix.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
         with self.timed("transport matrix"):
-            noise = relative_noise(wall.values, wall.mask)
+            noise = relative_noise(wall)
             A = self.transport(light, noise, matrix=matrix, method=method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             B = light.backgrounds(self.scenario)

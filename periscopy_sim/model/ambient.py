@@ -66,14 +66,14 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     return np.asarray(orthonormal @ U[:, σ > rank_tolerance * σ[0]])
 
 
-def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
-    """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
+def joined_basis(Q: Array, *fields: NDArray[np.floating[Any]]) -> Array:
+    """Return an orthonormal basis of range(Q), (M, r), and of a few columns beside it.
 
-    Q is orthonormal. The basis includes a column however little of it lies outside of range(Q),
-    unless that is rounding in the precision of the columns.
+    Q is orthonormal, the fields are (M, K). The basis includes a column however little of it lies
+    outside of range(Q), unless that is rounding in the precision of the columns.
     """
-    outside = np.asarray(columns, np.float64)
-    outside = outside / np.maximum(np.linalg.norm(outside, axis=0), np.finfo(np.float64).tiny)
+    columns = np.hstack([Q[:, :0], *fields])
+    outside = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
     for _ in range(2):  # the second pass removes what rounding left
         outside = outside - Q @ (Q.T @ outside)
     U, σ, _ = np.linalg.svd(outside, full_matrices=False)

@@ -164,23 +164,18 @@ def residual_of(
 
 
 def _cost(
-    rest: Array,
-    white: Array,
-    transport: TransportOperator,
-    signal: Array,
-    sigma: float,
-    excess: float,
+    rest: Array, white: Array, A: TransportOperator, signal: Array, sigma: float, excess: float
 ) -> float | None:
     """Return the cost of a misfit, see `Residual`, from planes that no image explains.
 
     It is 0 where the misfit may be chance. The planes are (3, rows, columns), and those of white
-    noise, (K, rows, columns), likewise; the signal is A⊥ f̂, (M', 3).
+    noise, (K, rows, columns), likewise; A is A⊥, and the signal A⊥ f̂, (M', 3).
     """
-    M, N = transport.shape
-    energy = float(np.sum(signal**2)) / signal.shape[1] / transport.squared_norm
+    M, N = A.shape
+    energy = float(np.sum(signal**2)) / signal.shape[1] / A.squared_norm
     if M * N**2 > LARGEST_GRAM or not (energy > 0 and sigma > 0):
         return None
-    H = transport.gram() / sigma**2
+    H = A.gram() / sigma**2
     H[np.diag_indices(N)] += 1 / energy
     inverse = linalg.inv(H)
     used, shape = np.isfinite(rest[0]), rest.shape[1:]
@@ -190,7 +185,7 @@ def _cost(
         """Return the mean square of what each plane does to an image, with random phases."""
         spectra = np.fft.rfft2(np.nan_to_num(planes)) * (random / np.abs(random))
         light = np.fft.irfft2(spectra, shape)[..., used].reshape(-1, M).T / sigma**2
-        moved = np.mean((inverse @ transport.rmatmat(light)) ** 2, axis=0)
+        moved = np.mean((inverse @ A.rmatmat(light)) ** 2, axis=0)
         return np.asarray(moved.reshape(SURROGATES, -1).mean(axis=0))
 
     alone, found = sigma**2 * errors(white), errors(rest)

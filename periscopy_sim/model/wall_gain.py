@@ -150,12 +150,8 @@ class WallGain:
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
         added = np.tensordot(a, terms.reshape(count, *y.shape), 1) * σ
-        return GainEstimate(
-            probability=probability,
-            field=field,
-            accepted=bool(believed and probability < ERROR_RATE),
-            added=added,
-        )
+        accepted = bool(believed and probability < ERROR_RATE)
+        return GainEstimate(probability, field, accepted, added)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""

@@ -18,7 +18,7 @@ black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -65,10 +65,10 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
     tolerance
         The largest residual that counts as converged.
-    photograph
-        The photograph, corrected.
     evidence
         The photograph's information on the image.
+    photograph
+        The photograph, corrected.
     corrections
         The corrections' numbers, by name.
     """
@@ -77,9 +77,9 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     iterations: int
     residual: float
     tolerance: float
-    photograph: FittedPhotograph | None
     evidence: Evidence
-    corrections: Mapping[str, Any]
+    photograph: FittedPhotograph | None = None
+    corrections: Mapping[str, Any] = field(default_factory=dict)
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and the corrections' numbers."""
@@ -205,8 +205,7 @@ class NoiseAware(StillMethod[np.float64]):
         or from black. In a video λ₂ = `l1_weight` λ is the weight of the
         distance to the frame before, `previous`, (R, C, 3).
         """
-        if schedule is None:
-            schedule = self._schedule(self.max_iterations)
+        schedule = schedule or self._schedule(self.max_iterations)
         mixing = self.observation.mixing
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
@@ -216,19 +215,15 @@ class NoiseAware(StillMethod[np.float64]):
             self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
         )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
+        λ = regularization * self.fit.norm * strength / (evidence.level * evidence.mean_noise)
         solution = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=regularization
-            * self.fit.norm
-            * strength
-            / (evidence.level * evidence.mean_noise),
+            weight=λ,
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
-            photograph=None,
             evidence=evidence,
-            corrections={},
         )
         return solution, minimum.split
 
