@@ -119,9 +119,7 @@ class Photograph:
         size = "x".join(map(str, self.shape))
         return f"Photograph({size}, mean {mean:.3g}, {len(self.warnings)} warnings)"
 
-    def __array__(
-        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
-    ) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Return `values`, for functions of arrays; a PhotographError if they are not all."""
         if self.conditions is not None:
             raise PhotographError(

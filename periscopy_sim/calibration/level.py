@@ -130,15 +130,11 @@ class ResolutionLevel:
         return sum(len(group.light) for group in self.groups)
 
     @cached_property
-    def _places(self) -> Array:
-        """(2, M) row and column of the pixels used, between -1 and 1."""
-        shape = np.array(self.scene.pixels.shape)[:, None]
-        return np.asarray((2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1)
-
-    @cached_property
     def terms(self) -> Array:
         """(K, M) p_k, between -1 and 1."""
-        y, x = (legendre.legvander(each, DEGREE).T for each in self._places)
+        shape = np.array(self.scene.pixels.shape)[:, None]
+        places = (2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1
+        y, x = (legendre.legvander(each, DEGREE).T for each in places)
         orders = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 1 - j) if j + k]
         return np.array([y[j] * x[k] for j, k in orders])
 

@@ -126,8 +126,9 @@ class CalibrationProblem:
         shape = finer * pixels.shape[0], finer * pixels.shape[1]
         scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
         scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
+        Q = background_basis(scene.point_lights(self.centers))
         off = [each[pixels] for each in first.monitor_off.values()]
-        Q = joined_basis(background_basis(scene.point_lights(self.centers)), *off)
+        Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
         if len(Q) <= 2 * Q.shape[1]:
             raise PhotographError(
                 f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "

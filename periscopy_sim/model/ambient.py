@@ -66,14 +66,14 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     return np.asarray(orthonormal @ U[:, σ > rank_tolerance * σ[0]])
 
 
-def joined_basis(Q: Array, *fields: NDArray[np.floating[Any]]) -> Array:
-    """Return an orthonormal basis of range(Q), (M, r), and of a few columns beside it.
+def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
+    """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
 
-    Q is orthonormal, the fields are (M, K). The basis includes a column however little of it lies
-    outside of range(Q), unless that is rounding in the precision of the columns.
+    Q is orthonormal. The basis includes a column however little of it lies outside of range(Q),
+    unless that is rounding in the precision of the columns.
     """
-    columns = np.hstack([Q[:, :0], *fields])
-    outside = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
+    outside = np.asarray(columns, np.float64)
+    outside = outside / np.maximum(np.linalg.norm(outside, axis=0), np.finfo(np.float64).tiny)
     for _ in range(2):  # the second pass removes what rounding left
         outside = outside - Q @ (Q.T @ outside)
     U, σ, _ = np.linalg.svd(outside, full_matrices=False)
@@ -88,15 +88,10 @@ def wall_profiles(shape: tuple[int, int]) -> Array:
     not explain; most of it varies along one side of the wall only.
     """
     rows, columns = shape
-    down, across = (
-        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // PIXELS_A_DEGREE))[
-            :, 1:
-        ]
-        for size in shape
-    )
-    return np.hstack(
-        [np.repeat(down, columns, axis=0), np.tile(across, (rows, 1)), np.ones((rows * columns, 1))]
-    )
+    degrees = np.minimum(PROFILE_DEGREE, np.floor_divide(shape, PIXELS_A_DEGREE)).tolist()
+    sides = (np.linspace(-1, 1, size) for size in shape)
+    down, across = map(legendre.legvander, sides, degrees)  # each with a constant, needed once
+    return np.hstack([np.repeat(down[:, 1:], columns, axis=0), np.tile(across, (rows, 1))])
 
 
 def _sketched_basis(

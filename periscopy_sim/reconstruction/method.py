@@ -21,7 +21,7 @@ from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
 Result = TypeVar("Result")
-Photographs: TypeAlias = Image | Iterable[Photograph | Image]
+Series: TypeAlias = Image | Iterable[Photograph | Image]
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             )
         return type(self)(*arguments, **{**settings, "mask": mask, "backgrounds": backgrounds})
 
-    def batches(self, photographs: Photographs) -> Iterator[tuple[Self, Image]]:
+    def batches(self, photographs: Series) -> Iterator[tuple[Self, Image]]:
         """Yield photographs in turn, `BATCH` at most, beside the method that uses all of them."""
         stack: Any = photographs
         if hasattr(stack, "shape"):

@@ -196,6 +196,6 @@ def _masked(
             f"scene '{scenario.path}': occluder '{name}' casts no shadow of the monitor into what "
             "the camera sees of the wall, wherever in its rectangle it is opaque"
         )
-    off = [each[used] for each in photograph.monitor_off.values()]
     Q = background_basis(point_light_backgrounds(view)[used.ravel()])
-    return Mask.of(cells, shadows, used), joined_basis(Q, *off)
+    off = [each[used] for each in photograph.monitor_off.values()]
+    return Mask.of(cells, shadows, used), joined_basis(Q, np.hstack([Q[:, :0], *off]))

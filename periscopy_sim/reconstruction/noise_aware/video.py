@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from periscopy_sim.model.fit import Evidence
-from periscopy_sim.reconstruction.method import Photographs
+from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
@@ -53,9 +53,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().restart()
         self._split: Splitting | None = None
 
-    def recoveries(
-        self, photographs: Photographs
-    ) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+    def recoveries(self, photographs: Series) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Apply A to many photographs in one product; see `FrameByFrame.recoveries`."""
         for still, part in self.still.batches(photographs):
             for evidence in still.evidence(part):

@@ -16,8 +16,8 @@ from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
 from periscopy_sim.reconstruction.method import (
     Observed,
-    Photographs,
     Report,
+    Series,
     Solution,
     StillMethod,
     of_all,
@@ -146,7 +146,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
-    def estimates(self, photographs: Photographs) -> Iterator[Estimate]:
+    def estimates(self, photographs: Series) -> Iterator[Estimate]:
         """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), see `batches`."""
         for method, part in self.batches(photographs):
             yield method.estimate(part)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics.validation import check_weight
-from periscopy_sim.reconstruction.method import Photographs
+from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
     Periscope,
@@ -73,7 +73,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         super().restart()
         self._dual: NDArray[np.float64] | None = None
 
-    def recoveries(self, photographs: Photographs) -> Iterator[Callable[[], Reconstruction]]:
+    def recoveries(self, photographs: Series) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
         for estimate in self.still.estimates(photographs):
             for k in range(len(estimate.noise)):
