@@ -214,18 +214,11 @@ BLACK = 1e-3
 
 @dataclass(frozen=True)
 class Schedule:
-    """Parameters of the splitting and of its stop by relative residuals (Boyd et al., Sec. 3.3).
+    """Parameters of the splitting and of its stop by relative residuals (Boyd et al., Sec. 3.3)."""
 
-    Attributes
-    ----------
-    tolerance, max_iterations
-        Largest residual that counts as converged, and most iterations.
-    penalty
-        λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
-    """
-
-    tolerance: float
+    tolerance: float  # largest residual that counts as converged
     max_iterations: int
+    # λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
     penalty: float = 0.2
 
 
