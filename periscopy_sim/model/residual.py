@@ -122,18 +122,9 @@ class Residual:
 def residual_of(
     y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
 ) -> Residual:
-    """Return the residual of a photograph.
+    """Return the residual of a photograph, y, (M', 3), from A⊥ and the signal A f̂, (M', 3).
 
-    Parameters
-    ----------
-    y
-        (M', 3) the photograph in the pixels used.
-    signal
-        (M', 3) the light A f̂ of the hidden image.
-    transport
-        A⊥.
-    place
-        Puts (M', K) values into (K, rows, columns), NaN where pixels are not used.
+    M' pixels are used; `place` puts (M', K) values into (K, rows, columns), NaN in the others.
     """
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0

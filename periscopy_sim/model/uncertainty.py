@@ -111,16 +111,8 @@ def displacement(gram: Array, image: NDArray[np.floating[Any]], response: Array)
     """Return how far the scene's own errors displace the image, in patches down and across, (2,).
 
     The root of Σ s_k² over the directions k: the light of the image moved by s_k is nearest to the
-    effect of direction k, so that no photograph of an unknown image shows s_k.
-
-    Parameters
-    ----------
-    gram
-        (N, N) A⊥ᵀA⊥.
-    image
-        (R, C, 3) f̂.
-    response
-        (K, 3, N) A⊥ᵀT Σ^½, as `standard_errors` counts it.
+    effect of direction k, so that no photograph of an unknown image shows s_k. The arguments are
+    those of `standard_errors`.
     """
     f = np.asarray(image, np.float64)
     slopes = np.stack([_moved(f, axis).reshape(len(gram), -1).T for axis in (0, 1)])
