@@ -99,8 +99,7 @@ class Residual:
     def is_large(self) -> bool:
         """Whether the image leaves much more of the photograph than noise would."""
         over_photograph, over_noise = LARGE
-        alone = self.noise_alone or 0.0
-        return self.unexplained > max(over_photograph, over_noise * alone)
+        return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property
     def misfit(self) -> float:
@@ -149,8 +148,7 @@ def residual_of(
     sigma = float(np.sqrt(np.mean(noise**2))) if shared else alone * level
     cost = _cost(rest, white, transport, transport.project_out(signal), sigma, excess)
     is_noise = shared and excess <= EXCESS if cost is None else cost <= COSTLY
-    fits = by_any <= 10 * ROUNDING or is_noise
-    diagnosis: Diagnosis = "fits" if fits else "does_not_fit"
+    diagnosis: Diagnosis = "fits" if by_any <= 10 * ROUNDING or is_noise else "does_not_fit"
     return Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
 
 
@@ -214,11 +212,11 @@ def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
 
     Equal values have two digits.
     """
-    for digits in range(2, most + 1):
+    for digits in (*range(2, most + 1), 2):
         one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
         if one != other:
-            return one, other
-    return f"{100 * first:.2f}", f"{100 * second:.2f}"
+            break
+    return one, other
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:

@@ -166,16 +166,16 @@ class WallGain:
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
-        rest = unit_rows(rows)
-        sizes = np.ones(len(rows))
+        rest, sizes = rows / np.linalg.norm(rows, axis=1, keepdims=True), np.ones((len(rows), 1))
         for _ in range(3):  # each time from what is rest, single precision suffices
             rest = project_out(rest.astype(np.float32), self._background)
             f = (self._coordinates(rest) * self._scales) @ self._basis
             rest = project_out(rest - f @ self._fit.transport, self._background)
             rest = project_out(rest, others)
-            sizes *= np.linalg.norm(rest, axis=1)
-            rest = unit_rows(rest)
-        _, sines, basis = np.linalg.svd(rest[sizes > LEAST_UNEXPLAINED], full_matrices=False)
+            norms = np.linalg.norm(rest, axis=1, keepdims=True)
+            rest, sizes = rest / (norms + 1e-30), sizes * norms
+        kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
+        _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
 
 
@@ -190,11 +190,6 @@ def _unexplained(photograph: FittedPhotograph) -> float:
     """Return the energy of the noise that a photograph seems to have, over all channels."""
     evidence = photograph.evidence
     return float(np.sum((evidence.level * evidence.noise) ** 2))
-
-
-def unit_rows(rows: Image) -> Image:
-    """Return rows divided by their norms."""
-    return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
 
 
 def products(vectors: Image, count: int) -> Array:

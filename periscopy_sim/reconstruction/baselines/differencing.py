@@ -271,13 +271,10 @@ class Differencing(StillMethod[np.float64]):
     ) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
+        unit, white = PUBLISHED_ENTRY / self._mean_entry, float(np.abs(mean).mean())
+        first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(
-            self._gram,
-            h[:, channel],
-            start[:, channel].reshape(self.hidden_shape),
-            weight,
-            unit=PUBLISHED_ENTRY / self._mean_entry,
-            white=float(np.abs(mean).mean()) / PUBLISHED_MEAN,
+            self._gram, h[:, channel], first, weight, unit=unit, white=white / PUBLISHED_MEAN
         )
         return image, (iterations, np.nan)
 

@@ -175,14 +175,14 @@ class NoiseAware(StillMethod[np.float64]):
         def first_image(fitted: FittedPhotograph) -> Array:
             nonlocal split, iterations
             most = min(FIRST, (self.max_iterations - iterations) // 2)
-            first, split = self.recover(fitted.evidence, self._schedule(most), split)
+            first, split = self.recover(fitted.evidence, Schedule(self.tolerance, most), split)
             iterations += first.iterations
             return first.image
 
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
             summary.update(numbers)
-        schedule = self._schedule(self.max_iterations - iterations)
+        schedule = Schedule(self.tolerance, self.max_iterations - iterations)
         solution, _ = self.recover(corrected.evidence, schedule, split)
         iterations += solution.iterations
         solution = replace(
@@ -205,7 +205,7 @@ class NoiseAware(StillMethod[np.float64]):
         or from black. In a video λ₂ = `l1_weight` λ is the weight of the
         distance to the frame before, `previous`, (R, C, 3).
         """
-        schedule = schedule or self._schedule(self.max_iterations)
+        schedule = schedule or Schedule(self.tolerance, self.max_iterations)
         mixing = self.observation.mixing
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
@@ -300,6 +300,3 @@ class NoiseAware(StillMethod[np.float64]):
             return []
         paint: list[Callable[[Fit], Correction]] = [Paint] if self.fit.smooth_rank else []
         return [*(paint if self.observation.backgrounds else []), WallGain]
-
-    def _schedule(self, max_iterations: int) -> Schedule:
-        return Schedule(self.tolerance, max_iterations)
