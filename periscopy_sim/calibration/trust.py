@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import special
 
 from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.result import LEARNED
@@ -33,7 +32,9 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
     Where the start is right the gain of so many parameters has the χ² distribution (Wilks), and
     exceeds this threshold with a probability of `chance`.
     """
-    return bool(gain > special.chdtri(max(parameters, 1.0), chance))
+    from scipy.stats import chi2
+
+    return bool(gain > chi2.isf(chance, max(parameters, 1.0)))
 
 
 def misfits(look: Look, noise: Array) -> Array:

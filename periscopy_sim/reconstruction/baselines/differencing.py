@@ -261,8 +261,7 @@ class Differencing(StillMethod[np.float64]):
         """Return a channel's image that minimizes Eq. 2, its iterations and residual."""
         coefficients = self._objective.basis.rows @ h / (level * self._unit)
         evidence = Evidence(coefficients[None], np.array([noise / level]), level, 0.0)
-        schedule = Schedule(self.tolerance, self.max_iterations)
-        minimum = self._objective.minimize(evidence, schedule)
+        minimum = self._objective.minimize(evidence, Schedule(self.tolerance, self.max_iterations))
         image = minimum.image.astype(np.float64) * (level / self._unit)
         return image, (minimum.iterations, minimum.residual)
 

@@ -249,12 +249,8 @@ class NoiseAware(StillMethod[np.float64]):
             numbers["place_standard_error"] = down, across
             if (most := max(down, across)) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
-        return replace(
-            report,
-            numbers=numbers,
-            notes=[*report.notes, *notes],
-            standard_errors=self.standard_errors(solution, response),
-        )
+        errors = self.standard_errors(solution, response)
+        return replace(report, numbers=numbers, notes=notes, standard_errors=errors)
 
     def standard_errors(
         self, solution: NoiseAwareReconstruction, response: Array | None = None
