@@ -63,26 +63,13 @@ class GainEstimate:
 class WallGain:
     """The correction of a smooth gain over the wall; see the module.
 
-    Parameters
-    ----------
-    fit
-        The scene; it must have the rows and columns of photographs.
-    degree
-        Degree of the gain.
-    ambient_degree
-        Degree of the ambient light's polynomials, S.
-    compared_degree
-        Highest degree of the polynomials that measure the size of a term by chance.
-
     Raises
     ------
     ValueError
         If the rows and columns of photographs are unknown.
     """
 
-    def __init__(
-        self, fit: Fit, degree: int = 2, ambient_degree: int = 5, compared_degree: int = 7
-    ) -> None:
+    def __init__(self, fit: Fit) -> None:
         shape, mask = fit.observation.rows_and_columns, fit.observation.mask
         if shape is None:
             raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
@@ -91,11 +78,10 @@ class WallGain:
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
         self._shape = shape
-        self._terms = polynomials(shape, 1, degree)
+        self._terms = polynomials(shape, 1, 2)
         used = slice(None) if mask is None else mask.ravel()
         self._used_terms = self._terms[:, used].astype(np.float32)
-        ambient = polynomials(shape, 0, ambient_degree)[:, used]
-        compared = polynomials(shape, ambient_degree + 1, compared_degree)[:, used]
+        ambient, compared = (polynomials(shape, *ends)[:, used] for ends in ((0, 5), (6, 7)))
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
         self._compared = self._unexplained(compared, self._ambient)
 
