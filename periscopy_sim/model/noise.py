@@ -6,8 +6,9 @@ even where some edges remain. Of noise that neighbours share, as after rectifica
 is too small.
 """
 
+from statistics import NormalDist
+
 import numpy as np
-from scipy import special
 
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
@@ -45,7 +46,7 @@ def camera_noise(planes: Array) -> Array | None:
     used = np.isfinite(differences).all(axis=0)
     if np.count_nonzero(used) < FEWEST:
         return None
-    return np.asarray(np.median(differences[:, used], axis=1) / special.ndtri(0.75))
+    return np.asarray(np.median(differences[:, used], axis=1) / NormalDist().inv_cdf(0.75))
 
 
 def relative_noise(photograph: Photograph) -> float | None:
