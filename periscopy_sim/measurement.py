@@ -221,9 +221,8 @@ class Sensor:
         codes, saturated = np.zeros(light.shape), np.zeros(light.shape, bool)
         for _ in range(int(self.frames)):
             electrons = rng.poisson(mean_electrons)
-            voltage = np.minimum(electrons, self.full_well) + rng.normal(
-                0, self.read_noise, light.shape
-            )
+            read_noise = rng.normal(0, self.read_noise, light.shape)
+            voltage = np.minimum(electrons, self.full_well) + read_noise
             code = np.clip(np.rint(voltage / self.step) + self.black_level, 0, self.top_code)
             saturated |= (electrons >= self.full_well) | (code == self.top_code)
             codes += code

@@ -98,6 +98,11 @@ class Photograph:
         return self.values[self.pixels]
 
     @property
+    def planes(self) -> Array:
+        """(3, rows, columns) values, NaN outside the mask."""
+        return np.where(self.pixels, np.moveaxis(self.values, -1, 0), np.nan)
+
+    @property
     def conditions(self) -> bytes | None:
         """Digest of the mask and the photographs with the monitor off; None without any."""
         if self.mask is None and not self.monitor_off:
@@ -114,9 +119,7 @@ class Photograph:
         size = "x".join(map(str, self.shape))
         return f"Photograph({size}, mean {mean:.3g}, {len(self.warnings)} warnings)"
 
-    def __array__(
-        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
-    ) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Return `values`, for functions of arrays; a PhotographError if they are not all."""
         if self.conditions is not None:
             raise PhotographError(
@@ -165,33 +168,25 @@ def _checked(
 
 
 def unwrapped(
-    photographs: Any,
-    mask: Mask | None = None,
-    monitor_off: Mapping[str, Any] | None = None,
+    photographs: Any, mask: Mask | None = None, monitor_off: Mapping[str, Any] | None = None
 ) -> tuple[list[Any], Mask | None, dict[str, Any]]:
     """Return the values of photographs of one wall, and the mask and the backgrounds of all.
 
     They are one photograph, a sequence or a stack, of which `Photograph`s add to the mask and the
-    photographs with the monitor off that are given.
+    photographs with the monitor off that are given; of equal ones, one.
     """
     is_one = isinstance(photographs, Photograph)
     if is_one or not (isinstance(photographs, Sequence) or np.ndim(photographs) == 4):
         photographs = [photographs]
     values, off = [], dict(monitor_off or {})
-    for each in photographs:
-        if isinstance(each, Photograph):
-            mask, off = common_pixels(mask, each.mask), all_backgrounds(off, each.monitor_off)
+    for k, each in enumerate(photographs, 1):
         values.append(each.values if isinstance(each, Photograph) else each)
+        if isinstance(each, Photograph):
+            mask = common_pixels(mask, each.mask)
+            for name, light in each.monitor_off.items():
+                if not any(np.array_equal(light, other, equal_nan=True) for other in off.values()):
+                    off[f"{name} of photograph {k}" if name in off else name] = light
     return values, mask, off
-
-
-def all_backgrounds(monitor_off: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return photographs with the monitor off beside more of them; of equal ones, one."""
-    off = dict(monitor_off)
-    for name, each in more.items():
-        if not any(np.array_equal(each, other, equal_nan=True) for other in off.values()):
-            off[f"{name} of the photograph" if name in off else name] = each
-    return off
 
 
 def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:

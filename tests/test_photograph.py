@@ -58,10 +58,9 @@ def test_photographs_of_one_wall_share_masks_and_backgrounds():
     values, mask, backgrounds = unwrapped(given, None, other)
     assert len(values) == 2 and (mask == MASK & left).all()
     assert backgrounds.keys() == {"off", "same"}
-    assert unwrapped(given[0], None, {"off": 2 * LIGHT})[2].keys() == {
-        "off",
-        "off of the photograph",
-    }
+    others = [Photograph.of(LIGHT, monitor_off={"off": k * LIGHT}) for k in (2, 3)]
+    names = {"off", "off of photograph 2", "off of photograph 3"}
+    assert unwrapped([given[0], *others])[2].keys() == names
     with pytest.raises(PhotographError, match="size"):
         unwrapped(given, MASK.T)
 

@@ -49,30 +49,14 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Explanation(ABC):
-    """Photographs of C channels explained by a transport matrix, images and ambient light.
+    """Photographs of C channels explained by a transport matrix, images and ambient light."""
 
-    Attributes
-    ----------
-    evidence
-        Σ E_c: a difference of 2 is a likelihood ratio of e. Less is better.
-    noise
-        (C,) σ_c.
-    lights
-        (N, C) light of the patches.
-    residual
-        (M, C) y⊥ − A⊥ f̂.
-    energy
-        (C,) ‖y⊥‖².
-    background
-        (M, r) orthonormal basis of range(B).
-    """
-
-    evidence: float
-    noise: Array
-    lights: Array
-    residual: Array
-    energy: Array
-    background: Array
+    evidence: float  # Σ E_c: a difference of 2 is a likelihood ratio of e; less is better
+    noise: Array  # (C,) σ_c
+    lights: Array  # (N, C) light of the patches
+    residual: Array  # (M, C) y⊥ − A⊥ f̂
+    energy: Array  # (C,) ‖y⊥‖²
+    background: Array  # (M, r) orthonormal basis of range(B)
 
     @property
     @abstractmethod
@@ -103,18 +87,10 @@ class Explanation(ABC):
 
 @dataclass(frozen=True, eq=False)
 class SmoothExplanation(Explanation):
-    """Photographs explained by smooth images.
+    """Photographs explained by smooth images."""
 
-    Attributes
-    ----------
-    coefficients
-        (J, C) x̂.
-    ratios
-        (C,) α_c.
-    """
-
-    coefficients: Array
-    ratios: Array
+    coefficients: Array  # (J, C) x̂
+    ratios: Array  # (C,) α_c
     _basis: Any
     _columns: Array  # (M, J) X⊥
     _modes: tuple[Array, Array]  # μ (J,), W (J, J)

@@ -28,19 +28,11 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Photographs explained at a point.
+    """Photographs explained at a point."""
 
-    Attributes
-    ----------
-    point, explanations
-        (P + K,), and the photographs explained there, a group each; () where there is no scene.
-    penalty
-        −2 log of the prior's density, up to a constant.
-    """
-
-    point: Array
-    explanations: tuple[Explanation, ...]
-    penalty: float
+    point: Array  # (P + K,)
+    explanations: tuple[Explanation, ...]  # of each group; () where there is no scene
+    penalty: float  # −2 log of the prior's density, up to a constant
 
     @cached_property
     def evidence(self) -> float:
@@ -54,23 +46,13 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Look(Candidate):
-    """The objective and its derivatives at a point.
+    """The objective and its derivatives at a point."""
 
-    Attributes
-    ----------
-    slope, prior_slope
-        (P + K,) derivatives of half the evidence, and of half the penalty.
-    information, precision
-        (P + K, P + K) Fisher information of the photographs, (P + K,) the prior's precision.
-    temperature
-        κ, by which the evidence is divided.
-    """
-
-    slope: Array
-    prior_slope: Array
-    information: Array
-    precision: Array
-    temperature: float = 1.0
+    slope: Array  # (P + K,) derivatives of half the evidence
+    prior_slope: Array  # (P + K,) derivatives of half the penalty
+    information: Array  # (P + K, P + K) Fisher information of the photographs
+    precision: Array  # (P + K,) of the prior
+    temperature: float = 1.0  # κ, by which the evidence is divided
 
     @property
     def objective(self) -> float:
@@ -105,24 +87,13 @@ class ResolutionLevel:
     p_k the polynomials of degree 1 and 2 over the wall. A lens, bounced light and the monitor's
     falloff make such a gain: without it, a scene moves until its shadows are as bright as the gain
     makes them.
-
-    Attributes
-    ----------
-    scene
-        The scene, seen by the pixels used.
-    centers, errors
-        (P,) means and standard deviations of the parameters before the photographs are looked at.
-    background
-        (M, r) orthonormal basis of the ambient light.
-    groups
-        The photographs, by what is known of their images.
     """
 
-    scene: MovingScene
-    centers: Array
-    errors: Array
-    background: Array
-    groups: tuple[Group, ...]
+    scene: MovingScene  # seen by the pixels used
+    centers: Array  # (P,) means of the parameters before the photographs are looked at
+    errors: Array  # (P,) their standard deviations then
+    background: Array  # (M, r) orthonormal basis of the ambient light
+    groups: tuple[Group, ...]  # the photographs, by what is known of their images
 
     @property
     def photographs(self) -> int:
@@ -130,15 +101,11 @@ class ResolutionLevel:
         return sum(len(group.light) for group in self.groups)
 
     @cached_property
-    def _places(self) -> Array:
-        """(2, M) row and column of the pixels used, between -1 and 1."""
-        shape = np.array(self.scene.pixels.shape)[:, None]
-        return np.asarray((2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1)
-
-    @cached_property
     def terms(self) -> Array:
         """(K, M) p_k, between -1 and 1."""
-        y, x = (legendre.legvander(each, DEGREE).T for each in self._places)
+        shape = np.array(self.scene.pixels.shape)[:, None]
+        places = (2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1
+        y, x = (legendre.legvander(each, DEGREE).T for each in places)
         orders = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 1 - j) if j + k]
         return np.array([y[j] * x[k] for j, k in orders])
 

@@ -11,7 +11,7 @@ from periscopy_sim.analytic.area_transport import area_derivatives, area_transpo
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.prior import check_error, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.errors import ClosedFormError, SceneError
+from periscopy_sim.errors import SceneError
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
@@ -84,20 +84,14 @@ class MovingScene:
 
     def transport(self, values: Array) -> Matrix:
         """Return A, (M, N); a SceneError says that the values make no scene with a closed form."""
-        try:
-            return area_transport(self.at(values), self.finer)
-        except ClosedFormError as error:
-            raise SceneError(str(error)) from None
+        return area_transport(self.at(values), self.finer)
 
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        try:
-            sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
-            A = area_transport(scenario, self.finer)
-            return A, area_derivatives(scenario, sides, self.finer, A)
-        except ClosedFormError as error:
-            raise SceneError(str(error)) from None
+        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
+        A = area_transport(scenario, self.finer)
+        return A, area_derivatives(scenario, sides, self.finer, A)
 
     def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
         """Return the scene with a parameter moved a little to either side, and how far."""
@@ -108,7 +102,7 @@ class MovingScene:
                 beside = self.at(moved)
                 require_areas(beside, self.finer)
                 return beside, step
-            except (SceneError, ClosedFormError) as error:
+            except SceneError as error:
                 unphysical = error
         raise unphysical
 

@@ -34,11 +34,9 @@ def uncertain_parameters(
     if errors is None:
         known, carried = declared_errors(document), scene_covariance(document)
         if carried is not None:
-            pairs, changed = (
-                zip(carried.names, carried.errors, strict=True),
-                carried.changed(document),
-            )
-            known |= {name: float(error) for name, error in pairs if name not in changed}
+            changed = carried.changed(document)
+            pairs = zip(carried.names, carried.errors.tolist(), strict=True)
+            known |= {name: error for name, error in pairs if name not in changed}
         errors = {name: error for name, error in known.items() if error > 0 and name not in free}
     names = tuple(errors)
     for name in names:

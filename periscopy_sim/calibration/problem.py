@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.level import Group, ResolutionLevel
@@ -18,6 +16,7 @@ from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
+from periscopy_sim.numerics import Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Array, Scenario
@@ -38,29 +37,15 @@ PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 
 @dataclass(frozen=True, eq=False)
 class CalibrationProblem:
-    """Photographs of a scene, P parameters to find, and U that are held at uncertain values.
+    """Photographs of a scene, P parameters to find, and U that are held at uncertain values."""
 
-    Attributes
-    ----------
-    scenario
-        The scene at the measured values.
-    names, centers, errors
-        (P) parameters to find, their measured values and the standard deviations of these.
-    uncertain
-        The U parameters that are held.
-    photographs
-        Photographs of one laboratory and one mask.
-    pictures
-        (R, C, 3) what the monitor showed in each of the first photographs.
-    """
-
-    scenario: Scenario
-    names: tuple[str, ...]
-    centers: Array
-    errors: Array
-    uncertain: UncertainParameters
-    photographs: Sequence[Photograph]
-    pictures: Sequence[NDArray[np.floating[Any]]]
+    scenario: Scenario  # at the measured values
+    names: tuple[str, ...]  # of the P parameters to find
+    centers: Array  # (P,) their measured values
+    errors: Array  # (P,) standard deviations of these
+    uncertain: UncertainParameters  # the U that are held
+    photographs: Sequence[Photograph]  # of one laboratory and one mask
+    pictures: Sequence[Image]  # (R, C, 3) what the monitor showed in each of the first ones
 
     @property
     def has_unknown_images(self) -> bool:
@@ -70,12 +55,10 @@ class CalibrationProblem:
     @property
     def camera_noise(self) -> Array:
         """(K, C) standard deviation of white noise in the averaged photographs, 0 if unknown."""
-        photographs = self._averaged
-        values = [np.where(each.pixels[..., None], each.values, np.nan) for each in photographs]
-        light = np.array(values)
-        planes = np.moveaxis(light, 3, 1).reshape(-1, *photographs[0].shape)
+        planes = np.concatenate([each.planes for each in self._averaged])
         noise = camera_noise(planes)
-        return np.reshape(np.zeros(len(planes)) if noise is None else noise, (len(light), -1))
+        noise = np.zeros(len(planes)) if noise is None else noise
+        return noise.reshape(len(self._averaged), -1)
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""

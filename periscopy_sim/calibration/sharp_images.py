@@ -96,18 +96,10 @@ def _variation(image: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SharpExplanation(Explanation):
-    """Photographs explained by a transport matrix, images of few edges and ambient light.
+    """Photographs explained by a transport matrix, images of few edges and ambient light."""
 
-    Attributes
-    ----------
-    images
-        K of (R, C, 3) f̂.
-    columns
-        (M, N) A⊥.
-    """
-
-    images: tuple[Array, ...]
-    columns: Array
+    images: tuple[Array, ...]  # K of (R, C, 3) f̂
+    columns: Array  # (M, N) A⊥
 
     @cached_property
     def volume(self) -> Matrix:

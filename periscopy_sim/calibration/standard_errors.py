@@ -14,25 +14,12 @@ MARGIN = 1.3
 
 @dataclass(frozen=True, eq=False)
 class StandardErrors:
-    """Standard errors of P parameters, none above that of its measured value.
+    """Standard errors of P parameters, none above that of its measured value."""
 
-    Attributes
-    ----------
-    statistical
-        (P,) in a scene that is otherwise right.
-    total
-        (P,) with U uncertain parameters.
-    correlation
-        (P, P) of the total errors.
-    moves
-        (P, U) how far each parameter would end elsewhere, were an uncertain one its standard error
-        more.
-    """
-
-    statistical: Array
-    total: Array
-    correlation: Array
-    moves: Array
+    statistical: Array  # (P,) in a scene that is otherwise right
+    total: Array  # (P,) with U uncertain parameters
+    correlation: Array  # (P, P) of the total errors
+    moves: Array  # (P, U), see `Calibration`
 
 
 def standard_errors(problem: CalibrationProblem, joint: Look) -> StandardErrors:

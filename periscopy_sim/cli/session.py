@@ -312,7 +312,7 @@ class PhotoSession(WallSession):
         colours = self.colours and self.colours.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
         with self.timed("transport matrix"):
-            noise = relative_noise(wall.values, wall.mask)
+            noise = relative_noise(wall)
             A = self.transport(light, noise, matrix=matrix, method=method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             B = light.backgrounds(self.scenario)

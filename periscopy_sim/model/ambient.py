@@ -88,15 +88,10 @@ def wall_profiles(shape: tuple[int, int]) -> Array:
     not explain; most of it varies along one side of the wall only.
     """
     rows, columns = shape
-    down, across = (
-        legendre.legvander(np.linspace(-1, 1, size), min(PROFILE_DEGREE, size // PIXELS_A_DEGREE))[
-            :, 1:
-        ]
-        for size in shape
-    )
-    return np.hstack(
-        [np.repeat(down, columns, axis=0), np.tile(across, (rows, 1)), np.ones((rows * columns, 1))]
-    )
+    degrees = np.minimum(PROFILE_DEGREE, np.floor_divide(shape, PIXELS_A_DEGREE)).tolist()
+    sides = (np.linspace(-1, 1, size) for size in shape)
+    down, across = map(legendre.legvander, sides, degrees)  # each with a constant, needed once
+    return np.hstack([np.repeat(down[:, 1:], columns, axis=0), np.tile(across, (rows, 1))])
 
 
 def _sketched_basis(

@@ -38,23 +38,13 @@ LARGEST_NOISE_RATIO = 30
 class Evidence:
     """The information on the hidden image in one photograph.
 
-    Attributes
-    ----------
-    coefficients
-        (3, N) WᵀA⊥ᵀ y⊥ in the camera's channels, y⊥ over its level and A⊥ over a patch's root mean
-        square energy.
-    noise
-        (3,) standard deviation of the noise in y⊥, over the level.
-    level
-        Root mean square of y⊥.
-    noise_to_signal
-        Energy of the noise in y⊥ over that of the signal.
+    The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
     """
 
-    coefficients: Array
-    noise: Array
-    level: float
-    noise_to_signal: float
+    coefficients: Array  # (3, N) WᵀA⊥ᵀ y⊥ in the camera's channels
+    noise: Array  # (3,) standard deviation of the noise in y⊥, over the level
+    level: float  # root mean square of y⊥
+    noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
 
     @property
     def mean_noise(self) -> float:

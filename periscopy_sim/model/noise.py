@@ -6,10 +6,12 @@ even where some edges remain. Of noise that neighbours share, as after rectifica
 is too small.
 """
 
-import numpy as np
-from scipy import special
+from statistics import NormalDist
 
-from periscopy_sim.numerics import Array, Image, Mask
+import numpy as np
+
+from periscopy_sim.numerics import Array
+from periscopy_sim.photograph import Photograph
 
 FEWEST = 25
 """Pixels with all their neighbours, below which the noise is unknown."""
@@ -44,18 +46,15 @@ def camera_noise(planes: Array) -> Array | None:
     used = np.isfinite(differences).all(axis=0)
     if np.count_nonzero(used) < FEWEST:
         return None
-    return np.asarray(np.median(differences[:, used], axis=1) / special.ndtri(0.75))
+    return np.asarray(np.median(differences[:, used], axis=1) / NormalDist().inv_cdf(0.75))
 
 
-def relative_noise(photograph: Image, mask: Mask | None = None) -> float | None:
-    """Return the least noise of a channel over its mean, of a (rows, columns, channels) photograph.
+def relative_noise(photograph: Photograph) -> float | None:
+    """Return the least noise of a channel over its mean.
 
-    The mask, (rows, columns), is True in the pixels used. None where `camera_noise` returns None,
-    or all is black.
+    None where `camera_noise` returns None, or all is black.
     """
-    planes = np.moveaxis(np.asarray(photograph, np.float64), -1, 0)
-    planes = planes if mask is None else np.where(mask, planes, np.nan)
-    noise, light = camera_noise(planes), np.nanmean(planes, axis=(1, 2))
+    noise, light = camera_noise(photograph.planes), np.nanmean(photograph.planes, axis=(1, 2))
     if noise is None or not (light > 0).any():
         return None
     return float(np.min(noise[light > 0] / light[light > 0]))

@@ -185,9 +185,8 @@ def observation_of(
     used = None if mask is None else checked_mask(mask, A.shape, photograph_shape)
     alone = Observation(A.shape[0], hidden_shape, gain, used, photograph_shape)
     planes = _background_planes(alone, backgrounds)
-    if colour_matrix is None:
-        return replace(alone, backgrounds=planes)
-    return replace(alone, backgrounds=planes, mixing=colour_matrix.matrix * gain / gain[:, None])
+    M = np.eye(3) if colour_matrix is None else colour_matrix.matrix
+    return replace(alone, backgrounds=planes, mixing=M * gain / gain[:, None])
 
 
 def _background_planes(

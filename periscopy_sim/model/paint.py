@@ -23,7 +23,7 @@ ratio of their explained energies for each α has Fisher's distribution. The col
 paint that hardly shows on the hidden image's light.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +33,6 @@ from scipy import special
 
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.observation import Observation
 from periscopy_sim.numerics import Array
 
 DARK = 0.05
@@ -59,8 +58,12 @@ class Paint:
     def __init__(self, fit: Fit) -> None:
         if not fit.observation.backgrounds:
             raise ValueError("paint needs photographs with the monitor off, backgrounds")
+        rows = np.concatenate(list(fit.observation.backgrounds.values()))
+        smooth = fit.background[: fit.smooth_rank].T
+        self._fields = np.array([fine_structure(row, smooth) for row in rows])
+        mask = None if fit.observation.mask is None else fit.observation.mask.ravel()
+        self._others = [_moved(self._fields, fraction, mask) for fraction in (1 / 3, 2 / 3)]
         self._fit = fit
-        self._unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
 
     def __call__(
         self,
@@ -68,37 +71,22 @@ class Paint:
         first_image: FirstImage,  # noqa: ARG002
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph as an even wall would have shown it."""
-        even = self._unevenness.evenness(photograph.planes, self._fit.unexplained)
+        even = self.evenness(photograph.planes)
         if not (even != 1).any():
             return photograph, {"paint_found": False}
         return replace(photograph, planes=even * photograph.planes), {"paint_found": True}
 
-
-class Unevenness:
-    """The paint that the background photographs of an observation show; see the module.
-
-    The smooth light, (M', r), is an orthonormal basis of all light but these photographs'.
-    """
-
-    def __init__(self, smooth: Array, observation: Observation) -> None:
-        rows = np.concatenate(list(observation.backgrounds.values()))
-        self._fields = np.array([fine_structure(row, smooth) for row in rows])
-        mask = None if observation.mask is None else observation.mask.ravel()
-        self._others = [_moved(self._fields, fraction, mask) for fraction in (1 / 3, 2 / 3)]
-
-    def evenness(self, planes: Array, unexplained: Callable[[Array], Array]) -> Array:
+    def evenness(self, planes: Array) -> Array:
         """Return the factors, (3, M'), of a photograph's planes that make the wall even.
 
-        They are 1 if the wall shows no paint. `unexplained` returns the part of rows, (J, M'),
-        that no hidden image and no ambient light explain.
+        They are 1 if the wall shows no paint.
         """
         levels = np.sqrt(np.mean(planes**2, axis=1, keepdims=True))
         y = planes / np.where(levels > 0, levels, 1)
         count, kinds = len(self._fields), [self._fields, *self._others]
         terms = np.stack(kinds) * y[:, None, None]  # (C, kinds, J, M')
         rows = np.concatenate([y, terms.reshape(-1, y.shape[1])])
-        rest = unexplained(rows).astype(np.float64)
-        channels = len(planes)
+        rest, channels = self._fit.unexplained(rows).astype(np.float64), len(planes)
         rest, own = rest[:channels], rest[channels:].reshape(channels, len(kinds), count, -1)
         even = np.ones(planes.shape)
         explained = np.zeros((len(kinds), 2))  # energy over variance, and for how many terms

@@ -99,8 +99,7 @@ class Residual:
     def is_large(self) -> bool:
         """Whether the image leaves much more of the photograph than noise would."""
         over_photograph, over_noise = LARGE
-        alone = self.noise_alone or 0.0
-        return self.unexplained > max(over_photograph, over_noise * alone)
+        return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property
     def misfit(self) -> float:
@@ -122,18 +121,9 @@ class Residual:
 def residual_of(
     y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
 ) -> Residual:
-    """Return the residual of a photograph.
+    """Return the residual of a photograph, y, (M', 3), from A⊥ and the signal A f̂, (M', 3).
 
-    Parameters
-    ----------
-    y
-        (M', 3) the photograph in the pixels used.
-    signal
-        (M', 3) the light A f̂ of the hidden image.
-    transport
-        A⊥.
-    place
-        Puts (M', K) values into (K, rows, columns), NaN where pixels are not used.
+    M' pixels are used; `place` puts (M', K) values into (K, rows, columns), NaN in the others.
     """
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
@@ -158,29 +148,23 @@ def residual_of(
     sigma = float(np.sqrt(np.mean(noise**2))) if shared else alone * level
     cost = _cost(rest, white, transport, transport.project_out(signal), sigma, excess)
     is_noise = shared and excess <= EXCESS if cost is None else cost <= COSTLY
-    fits = by_any <= 10 * ROUNDING or is_noise
-    diagnosis: Diagnosis = "fits" if fits else "does_not_fit"
+    diagnosis: Diagnosis = "fits" if by_any <= 10 * ROUNDING or is_noise else "does_not_fit"
     return Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
 
 
 def _cost(
-    rest: Array,
-    white: Array,
-    transport: TransportOperator,
-    signal: Array,
-    sigma: float,
-    excess: float,
+    rest: Array, white: Array, A: TransportOperator, signal: Array, sigma: float, excess: float
 ) -> float | None:
     """Return the cost of a misfit, see `Residual`, from planes that no image explains.
 
     It is 0 where the misfit may be chance. The planes are (3, rows, columns), and those of white
-    noise, (K, rows, columns), likewise; the signal is A⊥ f̂, (M', 3).
+    noise, (K, rows, columns), likewise; A is A⊥, and the signal A⊥ f̂, (M', 3).
     """
-    M, N = transport.shape
-    energy = float(np.sum(signal**2)) / signal.shape[1] / transport.squared_norm
+    M, N = A.shape
+    energy = float(np.sum(signal**2)) / signal.shape[1] / A.squared_norm
     if M * N**2 > LARGEST_GRAM or not (energy > 0 and sigma > 0):
         return None
-    H = transport.gram() / sigma**2
+    H = A.gram() / sigma**2
     H[np.diag_indices(N)] += 1 / energy
     inverse = linalg.inv(H)
     used, shape = np.isfinite(rest[0]), rest.shape[1:]
@@ -190,7 +174,7 @@ def _cost(
         """Return the mean square of what each plane does to an image, with random phases."""
         spectra = np.fft.rfft2(np.nan_to_num(planes)) * (random / np.abs(random))
         light = np.fft.irfft2(spectra, shape)[..., used].reshape(-1, M).T / sigma**2
-        moved = np.mean((inverse @ transport.rmatmat(light)) ** 2, axis=0)
+        moved = np.mean((inverse @ A.rmatmat(light)) ** 2, axis=0)
         return np.asarray(moved.reshape(SURROGATES, -1).mean(axis=0))
 
     alone, found = sigma**2 * errors(white), errors(rest)
@@ -228,11 +212,11 @@ def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
 
     Equal values have two digits.
     """
-    for digits in range(2, most + 1):
+    for digits in (*range(2, most + 1), 2):
         one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
         if one != other:
-            return one, other
-    return f"{100 * first:.2f}", f"{100 * second:.2f}"
+            break
+    return one, other
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:

@@ -80,10 +80,11 @@ def standard_errors(
     f = np.asarray(image, np.float64)
     P = curvature_of_total_variation(f, weight)
     noises, pulls = np.empty((2, len(gram), len(precision)))
-    moved = np.zeros((0 if response is None else len(response), *noises.shape))
+    response = np.zeros((0, *noises.T.shape)) if response is None else response
+    moved = np.zeros((len(response), *noises.shape))
     pulled = squared = 0.0
     π, V = np.linalg.eigh(precision)
-    response = None if response is None else np.einsum("ck,jcn->jkn", V, response)
+    response = np.einsum("ck,jcn->jkn", V, response)
     for channel, weight_of_data in enumerate(π):
         H = weight_of_data * gram + P.toarray()
         # A constant that no pixel shows is not known at all; a little keeps the factor finite.
@@ -93,8 +94,7 @@ def standard_errors(
             raise np.linalg.LinAlgError("the curvature of the misfit is not positive definite")
         upper, _ = linalg.lapack.dpotri(factor)
         inverse = np.triu(upper) + np.triu(upper, 1).T
-        if response is not None:
-            moved[..., channel] = weight_of_data * response[:, channel] @ inverse
+        moved[..., channel] = weight_of_data * response[:, channel] @ inverse
         X = P @ inverse
         pulls[:, channel] = np.sum(inverse * X, axis=0)
         # Of H⁻¹ = H⁻¹D H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
@@ -111,16 +111,8 @@ def displacement(gram: Array, image: NDArray[np.floating[Any]], response: Array)
     """Return how far the scene's own errors displace the image, in patches down and across, (2,).
 
     The root of Σ s_k² over the directions k: the light of the image moved by s_k is nearest to the
-    effect of direction k, so that no photograph of an unknown image shows s_k.
-
-    Parameters
-    ----------
-    gram
-        (N, N) A⊥ᵀA⊥.
-    image
-        (R, C, 3) f̂.
-    response
-        (K, 3, N) A⊥ᵀT Σ^½, as `standard_errors` counts it.
+    effect of direction k, so that no photograph of an unknown image shows s_k. The arguments are
+    those of `standard_errors`.
     """
     f = np.asarray(image, np.float64)
     slopes = np.stack([_moved(f, axis).reshape(len(gram), -1).T for axis in (0, 1)])
@@ -171,9 +163,7 @@ def curvature_of_total_variation(image: Array, weight: float) -> Any:
 
 def _differences(size: int) -> Any:
     """Return forward differences, zero in the last place, (size, size)."""
-    matrix = sparse.diags([-np.ones(size), np.ones(size - 1)], [0, 1], format="lil")
-    matrix[size - 1, size - 1] = 0
-    return matrix.tocsr()
+    return sparse.csr_array(np.diff(np.eye(size), axis=0, append=np.eye(size)[-1:]))
 
 
 @dataclass(frozen=True, eq=False)

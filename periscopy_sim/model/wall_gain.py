@@ -63,26 +63,13 @@ class GainEstimate:
 class WallGain:
     """The correction of a smooth gain over the wall; see the module.
 
-    Parameters
-    ----------
-    fit
-        The scene; it must have the rows and columns of photographs.
-    degree
-        Degree of the gain.
-    ambient_degree
-        Degree of the ambient light's polynomials, S.
-    compared_degree
-        Highest degree of the polynomials that measure the size of a term by chance.
-
     Raises
     ------
     ValueError
         If the rows and columns of photographs are unknown.
     """
 
-    def __init__(
-        self, fit: Fit, degree: int = 2, ambient_degree: int = 5, compared_degree: int = 7
-    ) -> None:
+    def __init__(self, fit: Fit) -> None:
         shape, mask = fit.observation.rows_and_columns, fit.observation.mask
         if shape is None:
             raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
@@ -91,11 +78,10 @@ class WallGain:
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
         self._shape = shape
-        self._terms = polynomials(shape, 1, degree)
+        self._terms = polynomials(shape, 1, 2)
         used = slice(None) if mask is None else mask.ravel()
         self._used_terms = self._terms[:, used].astype(np.float32)
-        ambient = polynomials(shape, 0, ambient_degree)[:, used]
-        compared = polynomials(shape, ambient_degree + 1, compared_degree)[:, used]
+        ambient, compared = (polynomials(shape, *ends)[:, used] for ends in ((0, 5), (6, 7)))
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
         self._compared = self._unexplained(compared, self._ambient)
 
@@ -150,12 +136,8 @@ class WallGain:
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
         added = np.tensordot(a, terms.reshape(count, *y.shape), 1) * σ
-        return GainEstimate(
-            probability=probability,
-            field=field,
-            accepted=bool(believed and probability < ERROR_RATE),
-            added=added,
-        )
+        accepted = bool(believed and probability < ERROR_RATE)
+        return GainEstimate(probability, field, accepted, added)
 
     def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
         """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
@@ -170,16 +152,16 @@ class WallGain:
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
-        rest = unit_rows(rows)
-        sizes = np.ones(len(rows))
+        rest, sizes = rows / np.linalg.norm(rows, axis=1, keepdims=True), np.ones((len(rows), 1))
         for _ in range(3):  # each time from what is rest, single precision suffices
             rest = project_out(rest.astype(np.float32), self._background)
             f = (self._coordinates(rest) * self._scales) @ self._basis
             rest = project_out(rest - f @ self._fit.transport, self._background)
             rest = project_out(rest, others)
-            sizes *= np.linalg.norm(rest, axis=1)
-            rest = unit_rows(rest)
-        _, sines, basis = np.linalg.svd(rest[sizes > LEAST_UNEXPLAINED], full_matrices=False)
+            norms = np.linalg.norm(rest, axis=1, keepdims=True)
+            rest, sizes = rest / (norms + 1e-30), sizes * norms
+        kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
+        _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
 
 
@@ -194,11 +176,6 @@ def _unexplained(photograph: FittedPhotograph) -> float:
     """Return the energy of the noise that a photograph seems to have, over all channels."""
     evidence = photograph.evidence
     return float(np.sum((evidence.level * evidence.noise) ** 2))
-
-
-def unit_rows(rows: Image) -> Image:
-    """Return rows divided by their norms."""
-    return np.asarray(rows / (np.linalg.norm(rows, axis=1, keepdims=True) + 1e-30))
 
 
 def products(vectors: Image, count: int) -> Array:

@@ -22,22 +22,13 @@ def _signature(cls: Any) -> inspect.Signature:
     _, *own = inspect.signature(cls.__init__).parameters.values()
     if not (own and own[-1].kind is inspect.Parameter.VAR_KEYWORD):
         return inspect.Signature(own)
-    (*_, form), keyword = get_args(own.pop().annotation) or (None,), inspect.Parameter.KEYWORD_ONLY
-    named: list[inspect.Parameter]
-    if form is None:  # the base's
-        named = [
-            p for p in inspect.signature(cls.__mro__[1]).parameters.values() if p.kind is keyword
-        ]
-    else:  # a TypedDict's
-        named = [
-            inspect.Parameter(
-                name, keyword, annotation=kind,
-                default=None if type(None) in get_args(kind) else inspect.Parameter.empty,
-            )
-            for name, kind in inspect.get_annotations(form).items()
-        ]  # fmt: skip
-    names = {each.name for each in own}
-    return inspect.Signature([*own, *(each for each in named if each.name not in names)])
+    form, keyword = get_args(own.pop().annotation), inspect.Parameter.KEYWORD_ONLY
+    named = [p for p in inspect.signature(cls.__mro__[1]).parameters.values() if p.kind is keyword]
+    for name, kind in inspect.get_annotations(form[0]).items() if form else ():  # a TypedDict's
+        default = None if type(None) in get_args(kind) else inspect.Parameter.empty
+        named.append(inspect.Parameter(name, keyword, annotation=kind, default=default))
+    own += {p.name: p for p in named if p.name not in {each.name for each in own}}.values()
+    return inspect.Signature(own)
 
 
 def _with_inherited(cls: type, section: str) -> str:

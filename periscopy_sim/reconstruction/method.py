@@ -5,18 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from itertools import groupby, islice
-from typing import (
-    Any,
-    Concatenate,
-    Generic,
-    ParamSpec,
-    Protocol,
-    Self,
-    TypedDict,
-    TypeVar,
-    Unpack,
-    cast,
-)
+from typing import Any, Generic, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +16,12 @@ from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import InputError, plain_array
-from periscopy_sim.photograph import Photograph, all_backgrounds, common_pixels
+from periscopy_sim.photograph import Photograph, unwrapped
 from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
-Fitted = TypeVar("Fitted", bound="StillMethod[Any]")
-Rest = ParamSpec("Rest")
 Result = TypeVar("Result")
+Series: TypeAlias = Image | Iterable[Photograph | Image]
 
 
 @dataclass(frozen=True)
@@ -137,22 +125,17 @@ class Observed(TypedDict, total=False):
     colour_matrix: ColourMatrix | None
 
 
-def of_all(
-    function: Callable[Concatenate[Fitted, Image, Rest], Result],
-) -> Callable[Concatenate[Fitted, Photograph | Image, Rest], Result]:
+def of_all(function: Callable[..., Result]) -> Callable[..., Result]:
     """Let a method's function of a photograph accept a `Photograph`, and use all of it."""
 
     @wraps(function)
-    def accepting(
-        self: Fitted, photograph: Photograph | Image, *rest: Rest.args, **named: Rest.kwargs
-    ) -> Result:
+    def accepting(self: Any, photograph: Photograph | Image, *rest: Any, **named: Any) -> Result:
         if not isinstance(photograph, Photograph):
             return function(self, photograph, *rest, **named)
         same: Callable[..., Result] = getattr(self.fitted_to(photograph), function.__name__)
         return same(photograph.values, *rest, **named)
 
-    # With arguments that can be named, which a Callable does not promise.
-    return cast("Callable[Concatenate[Fitted, Photograph | Image, Rest], Result]", accepting)
+    return accepting
 
 
 class StillMethod(Documented, ABC, Generic[Precision]):
@@ -256,10 +239,10 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         **settings
             The class's other parameters.
         """
-        construct: Any = cls
+        construct: Callable[..., Self] = cls
         # Objects with `row_blocks` stream the rows of A; anything else is converted to an array.
         matrix = A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A)
-        fitted: Self = construct(
+        return construct(
             matrix,
             B,
             hidden_shape=scene.hidden_shape,
@@ -267,7 +250,6 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             channel_gain=scene.channel_gain,
             **settings,
         )
-        return fitted
 
     def fitted_to(self, photograph: Photograph | Image) -> Self:
         """Return the method that uses all of a photograph: this one, or one fitted to more.
@@ -292,8 +274,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         self.observation.check_size((1, *photograph.values.shape))
         own, given = self.observation.mask, named(self._given[1].get("backgrounds"))
         own = None if own is None else own.reshape(photograph.shape)
-        mask = common_pixels(own, photograph.mask)
-        backgrounds = all_backgrounds(given, photograph.monitor_off)
+        _, mask, backgrounds = unwrapped(photograph, own, given)
         if len(backgrounds) == len(given) and np.array_equal(np.array(mask), np.array(own)):
             return None
         return self._fitted_anew(mask, backgrounds)
@@ -307,9 +288,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             )
         return type(self)(*arguments, **{**settings, "mask": mask, "backgrounds": backgrounds})
 
-    def batches(
-        self, photographs: Image | Iterable[Photograph | Image]
-    ) -> Iterator[tuple[Self, Image]]:
+    def batches(self, photographs: Series) -> Iterator[tuple[Self, Image]]:
         """Yield photographs in turn, `BATCH` at most, beside the method that uses all of them."""
         stack: Any = photographs
         if hasattr(stack, "shape"):
@@ -318,7 +297,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             return
         for method, group in groupby(photographs, self.fitted_to):
             while part := [*islice(group, BATCH)]:
-                yield method, np.stack([_values(each) for each in part])
+                yield method, np.stack([plain_array(each) for each in unwrapped(part)[0]])
 
     @abstractmethod
     def solve(self, photograph: Photograph | Image) -> Solution[Precision]:
@@ -371,12 +350,16 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         transport = self.projected_transport()
         if transport is None:
             return Report(numbers=solution.numbers())
-        signal = self._light(transport, solution)
-        is_noise = _is_noise(transport.project_out(signal), transport, solution.noise)
-        residual = self._residual(photograph, solution, transport, signal)
-        numbers = {**solution.numbers(), **({} if residual is None else residual.numbers())}
+        signal = transport.light(self.observation.mixed(solution.image))
+        warnings = [Note("no_hidden_image")] * _is_noise(signal, transport, solution.noise)
+        residual, numbers = None, solution.numbers()
+        if self.observation.rows_and_columns is not None:
+            y = self.corrected(photograph, solution)
+            residual = residual_of(y, signal, transport, self.observation.placed)
+            if not self.judges_scene:
+                residual = replace(residual, diagnosis="unknown")
+            numbers = {**numbers, **residual.numbers()}
         report = Report(numbers=numbers, residual=residual)
-        warnings = [Note("no_hidden_image")] * is_noise
         warnings += [report.verdict] * (report.verdict.code in ("does_not_fit", "unexplained"))
         return replace(report, warnings=warnings)
 
@@ -387,23 +370,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         The photograph is the corrected one. None where the method does not know A, or the
         photograph's rows and columns. Arguments and errors are those of `report`.
         """
-        transport = self.projected_transport()
-        if transport is None:
-            return None
-        return self._residual(photograph, solution, transport, self._light(transport, solution))
-
-    def _residual(
-        self, photograph: Image, solution: Any, transport: TransportOperator, signal: Array
-    ) -> Residual | None:
-        if self.observation.rows_and_columns is None:
-            return None
-        y = self.corrected(photograph, solution)
-        residual = residual_of(y, signal, transport, self.observation.placed)
-        return residual if self.judges_scene else replace(residual, diagnosis="unknown")
-
-    def _light(self, transport: TransportOperator, solution: Any) -> Array:
-        """Return the light A f̂ of a solution, (M', 3)."""
-        return transport.light(self.observation.mixed(solution.image))
+        report: Report = StillMethod.report(self, photograph, solution)
+        return report.residual
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B c + n describes, (M', 3), in the pixels used."""
@@ -414,12 +382,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         return None
 
 
-def _values(photograph: Photograph | Image) -> NDArray[Any]:
-    return photograph.values if isinstance(photograph, Photograph) else plain_array(photograph)
-
-
 def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
-    """Return whether an image's light A⊥ f̂, (M', 3), is no more than what noise makes of images."""
-    energy = np.sum((light / np.maximum(noise, 1e-100)) ** 2)
+    """Return whether an image's light A f̂, (M', 3), is no more than what noise makes of images."""
+    energy = np.sum((transport.project_out(light) / np.maximum(noise, 1e-100)) ** 2)
     count = light.shape[1] * min(transport.shape)
     return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

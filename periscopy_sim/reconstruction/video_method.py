@@ -1,7 +1,7 @@
 """The base of all methods for video: a frame follows from its photograph and the last frame."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.inherited import Documented
-from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod
+from periscopy_sim.reconstruction.method import Precision, Series, Solution, StillMethod
 
 FrameSolution = TypeVar("FrameSolution", bound=Solution[Any])
 
@@ -69,9 +69,7 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         self.previous: NDArray[Precision] | None = None
 
     @abstractmethod
-    def recoveries(
-        self, photographs: Image | Iterable[Photograph | Image]
-    ) -> Iterator[Callable[[], FrameSolution]]:
+    def recoveries(self, photographs: Series) -> Iterator[Callable[[], FrameSolution]]:
         """Prepare many photographs together, and yield what recovers each frame.
 
         Parameters
@@ -124,7 +122,7 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         (recover,) = self.recoveries([photograph])
         return recover()
 
-    def frames(self, photographs: Image | Iterable[Photograph | Image]) -> NDArray[Precision]:
+    def frames(self, photographs: Series) -> NDArray[Precision]:
         """Recover the frames, (K, R, C, 3), that follow the latest one; see `recoveries`."""
         images = [recover().image for recover in self.recoveries(photographs)]
         return np.array(images, self.precision).reshape(-1, *self.hidden_shape, 3)

@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.model.paint import Unevenness
+from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.residual import residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import standard_errors
@@ -197,5 +197,4 @@ def test_one_channel_is_as_three_alike(fit):
     for f in images:
         count = f.shape[2]
         assert standard_errors(fit.gram, np.eye(count), f, 3.0, 5.0, N).shape == f.shape
-    paint = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
-    assert paint.evenness(grey[0], fit.unexplained).shape == grey.shape[1:]
+    assert Paint(fit).evenness(grey[0]).shape == grey.shape[1:]

@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.model import paint
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.model.paint import Paint, Unevenness
+from periscopy_sim.model.paint import Paint
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 PHOTOGRAPH, HIDDEN = (30, 36), (3, 4)
@@ -37,8 +37,7 @@ def fitted(off, mask=None, B=B):
 
 def evenness(y, off, mask=None):
     fit = fitted(off, mask)
-    unevenness = Unevenness(fit.background[: fit.smooth_rank].T, fit.observation)
-    return unevenness.evenness(fit.observation.planar(y[None])[0], fit.unexplained)
+    return Paint(fit).evenness(fit.observation.planar(y[None])[0])
 
 
 def method(off, *corrections):

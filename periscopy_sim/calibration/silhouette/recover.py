@@ -27,7 +27,7 @@ from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import STARTS, UnknownImage, search
 from periscopy_sim.calibration.trust import is_significant
-from periscopy_sim.errors import ClosedFormError, PhotographError, SceneError
+from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.numerics import Image
@@ -189,10 +189,7 @@ def _masked(
     load = partial(load_scenario, scenario.path, hidden, scenario.parameters)
     view, fine = (load(photograph=(n * rows, n * columns)) for n in (1, finer))
     others = tuple(each for each in fine.occluders if each.name != name)
-    try:
-        A = area_transport(replace(fine, occluders=others), finer)[used.ravel()]
-    except ClosedFormError as error:
-        raise SceneError(str(error)) from None
+    A = area_transport(replace(fine, occluders=others), finer)[used.ravel()]
     shadows = CellShadows.of(A, view, plane, cells, used)
     if not shadows.light.any():
         raise SceneError(
@@ -201,5 +198,4 @@ def _masked(
         )
     Q = background_basis(point_light_backgrounds(view)[used.ravel()])
     off = [each[used] for each in photograph.monitor_off.values()]
-    Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
-    return Mask.of(cells, shadows, used), Q
+    return Mask.of(cells, shadows, used), joined_basis(Q, np.hstack([Q[:, :0], *off]))

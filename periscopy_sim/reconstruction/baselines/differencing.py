@@ -26,13 +26,7 @@ from periscopy_sim.numerics.validation import (
     check_weight,
     warn_unconverged,
 )
-from periscopy_sim.reconstruction.method import (
-    Observed,
-    Precision,
-    Solution,
-    StillMethod,
-    of_all,
-)
+from periscopy_sim.reconstruction.method import Observed, Precision, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
@@ -66,23 +60,15 @@ def neighbour_differences(
         whole = np.zeros((rows * columns, *A.shape[1:]), A.dtype)
         whole[np.ravel(mask)] = A
         differences = neighbour_differences(whole, photograph_shape, wrap=wrap)
-        return differences[_both_used(np.reshape(mask, photograph_shape), wrap)]
+        unused = np.where(mask, 0, np.nan).ravel()
+        counted = np.isfinite(neighbour_differences(unused, photograph_shape, wrap=wrap))
+        return np.compress(counted, differences, axis=0)
     by_columns = A.reshape(rows, columns, *A.shape[1:]).swapaxes(0, 1)
     if not wrap:
         return np.diff(by_columns, axis=1).reshape(-1, *A.shape[1:])
     wrapped = by_columns.reshape(A.shape).copy()
     wrapped[:-1] = wrapped[1:] - wrapped[:-1]
     return wrapped
-
-
-def _both_used(mask: NDArray[np.bool_], wrap: bool) -> NDArray[np.bool_]:
-    """Return which rows of D meet used pixels only."""
-    by_columns = mask.T
-    if not wrap:
-        return (by_columns[:, 1:] & by_columns[:, :-1]).ravel()
-    both = by_columns.flatten()
-    both[:-1] &= both[1:]  # the last pixel stands alone
-    return both
 
 
 def descend_as_published(
@@ -275,8 +261,7 @@ class Differencing(StillMethod[np.float64]):
         """Return a channel's image that minimizes Eq. 2, its iterations and residual."""
         coefficients = self._objective.basis.rows @ h / (level * self._unit)
         evidence = Evidence(coefficients[None], np.array([noise / level]), level, 0.0)
-        schedule = Schedule(self.tolerance, self.max_iterations)
-        minimum = self._objective.minimize(evidence, schedule)
+        minimum = self._objective.minimize(evidence, Schedule(self.tolerance, self.max_iterations))
         image = minimum.image.astype(np.float64) * (level / self._unit)
         return image, (minimum.iterations, minimum.residual)
 
@@ -285,13 +270,10 @@ class Differencing(StillMethod[np.float64]):
     ) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
+        unit, white = PUBLISHED_ENTRY / self._mean_entry, float(np.abs(mean).mean())
+        first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(
-            self._gram,
-            h[:, channel],
-            start[:, channel].reshape(self.hidden_shape),
-            weight,
-            unit=PUBLISHED_ENTRY / self._mean_entry,
-            white=float(np.abs(mean).mean()) / PUBLISHED_MEAN,
+            self._gram, h[:, channel], first, weight, unit=unit, white=white / PUBLISHED_MEAN
         )
         return image, (iterations, np.nan)
 

@@ -163,5 +163,4 @@ class IterativePeriscope(StillMethod[np.float64]):
         return self.transport.strongest_eigenvectors(self._strongest)
 
     def _weight(self, noise: Array) -> Array:
-        """Return λ."""
         return np.asarray(self.regularization * noise * np.sqrt(self.transport.squared_norm))

@@ -13,7 +13,6 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
@@ -81,18 +80,9 @@ class Learned(NoiseAware):
 
         from periscopy_sim.reconstruction.learned.unrolled_network import Problems
 
-        def batch(each: NDArray[np.float32]) -> Any:
-            return torch.from_numpy(each)[None]
-
-        problems = Problems(
-            rows=self._rows,
-            curvatures=self._pattern_curvatures,
-            rows_K=self._rows_K,
-            data=batch(problem.data),
-            weights=batch(problem.weights),
-            errors=batch(problem.errors)[None],
-            start=batch(problem.start),
-        )
+        of_photograph = problem.data, problem.weights, problem.errors[None], problem.start
+        batch = (torch.from_numpy(each)[None] for each in of_photograph)
+        problems = Problems(self._rows, self._pattern_curvatures, self._rows_K, *batch)
         with torch.inference_mode(), _one_thread():
             image = self._network(problems)[0].numpy().astype(np.float64)
         if self.positive:

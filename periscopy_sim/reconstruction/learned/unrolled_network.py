@@ -27,29 +27,15 @@ DILATIONS = 1, 2, 1, 1
 
 @dataclass(frozen=True, eq=False)
 class Problems:
-    """K photographs of one scene as the network reads them; images are over their scale, near 1.
+    """K photographs of one scene as the network reads them; images are over their scale, near 1."""
 
-    Attributes
-    ----------
-    rows, curvatures
-        (N, N) the scene's patterns W_p, one a row, and (N,) their λ_p.
-    rows_K
-        (N, N) W_p K, a pattern a row.
-    data, weights
-        (K, 3, N) w a and w.
-    errors
-        (K, 1, R, C) standard errors of the patches under a Gaussian prior; see `problem`.
-    start
-        (K, 3, R, C) the noise-aware images.
-    """
-
-    rows: torch.Tensor
-    curvatures: torch.Tensor
-    rows_K: torch.Tensor
-    data: torch.Tensor
-    weights: torch.Tensor
-    errors: torch.Tensor
-    start: torch.Tensor
+    rows: torch.Tensor  # (N, N) the scene's patterns W_p, one a row
+    curvatures: torch.Tensor  # (N,) their λ_p
+    rows_K: torch.Tensor  # (N, N) W_p K, a pattern a row
+    data: torch.Tensor  # (K, 3, N) w a
+    weights: torch.Tensor  # (K, 3, N) w
+    errors: torch.Tensor  # (K, 1, R, C) standard errors of the patches; see `problem`
+    start: torch.Tensor  # (K, 3, R, C) the noise-aware images
 
 
 class UnrolledNetwork(nn.Module):  # type: ignore[misc]  # PyTorch is not checked

@@ -25,24 +25,12 @@ KIND = "periscopy network"
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Tensors of an `UnrolledNetwork` by name, its settings and its provenance.
+    """Tensors of an `UnrolledNetwork` by name, its settings and its provenance."""
 
-    Attributes
-    ----------
-    tensors
-        By the names of the network's ``state_dict``.
-    hidden_shape
-        (R, C) of the images that it learned from.
-    settings
-        Arguments of `UnrolledNetwork`, such as ``width``.
-    provenance
-        Data, seed and steps of the training.
-    """
-
-    tensors: Mapping[str, Any]
-    hidden_shape: tuple[int, int]
-    settings: Mapping[str, int]
-    provenance: Mapping[str, Any]
+    tensors: Mapping[str, Any]  # by the names of the network's ``state_dict``
+    hidden_shape: tuple[int, int]  # (R, C) of the images that it learned from
+    settings: Mapping[str, int]  # arguments of `UnrolledNetwork`, such as ``width``
+    provenance: Mapping[str, Any]  # data, seed and steps of the training
 
     @property
     def digest(self) -> str:

@@ -18,7 +18,7 @@ black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -65,10 +65,10 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The larger of the relative primal and dual residuals (Boyd et al., Sec. 3.3) at the end.
     tolerance
         The largest residual that counts as converged.
-    photograph
-        The photograph, corrected.
     evidence
         The photograph's information on the image.
+    photograph
+        The photograph, corrected.
     corrections
         The corrections' numbers, by name.
     """
@@ -77,9 +77,9 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     iterations: int
     residual: float
     tolerance: float
-    photograph: FittedPhotograph | None
     evidence: Evidence
-    corrections: Mapping[str, Any]
+    photograph: FittedPhotograph | None = None
+    corrections: Mapping[str, Any] = field(default_factory=dict)
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weight, the iterations and the corrections' numbers."""
@@ -175,14 +175,14 @@ class NoiseAware(StillMethod[np.float64]):
         def first_image(fitted: FittedPhotograph) -> Array:
             nonlocal split, iterations
             most = min(FIRST, (self.max_iterations - iterations) // 2)
-            first, split = self.recover(fitted.evidence, self._schedule(most), split)
+            first, split = self.recover(fitted.evidence, Schedule(self.tolerance, most), split)
             iterations += first.iterations
             return first.image
 
         for correction in self.corrections:
             corrected, numbers = correction(corrected, first_image)
             summary.update(numbers)
-        schedule = self._schedule(self.max_iterations - iterations)
+        schedule = Schedule(self.tolerance, self.max_iterations - iterations)
         solution, _ = self.recover(corrected.evidence, schedule, split)
         iterations += solution.iterations
         solution = replace(
@@ -205,8 +205,7 @@ class NoiseAware(StillMethod[np.float64]):
         or from black. In a video λ₂ = `l1_weight` λ is the weight of the
         distance to the frame before, `previous`, (R, C, 3).
         """
-        if schedule is None:
-            schedule = self._schedule(self.max_iterations)
+        schedule = schedule or Schedule(self.tolerance, self.max_iterations)
         mixing = self.observation.mixing
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
@@ -216,19 +215,15 @@ class NoiseAware(StillMethod[np.float64]):
             self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
         )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
+        λ = regularization * self.fit.norm * strength / (evidence.level * evidence.mean_noise)
         solution = NoiseAwareReconstruction(
             image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
             noise=evidence.level * evidence.noise,
-            weight=regularization
-            * self.fit.norm
-            * strength
-            / (evidence.level * evidence.mean_noise),
+            weight=λ,
             iterations=minimum.iterations,
             residual=minimum.residual,
             tolerance=schedule.tolerance,
-            photograph=None,
             evidence=evidence,
-            corrections={},
         )
         return solution, minimum.split
 
@@ -254,12 +249,8 @@ class NoiseAware(StillMethod[np.float64]):
             numbers["place_standard_error"] = down, across
             if (most := max(down, across)) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
-        return replace(
-            report,
-            numbers=numbers,
-            notes=[*report.notes, *notes],
-            standard_errors=self.standard_errors(solution, response),
-        )
+        errors = self.standard_errors(solution, response)
+        return replace(report, numbers=numbers, notes=notes, standard_errors=errors)
 
     def standard_errors(
         self, solution: NoiseAwareReconstruction, response: Array | None = None
@@ -305,6 +296,3 @@ class NoiseAware(StillMethod[np.float64]):
             return []
         paint: list[Callable[[Fit], Correction]] = [Paint] if self.fit.smooth_rank else []
         return [*(paint if self.observation.backgrounds else []), WallGain]
-
-    def _schedule(self, max_iterations: int) -> Schedule:
-        return Schedule(self.tolerance, max_iterations)

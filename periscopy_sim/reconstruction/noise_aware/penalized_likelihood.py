@@ -61,13 +61,6 @@ class Splitting:
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
 
 
-def right_hand_side(split: Splitting) -> Image:
-    """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
-    g = np.empty_like(split.v)
-    _set_right_hand_side(split.u, split.p, split.v, split.q, g)
-    return g.reshape(len(g), -1)
-
-
 def advance(
     f: Image,
     split: Splitting,
@@ -93,8 +86,10 @@ def advance(
 
 
 @compiled_reordered
-def _set_right_hand_side(u: Image, p: Image, v: Image, q: Image, g: Image) -> None:
+def _right_hand_side(u: Image, p: Image, v: Image, q: Image) -> Image:
+    """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
     channels, rows, columns = v.shape
+    g = np.empty_like(v)
     for c in range(channels):
         for i in range(rows):
             for j in range(columns):
@@ -108,6 +103,7 @@ def _set_right_hand_side(u: Image, p: Image, v: Image, q: Image, g: Image) -> No
                 if j > 0:
                     value += u[1, c, i, j - 1] - p[1, c, i, j - 1]
                 g[c, i, j] = value
+    return g.reshape(channels, -1)
 
 
 @compiled_reordered
@@ -218,18 +214,11 @@ BLACK = 1e-3
 
 @dataclass(frozen=True)
 class Schedule:
-    """Parameters of the splitting and of its stop by relative residuals (Boyd et al., Sec. 3.3).
+    """Parameters of the splitting and of its stop by relative residuals (Boyd et al., Sec. 3.3)."""
 
-    Attributes
-    ----------
-    tolerance, max_iterations
-        Largest residual that counts as converged, and most iterations.
-    penalty
-        λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
-    """
-
-    tolerance: float
+    tolerance: float  # largest residual that counts as converged
     max_iterations: int
+    # λ/ρ over the image's scale: of 0.1 to 0.4, 0.2 needed the fewest iterations from black.
     penalty: float = 0.2
 
 
@@ -291,7 +280,7 @@ class Objective:
         black = BLACK * scale * float(np.sqrt(split.v.size))
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
-            g = right_hand_side(split)
+            g = _right_hand_side(split.u, split.p, split.v, split.q)
             f = V @ solve(V.T @ g, renew=iteration % RENEWED == 0)
             iteration += 1
             image = f.reshape(split.v.shape)

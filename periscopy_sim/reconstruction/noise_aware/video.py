@@ -1,14 +1,13 @@
 """Video by the noise-aware method: each frame is drawn towards the one before it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 
 from periscopy_sim.model.fit import Evidence
-from periscopy_sim.numerics import Image
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
@@ -54,9 +53,7 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
         super().restart()
         self._split: Splitting | None = None
 
-    def recoveries(
-        self, photographs: Image | Iterable[Photograph | Image]
-    ) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
+    def recoveries(self, photographs: Series) -> Iterator[Callable[[], NoiseAwareReconstruction]]:
         """Apply A to many photographs in one product; see `FrameByFrame.recoveries`."""
         for still, part in self.still.batches(photographs):
             for evidence in still.evidence(part):

@@ -1,6 +1,6 @@
 """Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
@@ -14,8 +14,14 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
-from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Observed, Report, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.method import (
+    Observed,
+    Report,
+    Series,
+    Solution,
+    StillMethod,
+    of_all,
+)
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
@@ -125,10 +131,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         estimate = self.estimate(plain_array(photograph)[None])
         return denoise_and_repair(
-            estimate.preconditioned[0],
-            estimate.noise[0],
-            weight=estimate.weight[0],
-            repair_threshold=self.repair_threshold,
+            estimate.preconditioned[0], estimate.noise[0], estimate.weight[0], self.repair_threshold
         )
 
     @of_all
@@ -143,7 +146,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return A⊥ of the pixels used; see `StillMethod`."""
         return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
 
-    def estimates(self, photographs: Image | Iterable[Photograph | Image]) -> Iterator[Estimate]:
+    def estimates(self, photographs: Series) -> Iterator[Estimate]:
         """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), see `batches`."""
         for method, part in self.batches(photographs):
             yield method.estimate(part)
@@ -161,17 +164,13 @@ class Periscope(StillMethod[np.floating[Any]]):
             scale[scale == 0] = 1
             f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
         noise = P.noise(y, f, self._factor).reshape(planes.shape[:2])
-        return Estimate(
-            np.moveaxis(f.reshape(*planes.shape[:2], *self.hidden_shape), 1, -1).astype(
-                self.precision
-            ),
-            noise,
-            self.tv_weight * self._unit_error * noise,
-        )
+        images = np.moveaxis(f.reshape(*planes.shape[:2], *self.hidden_shape), 1, -1)
+        weight = self.tv_weight * self._unit_error * noise
+        return Estimate(images.astype(self.precision), noise, weight)
 
 
 def denoise_and_repair(
-    estimate: Array, noise: Array, *, weight: Array, repair_threshold: float
+    estimate: Array, noise: Array, weight: Array, repair_threshold: float
 ) -> Reconstruction:
     """Lead P y, (R, C, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
 

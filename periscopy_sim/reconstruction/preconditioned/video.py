@@ -1,15 +1,14 @@
 """Video (Sec. 3.2): each frame is denoised and repaired together with the one before it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
     Periscope,
@@ -74,9 +73,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         super().restart()
         self._dual: NDArray[np.float64] | None = None
 
-    def recoveries(
-        self, photographs: Image | Iterable[Photograph | Image]
-    ) -> Iterator[Callable[[], Reconstruction]]:
+    def recoveries(self, photographs: Series) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
         for estimate in self.still.estimates(photographs):
             for k in range(len(estimate.noise)):
@@ -89,15 +86,11 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         if previous is None:
             result = solve_total_variation(g, weight)
         elif self.coupling == "l1":
-            l1_weight = self.l1_weight * weight
-            result = solve_total_variation(
-                g, weight, previous=previous, l1_weight=l1_weight, start=self._dual
-            )
+            term = {"previous": previous, "l1_weight": self.l1_weight * weight}
+            result = solve_total_variation(g, weight, **term, start=self._dual)
         else:
-            pair = np.stack([previous, g])
-            result = solve_total_variation(
-                pair, weight, temporal_weight=self.temporal_weight, start=self._dual
-            )
+            pair, term = np.stack([previous, g]), {"temporal_weight": self.temporal_weight}
+            result = solve_total_variation(pair, weight, **term, start=self._dual)
         result.warn_unless_converged()
         self._dual = result.dual
         denoised = result.image[1] if result.image.ndim == 4 else result.image

@@ -36,19 +36,10 @@ def solve_dual(
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 
-    Parameters
-    ----------
-    g, p
-        (K, frames, rows, columns); p is not read where τ₂ is 0.
-    bounds
-        τ and τ₂, (K,) each.
-    w
-        Weight of differences in time; 0 without.
-    stop
-        The relative duality gap to stop at, and the number of iterations to give up after.
-    duals
-        (K, axes, frames · rows · columns) q/τ to start from, which receive that of f; those of
-        channels whose f is known without iterating stay.
+    g and p are (K, frames, rows, columns); p is not read where τ₂ is 0. The bounds are τ and τ₂,
+    (K,) each, and w weighs differences in time, 0 without. `stop` is the relative duality gap to
+    stop at, and the number of iterations to give up after. The duals, (K, axes, pixels), are the
+    q/τ to start from and receive that of f; where f is known without iterating, they stay.
     """
     τ, τ2 = (bound.reshape(-1, 1, 1, 1) for bound in bounds)
     first, axes = g[:, :1, :1, :1], (1, 2, 3)

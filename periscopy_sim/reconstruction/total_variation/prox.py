@@ -34,28 +34,16 @@ Image = NDArray[Any]  # of the type of the image given
 class TotalVariationResult:
     """A denoised image and how well it was solved for.
 
-    Attributes
-    ----------
-    image
-        The minimizer f̂, the shape of the input.
-    iterations
-        The iterations taken, by the slowest channel. 0 where the answer is known: the image
-        itself for a weight of zero, its mean for a large one.
-    gap
-        The duality gap as a fraction of the objective, the largest of the channels. The squared
-        distance ‖f̂ − f‖₂² to the exact minimizer f is at most this fraction of the objective.
-    tolerance
-        The largest gap that counts as converged.
-    dual
-        (channels, axes, pixels) the dual field over its largest length λ/2, to start a similar
-        problem from.
+    No iteration is taken where the answer is known: the image itself for a weight of zero, its mean
+    for a large one. The squared distance ‖f̂ − f‖₂² to the exact minimizer f is at most the gap
+    times the objective. The dual field starts similar problems.
     """
 
-    image: Image
-    iterations: int
-    gap: float
-    tolerance: float
-    dual: Array
+    image: Image  # the minimizer f̂, the shape of the input
+    iterations: int  # by the slowest channel
+    gap: float  # the duality gap as a fraction of the objective, the largest of the channels
+    tolerance: float  # the largest gap that counts as converged
+    dual: Array  # (channels, axes, pixels) the dual field over its largest length λ/2
 
     @property
     def converged(self) -> bool:

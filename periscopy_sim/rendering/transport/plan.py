@@ -107,9 +107,9 @@ def plan_transport(
     `noise` is the standard deviation of a photograph's over the mean of the monitor's light in it,
     `samples` the rays from the centre of each pixel to each patch. None takes as many as make the
     error of A a third of the noise or less, within a `budget` of rays (None: `BUDGET`), and
-    averages over the pixels' areas. The plan's error exceeds the noise where `samples`, or the budget, are
-    too few. Errors and other parameters are those of `transport`; the seed is of the rays that
-    measure the error.
+    averages over the pixels' areas. The plan's error exceeds the noise where `samples`, or the
+    budget, are too few. Errors and other parameters are those of `transport`; the seed is of the
+    rays that measure the error.
     """
     if by == "areas":
         require_areas(scenario)
