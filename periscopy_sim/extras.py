@@ -30,26 +30,14 @@ def missing(module: str) -> str:
 
 
 def require_all() -> None:
-    """Reject work that would end for want of a module of `SWEEP`, without importing any.
-
-    Raises
-    ------
-    PeriscopyError
-        If one is not installed: one line that says what to install.
-    """
+    """Raise a PeriscopyError for a module of `SWEEP` that is not installed; none is imported."""
     for module in SWEEP:
         if find_spec(module) is None:
             raise PeriscopyError(missing(module))
 
 
 def require(module: str) -> Any:
-    """Import a library that an extra brings.
-
-    Raises
-    ------
-    PeriscopyError
-        If it is not installed: one line that says what to install.
-    """
+    """Import a library that an extra brings; a PeriscopyError says how to install it."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

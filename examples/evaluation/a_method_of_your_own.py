@@ -53,7 +53,7 @@ folder = Path(tempfile.mkdtemp())
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 names = {
     "Tikhonov": f"{folder / 'tikhonov.py'}:Tikhonov",
     "preconditioned": "preconditioned",

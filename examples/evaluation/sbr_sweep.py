@@ -16,7 +16,7 @@ import periscopy_sim as ps
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
 
 # %%

@@ -56,7 +56,7 @@ print(f"beyond range(B): {100 * left(direct):.1f} % of direct light")
 # A reconstruction by the matrix of direct light therefore hardly suffers from light that is not in
 # it.
 
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 method = ps.NoiseAware.for_scene(scene, A, B)
 found = {
     name: method.reconstruct(ps.add_noise(light, snr=50, seed=0))

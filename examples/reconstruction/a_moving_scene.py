@@ -13,7 +13,7 @@ import periscopy_sim as ps
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 
 # %%
 # The clip: 16 frames of an orange ball before a dark blue wall.

@@ -24,7 +24,7 @@ scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 # The light transport matrix :math:`A` says how each patch lights each pixel, the columns of
 # :math:`B` how far lamps would.
 
-A = ps.render_transport(scene, samples=64)
+A = ps.transport(scene)
 B = ps.point_light_backgrounds(scene)
 print(A.shape, B.shape)
 

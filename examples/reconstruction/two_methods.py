@@ -14,7 +14,7 @@ import periscopy_sim as ps
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 
 # %%
 # A photograph with half as much light from the monitor as from three coloured lamps, none of which

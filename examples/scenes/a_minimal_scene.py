@@ -66,7 +66,7 @@ ax.set_axis_off()
 
 hidden = (12, 15)
 scene = ps.load_scenario(file, hidden)
-A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
 signal = ps.render_photograph(scene, truth, samples=1024, bounces=1)
 photograph = ps.add_noise(signal, snr=60, seed=0)

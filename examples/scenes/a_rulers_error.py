@@ -44,7 +44,7 @@ for parameter in found.parameters:
 
 def reconstructed(parameters):
     scene = ps.load_scenario("chair", hidden, {"resolution": 48, **parameters})
-    A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+    A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
     method = ps.NoiseAware.for_scene(scene, A, B)
     solution = method.solve(photograph)
     return solution.image, method.residual(photograph, solution)

@@ -60,7 +60,7 @@ images, scores = [], []
 for place in ((row, column), worst):
     view = {"resolution": 32, "camera_dx": dx[place[1]], "camera_dz": dz[place[0]]}
     scene = ps.load_scenario("chair", hidden, view)
-    A, B = ps.render_transport(scene, samples=64), ps.point_light_backgrounds(scene)
+    A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
     light = (A @ truth.reshape(-1, 3)).reshape(32, 32, 3)
     method = ps.NoiseAware.for_scene(scene, A, B)
     images.append(method.reconstruct(ps.add_noise(light, snr=60, seed=0)))

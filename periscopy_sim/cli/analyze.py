@@ -8,7 +8,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import Session, left_out
+from periscopy_sim.cli.session import WallSession, left_out
 from periscopy_sim.figures import panels
 from periscopy_sim.model.observation import observation_of
 
@@ -26,15 +26,12 @@ MEANINGS = {
 
 
 def analyze(
-    session: Session,
+    session: WallSession,
     light: Light,
     out: options.Out,
     rank_tolerance: Annotated[
-        float,
-        option("NUMBER", "Relative tolerance on B's singular values.", kind="relative tolerance"),
+        float, option("NUMBER", "Relative tolerance on B's singular values.", kind="tolerance")
     ] = 1e-10,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
 ) -> None:
     """Report how well a scene determines its hidden image.
 
@@ -45,7 +42,7 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used, off = session.companions(mask, monitor_off)
+        used, off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         shapes = scenario.photograph_shape, scenario.hidden_shape
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
@@ -58,21 +55,21 @@ def analyze(
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(seen.sum(axis=1).mean())
-        maps = {"A alone": result.bounds_without_background, "[A, B]": result.bounds}
+        alone, both = noise * result.bounds_without_background, noise * result.bounds
         panels.draw_maps(
             folder / "bounds.png",
-            [(title, noise * bounds) for title, bounds in maps.items()],
+            [("A alone", alone), ("[A, B]", both)],
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
         )
-        errors = 100 * noise * result.bounds
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
         summary = {"rank_tolerance": rank_tolerance, **left_out(used), **numbers}
         session.write_summary(folder / "summary.json", summary)
+    median, worst = 100 * np.median(both), 100 * both.max()
     say(
-        f"median patch ± {np.median(errors):.2g} % of white, worst ± {errors.max():.2g} %, at "
-        "noise of 0.1 % of a white screen's mean photograph"
+        f"median patch ± {median:.2g} % of white, worst ± {worst:.2g} %, at noise of 0.1 % of a "
+        "white screen's mean photograph"
     )
     for name, value in numbers.items():
         say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")

@@ -1,7 +1,6 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,11 +11,10 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, progress, say, say_written, warn_boxed, write_json
+from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import CALIBRATED
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -39,7 +37,10 @@ _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
 _OUT = "Scene to write, NAME.xml, with NAME.json and NAME.png beside it."
 
 
-def calibrate(
+@dataclass(eq=False, kw_only=True)
+class CalibrationSession(PhotoSession):
+    """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
+
     photo: Annotated[
         list[Path],
         typer.Argument(
@@ -47,17 +48,49 @@ def calibrate(
             help="One or more photographs, between which only the monitor's picture changed.",
             exists=True,
         ),
-    ],
-    session: PhotoSession,
+    ]
+    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+
+    @property
+    def inputs(self) -> list[Path | None]:
+        """The files that are read."""
+        others = self.path, self.mask, self.colour_matrix
+        return [*self.photo, *(self.monitor_off or ()), *others]
+
+    def read(self) -> dict[str, Any]:
+        """Return arguments of `calibrate` and of `recover_silhouette`."""
+        wall = self.wall(self.photo[0])
+        others = [self.photograph(file, wall.mask).values for file in self.photo[1:]]
+        return {
+            "photograph": [wall.values, *others],
+            "scene": self.path,
+            "hidden": self.size,
+            "shown": [self.hidden_image(name) for name in self.shown or ()],
+            "parameters": self.definitions,
+            "backgrounds": wall.monitor_off,
+            "mask": wall.mask,
+            "seed": self.seed,
+        }
+
+    def write(self, file: Path, record: dict[str, Any]) -> None:
+        """Write a result's record, and where it is from, as JSON."""
+        self.warnings += record["doubts"]
+        origin = {
+            "photograph": str(self.photo[0]),
+            "photographs": [str(file) for file in self.photo],
+            "shown": self.shown or [],
+            "scene": str(self.path),
+        }
+        self.write_summary(file, {**origin, **record})
+
+
+def calibrate(
+    session: CalibrationSession,
     out: Annotated[Path, option("FILE", _OUT, group=arguments.OUTPUT)],
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None,
     free: Annotated[str | None, option("NAME[=ERROR],...", _FREE)] = None,
     uncertain: Annotated[list[str] | None, option("NAME[=ERROR],...", _UNCERTAIN)] = None,
     silhouette: Annotated[str | None, option("SHAPE", _SILHOUETTE)] = None,
     cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
-    monitor_off: arguments.MonitorOffOption = None,
-    mask: arguments.MaskOption = None,
-    colour_matrix: arguments.ColourMatrixOption = None,
 ) -> None:
     """Correct a scene's measured values from photographs of its wall.
 
@@ -66,18 +99,15 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    inputs = Inputs(session, photo, shown or [], monitor_off or [], mask, colour_matrix)
     if silhouette is None and cells is not None:
         raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     if silhouette is None:
-        find_parameters(inputs, out, free, uncertain or [])
-    elif free or uncertain or colour_matrix:
-        raise SceneError(
-            "--silhouette finds a form, and all numbers stay; leave out --free, --uncertain and "
-            "--colour-matrix"
-        )
+        find_parameters(session, out, free, uncertain or [])
+    elif free or uncertain or session.colour_matrix:
+        given = "--free, --uncertain and --colour-matrix"
+        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {given}")
     else:
-        find_silhouette(inputs, out, silhouette, cells)
+        find_silhouette(session, out, silhouette, cells)
 
 
 DISTRUSTED = (
@@ -98,75 +128,25 @@ SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence
 """What the JSON files have of a `Parameter` and of a `Silhouette`, under its own name."""
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
-
-    session: PhotoSession
-    photos: list[Path]
-    shown: list[str]
-    monitor_off: list[Path]
-    mask: Path | None
-    colour_matrix: Path | None
-
-    def spare(self, *outputs: Path) -> None:
-        """Raise an error if an output would replace one of the files."""
-        inputs = *self.photos, *self.monitor_off, self.session.path, self.mask, self.colour_matrix
-        spare_inputs(outputs, inputs)
-
-    def read(self) -> dict[str, Any]:
-        """Return arguments of `calibrate` and of `recover_silhouette`."""
-        session = self.session
-        wall = session.wall(self.photos[0], self.mask, self.monitor_off)
-        others = [session.photograph(file, wall.mask).values for file in self.photos[1:]]
-        return {
-            "photograph": [wall.values, *others],
-            "scene": session.path,
-            "hidden": session.size,
-            "shown": [session.hidden_image(name) for name in self.shown],
-            "parameters": session.definitions,
-            "backgrounds": wall.monitor_off,
-            "mask": wall.mask,
-            "seed": session.seed,
-        }
-
-    def write(self, path: Path, record: dict[str, Any]) -> None:
-        """Write a result's record, and where it is from, as JSON."""
-        session = self.session
-        summary = {
-            "photograph": str(self.photos[0]),
-            "photographs": [str(file) for file in self.photos],
-            "shown": self.shown,
-            "scene": str(session.path),
-            "hidden_shape": session.scenario.hidden_shape,
-            **session.record,
-            "warnings": [*session.warnings, *record["doubts"]],
-            **record,
-            "seconds": session.timed.seconds,
-            "provenance": session.provenance,
-        }
-        write_json(path, summary)
-
-
-def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list[str]) -> None:
+def find_parameters(
+    session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
+) -> None:
     """Find parameters; write the scene that has them, JSON and a picture."""
     from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
 
-    session, outputs = inputs.session, (out, out.with_suffix(".json"), out.with_suffix(".png"))
-    inputs.spare(*outputs)
     document = session.scenario.document
     freed = None if free is None else arguments.parse_errors(free, "--free")
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
     start_values(document, list(free_parameters(document, freed, errors or {})))
-    colours = ps.read_colour_matrix(inputs.colour_matrix) if inputs.colour_matrix else None
-    with ExitStack() as stack:
-        scene, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
+    colours = session.colours
+    outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
+    with output_files(outputs, session.inputs) as (scene, json, png):
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
 
-        files = inputs.read()
+        files = session.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(
@@ -176,7 +156,7 @@ def find_parameters(inputs: Inputs, out: Path, free: str | None, uncertain: list
         values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         record = calibration_record(result)
-        inputs.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
+        session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
     say_calibration(result, document.units)
     say_written(*outputs)
@@ -194,11 +174,10 @@ def _write_copy(
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
-    from periscopy_sim.rendering.scene.load import load_scenario
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        load_scenario(staged, session.size)
+        ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
@@ -206,29 +185,26 @@ def _write_copy(
         ) from None
 
 
-def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) -> None:
+def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette.plane import MaskPlane
     from periscopy_sim.calibration.silhouette.recover import recover_silhouette
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
 
-    session = inputs.session
     size = None if cells is None else arguments.parse_size(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    inputs.spare(*outputs)
     MaskPlane.of(session.scenario, shape)
-    with ExitStack() as stack:
-        scene, ply, json, png = (stack.enter_context(staged_file(file)) for file in outputs)
-        files, doing = inputs.read(), "find the silhouette"
+    with output_files(outputs, session.inputs) as (scene, ply, json, png):
+        files, doing = session.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
         made = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(made, solution.doubts) or made
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
-        inputs.write(json, silhouette_record(solution))
+        session.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     say_silhouette(solution)
     say_written(*outputs)
@@ -239,27 +215,22 @@ def find_silhouette(inputs: Inputs, out: Path, shape: str, cells: str | None) ->
 def calibration_record(result: "Calibration") -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
     held = result.uncertain
+
+    def by_name(values: Iterable[Any]) -> dict[str, Any]:
+        return dict(zip(result.values, values, strict=True))
+
     return {
         "trusted": result.trusted,
         "doubts": result.doubts,
         "better_than_start": result.moved,
-        "parameters": {
-            p.name: {key: getattr(p, key) for key in PARAMETER} for p in result.parameters
-        },
+        "parameters": {p.name: {n: getattr(p, n) for n in PARAMETER} for p in result.parameters},
         "uncertain": {
-            name: {
-                "value": value,
-                "standard_error": error,
-                "moves": dict(zip(result.values, moves, strict=True)),
-            }
+            name: {"value": value, "standard_error": error, "moves": by_name(moves)}
             for name, value, error, moves in zip(
                 held.names, held.values, held.standard_errors, result.moves.T, strict=True
             )
         },
-        "correlation": {
-            name: dict(zip(result.values, row, strict=True))
-            for name, row in zip(result.values, result.correlation, strict=True)
-        },
+        "correlation": by_name(map(by_name, result.correlation)),
         "unexplained_before": result.noise_before,
         "unexplained": result.noise,
         "overdispersion": result.overdispersion,
@@ -285,10 +256,7 @@ def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
 
 
 def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
-    """Print what is unexplained, the parameters, the gain and the colour matrix.
-
-    `units` are those of the parameters that have one.
-    """
+    """Print what is unexplained, the parameters with their units, the gain and the colours."""
     from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
 
@@ -296,10 +264,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     verdict = "" if result.moved else "; the measured values explain as much, and stay"
     say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
     if result.overdispersion > 1:
-        say(
-            f"the photograph has 1/{result.overdispersion:g} of its weight, because the scene does "
-            "not explain all of it"
-        )
+        weight = f"1/{result.overdispersion:g} of its weight"
+        say(f"the photograph has {weight}, because the scene does not explain all of it")
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
@@ -325,9 +291,8 @@ def say_silhouette(solution: "Silhouette") -> None:
 
     for row in solution.opaque:
         say("  " + "".join("##" if cell else " ." for cell in row))
-    say(
-        f"of {solution.opaque.size} cells the photograph shows the shadows of {solution.seen.sum()}"
-    )
+    cells, seen = solution.opaque.size, solution.seen.sum()
+    say(f"of {cells} cells the photograph shows the shadows of {seen}")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)
     say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
     if solution.starts:

@@ -8,7 +8,7 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import Out
+from periscopy_sim.cli.options import Out, option
 from periscopy_sim.cli.output import output_folder, say, say_written
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.render import photograph
@@ -26,16 +26,13 @@ METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware m
 
 def demo(
     out: options.Out,
-    hidden: Annotated[
-        str | None, options.option("ROWSxCOLUMNS", "Patches of the hidden image.")
-    ] = None,
+    hidden: Annotated[str | None, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = None,
     resolution: Annotated[
-        int | None, options.option("NUMBER", "Pixels along each side.", kind="resolution")
+        int | None, option("NUMBER", "Pixels along each side.", kind="resolution")
     ] = None,
     seed: options.Seed = 0,
     effort: Annotated[
-        float | None,
-        options.option("NUMBER", "Fraction of the path tracer's samples.", kind="effort"),
+        float | None, option("NUMBER", "Fraction of the path tracer's samples.", kind="effort")
     ] = None,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""

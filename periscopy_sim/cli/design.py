@@ -44,8 +44,7 @@ def design(
         By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
     ] = By.bound,
     sbr: Annotated[
-        float,
-        option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="ratio or inf"),
+        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="sbr")
     ] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[
@@ -67,10 +66,8 @@ def design(
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
     start = start_values(session.scenario.document, list(ranges))
-    points = [
-        dict(zip(ranges, map(designs.as_text, start), strict=True)),
-        *designs.grid_of(ranges, grid),
-    ]
+    given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
+    points = [given_point, *designs.grid_of(ranges, grid)]
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.told and not names:
         raise PeriscopyError("--by told needs images; leave --images out")

@@ -34,9 +34,8 @@ def fetch(name: Name = "", out: Out = None) -> None:
     with progress(f"fetching {name}", "captures") as report:
         folder = fetch_set(name, report)
     chosen = sets[name]
-    say(f"cite: {chosen.cite}")
-    say(f"licence: {chosen.licence}")
-    say(f"geometry: {chosen.geometry}")
+    for entry in ("cite", "licence", "geometry"):
+        say(f"{entry}: {getattr(chosen, entry)}")
     values = "".join(f" -D {key}={value:g}" for key, value in chosen.parameters.items())
     say(f"scene: --scene {chosen.scene}{values}")
     if out is None:

@@ -52,19 +52,14 @@ class MonitorLight(options.OptionGroup):
         """Choose how A is made for a method and photographs of some noise; see `plan_transport`."""
         from periscopy_sim.rendering.transport.plan import plan_transport
 
-        wants_rays = method in METHODS and METHODS[method].rays and self.model is None
         ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
-        by = ways.get(self.model)
-        samples = self.samples or (SAMPLES if wants_rays else None)
+        wants_rays = method in METHODS and METHODS[method].rays and self.model is None
+        by, samples = ways.get(self.model), self.samples or (SAMPLES if wants_rays else None)
         with progress("choosing how to compute the transport matrix"):
             return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
 
     def transport(
-        self,
-        scenario: ps.Scenario,
-        plan: "TransportPlan",
-        seed: int,
-        strata: "Strata" = "jittered",
+        self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: "Strata" = "jittered"
     ) -> "Transport":
         """Compute A, (M, N), as planned, with a progress bar.
 
@@ -102,10 +97,10 @@ class Light(MonitorLight):
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a summary on the light, beside those of its `TransportPlan`."""
-        return {
-            "bounces": {1: "direct", None: "all"}.get(self.most_bounces, str(self.most_bounces)),
-            "ambient_prototypes": self.sources,
-        }
+        from periscopy_sim.rendering.transport.bounced import bounces_in_words
+
+        bounces = bounces_in_words(self.most_bounces)
+        return {"bounces": bounces, "ambient_prototypes": self.sources}
 
     def check_methods(self, *names: str) -> None:
         """Reject a light model for a method that takes no B."""
@@ -117,12 +112,13 @@ class Light(MonitorLight):
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""
-        columns: list[Any] = []
-        for source in self.sources:
-            if source == GRID:
-                columns.append(ps.point_light_backgrounds(scenario))
-                continue
-            from periscopy_sim.storage.transport_matrix import read_prototypes
+        from periscopy_sim.storage.transport_matrix import read_prototypes
 
-            columns.append(read_prototypes(Path(source), scenario.transport_shape[0]))
-        return np.hstack(columns)
+        pixels = scenario.transport_shape[0]
+        files = {name: read_prototypes(Path(name), pixels) for name in self.sources if name != GRID}
+        return np.hstack(
+            [
+                files[name] if name in files else ps.point_light_backgrounds(scenario)
+                for name in self.sources
+            ]
+        )

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Note, Report
+    from periscopy_sim.reconstruction.method import Report
 
 SENTENCES = {
     "no_hidden_image": (
@@ -32,8 +32,8 @@ SENTENCES = {
     "no_residual": "This method judges no scene: it does not use A.",
     "calibrate": "Run calibrate.",
     "look": "Look at residual.png.",
+    "pass": "Pass {options}.",
     "measure": "Measure it again.",
-    "patches": "Pass --hidden {rows}x{columns}.",
     "default_method": "Try the default method.",
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "any_place": (
@@ -44,8 +44,8 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} by rays errs by {error:.2g} % of the light, more than the photograph's noise of "
-        "{noise:.2g} %: take more rays (--samples), or fewer pixels and patches"
+        "{name} by rays has an error of {error:.2g} % of the light, more than the noise of "
+        "{noise:.2g} %"
     ),
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
@@ -70,14 +70,9 @@ def sentence(code: str, **values: Any) -> str:
     return SENTENCES[code].format(**values)
 
 
-def sentences(notes: "Iterable[Note]") -> list[str]:
-    """Return the sentence of each note."""
-    return [sentence(note.code, **note.values) for note in notes]
-
-
 def report_sentences(report: "Report") -> list[str]:
     """Return the sentences of a report, warnings first."""
-    return sentences([*report.warnings, *report.notes])
+    return [sentence(note.code, **note.values) for note in (*report.warnings, *report.notes)]
 
 
 def verdict(report: "Report", remedy: str = "") -> str:

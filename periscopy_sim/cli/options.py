@@ -25,22 +25,20 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
 
-
 RANGES: Mapping[str, tuple[float, float]] = {
     "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
     "decibels": (-100, 300),
     "ratio": (1e-6, 1e6),
-    "ratio or inf": (1e-6, math.inf),
-    "relative error": (1e-5, 1),
-    "relative tolerance": (1e-15, 0.5),
+    "sbr": (1e-6, math.inf),
+    "error": (1e-5, 1),
+    "tolerance": (1e-15, 0.5),
     "effort": (1e-4, 1),
     "rate": (0.1, 1000),
     "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
     "side": (1, 10_000),  # of a block of pixels
     "resolution": (2, 2048),  # as many pixels as a scene may have
     "grid": (2, 100),
-    "draws": (1, 1000),
-    "ratios": (1, 1000),
+    "count": (1, 1000),
     "samples": (1, 10**8),
     "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
     "camera samples": (1, 2**20),
@@ -50,9 +48,9 @@ RANGES: Mapping[str, tuple[float, float]] = {
 """Least and greatest of each kind of number that users give."""
 
 
-def in_range(value: float, kind: str) -> bool:
-    """Return whether a number of a kind is in its range."""
-    return RANGES[kind][0] <= value <= RANGES[kind][1]
+def in_range(kind: str, *values: float) -> bool:
+    """Return whether numbers of a kind are in its range."""
+    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
 def _no_nan(value: float | None) -> float | None:
@@ -137,11 +135,14 @@ _COLOURS = (
     "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels, or a raw "
     "file of the camera."
 )
-_SAMPLES = "Shadow rays from each wall point to each patch, if rays compute A (16)."
+_SAMPLES = (
+    "Shadow rays from each pixel's centre to each patch. [default, without a closed form: as many "
+    "as keep the error of A small beside the noise]"
+)
 _MODEL = (
     "Compute A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). "
-    "If no default is shown: in closed form where the scene has one, but by rays for "
-    "preconditioned and unrolled."
+    "[default: in closed form where the scene has one, but by 16 rays for preconditioned and "
+    "unrolled]"
 )
 _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
@@ -246,19 +247,14 @@ def _argument(taken: Mapping[str, Option]) -> Any:
         unit = f" ({each.unit})" if each.unit else ""
         defaults.setdefault(f"{each.default:g}{unit}", []).append(method)
     listed = "; ".join(f"{default} for {', '.join(names)}" for default, names in defaults.items())
-    words = option(
-        "NUMBER",
-        f"{first.help} Default: {listed}.",
-        group=SOLVER if first.name.endswith("weight") else EXPERT,
-        min=min(entry.least for entry in taken.values()),
-        max=max(entry.most for entry in taken.values()),
-        show_default=False,
-    )
-    return Annotated[float | None, words]
+    group = SOLVER if first.name.endswith("weight") else EXPERT
+    least, most = min(e.least for e in taken.values()), max(e.most for e in taken.values())
+    limits: dict[str, Any] = {"min": least, "max": most, "show_default": False}
+    words = f"{first.help} Default: {listed}."
+    return Annotated[float | None, option("NUMBER", words, group=group, **limits)]
 
 
 def _signature(offered: Offered) -> inspect.Signature:
-    """Return the signature of a group of the options of some methods."""
     by_name: dict[str, dict[str, Option]] = {}
     for method, options in offered.items():
         for each in options:
@@ -323,8 +319,7 @@ def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     given = _pairs(flag, text.split(",") if text else ())
     errors = {name: number_of(error) if error else None for name, error in given.items()}
     if any(error is not None and math.isnan(error) for error in errors.values()):
-        form = "NAME or NAME=0.005, by comma, without units"
-        raise PeriscopyError(f"{flag} {text}: write {form}")
+        raise PeriscopyError(f"{flag} {text}: write NAME or NAME=0.005, by comma, without units")
     return errors
 
 
@@ -355,16 +350,10 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     """Read ``NAME=LOW:HIGH,...``, each name once."""
     ranges = {}
     for name, ends in parse_definitions(text.split(","), flag).items():
-        try:
-            low, high = map(number_of, ends.split(":"))
-        except ValueError:
-            low = high = math.nan
-        if not (
-            high - low >= SMALLEST and in_range(low, "parameter") and in_range(high, "parameter")
-        ):
-            raise PeriscopyError(
-                f"{flag} {name}={ends}: write NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
-            )
+        low, high = map(number_of, ends.partition(":")[::2])
+        if not (high - low >= SMALLEST and in_range("parameter", low, high)):
+            form = "NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
+            raise PeriscopyError(f"{flag} {name}={ends}: write {form}")
         ranges[name] = (low, high)
     return ranges
 
@@ -372,12 +361,11 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
 def parse_indices(text: str, count: int) -> list[int]:
     """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
     indices: list[int] = []
-    parts = [
-        re.fullmatch(r"([0-9]{1,12})(-[0-9]{1,12})?", each.strip()) for each in text.split(",")
-    ]
+    form = r"\s*([0-9]{1,12})(?:-([0-9]{1,12}))?\s*"
+    parts = [re.fullmatch(form, each) for each in text.split(",")]
     for part in filter(None, parts):
         first = int(part[1])
-        indices += range(first, min(int(part[2][1:]) + 1, count)) if part[2] else [first]
+        indices += range(first, min(int(part[2]) + 1, count)) if part[2] else [first]
     if not (indices and all(parts)):
         raise PeriscopyError(
             f"'{text}': write numbers and ranges of the {count} samples, such as 0,5,8-11"
@@ -387,26 +375,16 @@ def parse_indices(text: str, count: int) -> list[int]:
 
 def parse_ratios(text: str) -> list[float]:
     """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
-    try:
-        if ":" in text:
-            first, last, spacing, count = text.split(":")
-            if not in_range(int(count), "ratios"):
-                raise ValueError
-            space: Any = {"log": np.geomspace, "lin": np.linspace}[spacing]
-            with np.errstate(all="ignore"):
-                ratios = [
-                    float(f"{r:.6g}") for r in space(number_of(first), number_of(last), int(count))
-                ]
-        else:
-            ratios = [number_of(ratio) for ratio in text.split(",")]
-    except (ValueError, KeyError):
-        ratios = []
-    if not ratios or not all(in_range(r, "ratio") for r in ratios) or len({*ratios}) < len(ratios):
-        least, most = RANGES["ratio"]
-        raise PeriscopyError(
-            f"--sbr '{text}': write different ratios from {least:g} to {most:g}, as 0.1,1,10 or "
-            "0.1:10:log:9"
-        )
+    steps = re.fullmatch("(.+):(.+):(log|lin):([0-9]{1,4})", text)
+    ratios = [number_of(each) for each in (steps.groups()[:2] if steps else text.split(","))]
+    valid = in_range("ratio", *ratios)
+    if steps and valid:
+        space: Any = {"log": np.geomspace, "lin": np.linspace}[steps[3]]
+        ratios = [float(f"{ratio:.6g}") for ratio in space(*ratios, int(steps[4]))]
+    if not (valid and in_range("count", len(ratios)) and len({*ratios}) == len(ratios)):
+        limits = "{:g} to {:g}".format(*RANGES["ratio"])
+        form = f"different ratios from {limits}, as 0.1,1,10 or 0.1:10:log:9"
+        raise PeriscopyError(f"--sbr '{text}': write {form}")
     return ratios
 
 
@@ -416,8 +394,7 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
     Return the EXR file of each name; None for a shipped condition.
     """
     shipped = *REALISTIC, *ADVERSARIAL
-    groups = {name: [name] for name in shipped}
-    groups |= {"all": [*REALISTIC], "adversarial": [*ADVERSARIAL]}
+    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
     lights: dict[str, Path | None] = {}
     for entry in parse_list("--ambient", text):
         path = Path(entry)

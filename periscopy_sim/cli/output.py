@@ -6,7 +6,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from periscopy_sim.errors import OutputError, PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.storage.outputs.staging import staged_file, staged_folder
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file, staged_folder
 
 
 @contextmanager
@@ -83,6 +83,14 @@ def interrupt(number: int, _frame: object) -> NoReturn:
 
 
 @contextmanager
+def output_files(outputs: Sequence[Path], inputs: Iterable[Path | None]) -> Iterator[list[Path]]:
+    """Yield staged files; an OutputError if one would replace an input."""
+    spare_inputs(outputs, inputs)
+    with ExitStack() as stack:
+        yield [stack.enter_context(staged_file(file)) for file in outputs]
+
+
+@contextmanager
 def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
     """Yield a staged folder; print the path of each of its entries when all are complete.
 
@@ -101,7 +109,6 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
 _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
 
-
 SILENCE = 30.0
 """Seconds between lines without a terminal: a day's log stays below 3,000 lines."""
 
@@ -116,31 +123,32 @@ def progress(
     Within the progress of another computation, there is no bar, and no line at the start.
     """
     from rich.console import Console
+    from rich.markup import escape  # a label may quote names
     from rich.progress import Progress, TimeElapsedColumn
 
-    console = Console(stderr=True)
+    console, is_inner = Console(stderr=True), bool(_AT_WORK)
     first: tuple[float, float] | None = None  # of what a former run did, when it is known
     latest = clock()
-    if not (_AT_WORK or console.is_terminal):
+    if not (is_inner or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
-    from rich.markup import escape  # a label may quote names
 
     def update(done: float, total: float = 1.0) -> None:
         nonlocal first, latest
         if _INTERRUPTS:
             raise KeyboardInterrupt
-        text = f"{label}: {done} of {total} {unit}" if unit else label
-        text = printable(text)
+        text = printable(f"{label}: {done} of {total} {unit}" if unit else label)
         bar.update(task, description=escape(text), completed=done, total=total or 1)
         now, fraction = clock(), done / (total or 1)
         first = first or (now, fraction)
         if not console.is_terminal and now - latest >= SILENCE:
             latest, gain = now, fraction - first[1]
-            seconds = (now - first[0]) * (1 - fraction) / gain if gain > 0 else None
-            left = "" if seconds is None else f", {timedelta(seconds=round(seconds))} left"
+            left = ""
+            if gain > 0:
+                seconds = round((now - first[0]) * (1 - fraction) / gain)
+                left = f", {timedelta(seconds=seconds)} left"
             print(f"periscopy: {text}: {100 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
 
-    disable = bool(_AT_WORK) or not console.is_terminal
+    disable = is_inner or not console.is_terminal
     columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)
     try:
@@ -149,20 +157,6 @@ def progress(
             yield update
     finally:
         _AT_WORK.pop()
-
-
-class Stopwatch:
-    """Seconds that the stages of a command took, by name."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time a block."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = round(time.perf_counter() - start, 4)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

@@ -21,9 +21,7 @@ _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
 )
-OPTIONAL = (
-    "certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy",
-)  # fmt: skip
+OPTIONAL = ["certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy"]
 """Files that depend on the method and the options."""
 
 LARGE_DISPLACEMENT = 1.0
@@ -49,9 +47,6 @@ def reconstruct(
     uncertain: Annotated[
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
-    colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
     from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
@@ -64,14 +59,13 @@ def reconstruct(
     if named and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
-    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
-        wall = session.wall(photo, mask, monitor_off)
+        wall = session.wall(photo)
         known = None if truth is None else session.hidden_image(truth)
         counts = counts_errors and uncertain != "none"
-        moved = _uncertain_transport(session, named) if counts else None
-        fitted = session.fit(method, settings, light, matrix, wall, moved, colours)
+        moved = _uncertain_light(session, named) if counts else None
+        fitted = session.fit(method, settings, light, matrix, wall, moved)
         with (
             session.timed("reconstruct"),
             progress("reconstructing"),
@@ -82,8 +76,7 @@ def reconstruct(
             image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
-            report = fitted.report(wall, solution)
-            verdict = session.judge(str(photo), report, light, fitted, wall, solution)
+            report, verdict = session.judge(str(photo), fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, image, wall.values, session.metadata)
         compared = {} if known is None else _compare(folder, image, known, wall.values, session)
@@ -105,33 +98,25 @@ def reconstruct(
     say(verdict)
 
 
-def _uncertain_transport(
-    session: Session, named: dict[str, float]
-) -> "ps.UncertainTransport | None":
-    """Return what errors do to light: those named, those a calibration left, or the declared ones.
-
-    Warn where that calibration does not hold.
-    """
+def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
+    """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
     from periscopy_sim.calibration.prior import free_parameters
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
+    from periscopy_sim.calibration.scene_covariance import scene_covariance
 
     scenario, scene = session.scenario, session.scene
-    errors: dict[str, float] | SceneCovariance = named
-    if not named and (known := scene_covariance(scenario.document)) is not None:
-        if not known.trusted:
-            session.warn(messages.sentence("untrusted", scene=scene))
-        if changed := ", ".join(known.changed(scenario.document)):
-            session.warn(messages.sentence("uncounted", scene=scene, names=changed))
-            return None
-        errors = known
-    elif not named:
-        errors = free_parameters(scenario.document)
-    count = len(errors.names if isinstance(errors, SceneCovariance) else errors)
-    if count and not named and not has_areas(scenario):
-        say(messages.sentence("no_derivatives", scene=scene))
-    elif count:
+    known = None if named else scene_covariance(scenario.document)
+    if known and not known.trusted:
+        session.warn(messages.sentence("untrusted", scene=scene))
+    if known and (changed := ", ".join(known.changed(scenario.document))):
+        session.warn(messages.sentence("uncounted", scene=scene, names=changed))
+        return None
+    errors = known or named or free_parameters(scenario.document)
+    if not (known.names if known else errors):
+        return None
+    if named or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
+    say(messages.sentence("no_derivatives", scene=scene))
     return None
 
 

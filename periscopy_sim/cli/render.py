@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
 TargetOption = Annotated[
-    float,
-    option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="relative error"),
+    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="error")
 ]
 
 
@@ -97,11 +96,7 @@ def ambient(
         say(f"wrote {file}  relative error of a pixel {error:.1e}")
 
 
-def transport(
-    session: Session,
-    light: MonitorLight,
-    out: options.OutFile,
-) -> None:
+def transport(session: Session, light: MonitorLight, out: options.OutFile) -> None:
     """Render the light transport matrix A of a scene.
 
     The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
@@ -130,9 +125,7 @@ def write_transport(
             **session.provenance,
         }
         write(A, record)
-    beside = record_of(out), *(file for file in (bounced_of(out),) if file.is_file())
+    beside = ", ".join(str(file) for file in (record_of(out), bounced_of(out)) if file.is_file())
     made = "areas" if plan.samples is None else f"{plan.samples} rays"
-    say(
-        f"wrote {out} {A.shape[0]}x{A.shape[1]} and {', '.join(map(str, beside))}; by {made}, "
-        f"error {100 * plan.error:.2g} % of the light"
-    )
+    how = f"by {made}, error {100 * plan.error:.2g} % of the light"
+    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {beside}; {how}")

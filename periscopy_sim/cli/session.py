@@ -1,7 +1,9 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,11 +14,10 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
-from periscopy_sim.cli.output import Stopwatch, fixable, progress, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.observation import checked_mask
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Mask, blackened
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report
     from periscopy_sim.rendering.transport.kernel import Strata
 
-
 FINER = 0.75
 """Fraction of the misfit that a grid of twice the rows and columns explains where patches are too
 coarse: 0.88 to 1 of chairs with patches 1.5 to 3 times too coarse, 0.33 to 0.5 of a chair 10 to
@@ -46,14 +46,12 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
     return {**record, "parameters": dict(scenario.parameters)}
 
 
-def warn_without_shadows(scenario: ps.Scenario, name: str) -> list[str]:
-    """Warn where no occluder casts a shadow into the camera's view; return that line, if any."""
+def warn_without_shadows(scene: ps.Scenario, name: str, warn: Callable[[str], None] = warn) -> None:
+    """Warn where no occluder casts a shadow into the camera's view."""
     from periscopy_sim.rendering.survey import shadow_doubt
 
-    lines = [f"{name}: {doubt}"] if (doubt := shadow_doubt(scenario)) else []
-    for line in lines:
-        warn(line)
-    return lines
+    if doubt := shadow_doubt(scene):
+        warn(f"{name}: {doubt}")
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
@@ -75,33 +73,28 @@ def left_out(mask: Mask | None) -> dict[str, Any]:
     return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
 
 
-def _explains(
-    finer: ps.Scenario, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any
-) -> bool:
-    """Return whether a scene of finer patches explains a misfit."""
+def _explains(finer: ps.Scenario, misfit: float, fitted: Any, y: Array, solution: Any) -> bool:
+    """Return whether a scene of finer patches explains a misfit of the corrected photograph."""
     from periscopy_sim.analytic.area_transport import pixel_transport
     from periscopy_sim.model.residual import residual_of
     from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 
-    transport, observation, residual = (
-        fitted.projected_transport(), fitted.observation, report.residual
-    )  # fmt: skip
+    transport, observation = fitted.projected_transport(), fitted.observation
     pixels, patches = len(transport.Q), finer.transport_shape[1]
-    if residual is None or 2 * patches > pixels or pixels * patches**2 > LARGEST_GRAM:
+    if 2 * patches > pixels or pixels * patches**2 > LARGEST_GRAM:
         return False
-    y = fitted.corrected(wall.values, solution)
     signal = transport.light(observation.mixed(solution.image))
     A = observation.used_transport(pixel_transport(finer))
     other = residual_of(y, signal, TransportOperator(A, transport.Q), observation.placed)
-    return other.misfit < (1 - FINER) * residual.misfit
+    return other.misfit < (1 - FINER) * misfit
 
 
 @dataclass(eq=False)
 class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
-    `timed` holds the seconds of each stage, `warnings` the lines that a summary repeats, `record`
-    its entries about what was read and fitted.
+    `seconds` holds those that each stage took, `warnings` the lines that a summary repeats,
+    `record` its entries about what was read and fitted.
     """
 
     scene: options.SceneArgument
@@ -112,9 +105,16 @@ class Session(options.OptionGroup):
     def __post_init__(self) -> None:
         self.size, self.path = options.parse_size(self.hidden), find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
-        self.timed = Stopwatch()
+        self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.record: dict[str, Any] = {}
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Time a block."""
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = round(time.perf_counter() - start, 4)
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -150,59 +150,19 @@ class Session(options.OptionGroup):
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warnings += warn_without_shadows(self.scenario, self.scene)
+            warn_without_shadows(self.scenario, self.scene, self.warn)
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
         warn(line)
         self.warnings.append(line)
 
-    def judge(
-        self, name: str, report: "Report", light: Light, fitted: Any, wall: ps.Photograph,
-        solution: Any,
-    ) -> str:  # fmt: skip
-        """Print a report's warnings but the verdict; return that, one line with a remedy."""
-        line = verdict(report, self._remedy(report, light, fitted, wall, solution))
-        for note in report.warnings:
-            if note.code == report.verdict.code:
-                self.warnings.append(f"{name}: {line}")
-            else:
-                self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        return line
-
-    def _remedy(
-        self, report: "Report", light: Light, fitted: Any, wall: ps.Photograph, solution: Any
-    ) -> str:
-        """Return the sentence of the likeliest remedy; empty where the scene fits."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.calibration.scene_covariance import scene_covariance
-
-        if report.verdict.code == "unexplained":
-            return sentence("default_method")
-        if report.verdict.code != "does_not_fit":
-            return ""
-        if scene_covariance(self.scenario.document) is not None:
-            return sentence("look")
-        if not has_areas(self.scenario):
-            return sentence("measure")
-        rows, columns = (2 * size for size in self.scenario.hidden_shape)
-        with progress("looking for the cause of the misfit"):
-            finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
-            if light.most_bounces == 1 and _explains(finer, report, fitted, wall, solution):
-                return sentence("patches", rows=rows, columns=columns)
-        return sentence("calibrate")
-
-    # -- reading ---------------------------------------------------------------------------------
-
     def hidden_image(self, name: str) -> NDArray[np.float64]:
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
         return read_hidden_image(find_image(name), self.scenario.hidden_shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Return ambient light, (rows, columns, 3): of a photograph, or path traced by its name.
-
-        The relative error of a pixel that is path traced is the target.
-        """
+        """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
         if Path(name).is_file():
             return self.photograph(Path(name)).values
         with progress("path tracing the ambient light") as report:
@@ -219,39 +179,6 @@ class Session(options.OptionGroup):
             self.warn(warning)
         return photograph
 
-    def companions(
-        self, mask: Path | None, monitor_off: list[Path] | None
-    ) -> tuple[Mask | None, dict[str, Array]]:
-        """Read a mask, (rows, columns), and photographs with the monitor off, by file name."""
-        used = None
-        if mask is not None:
-            with fixable(str(mask)):
-                given = read_mask(mask, self.scenario.photograph_shape)
-                used = checked_mask(given, self.scenario.transport_shape)
-        off = {str(file): self.photograph(file, used).values for file in monitor_off or []}
-        self.record |= {"mask": mask, **left_out(used), "backgrounds": list(off)}
-        return used, off
-
-    def wall(
-        self, path: Path, mask: Path | None = None, monitor_off: list[Path] | None = None
-    ) -> ps.Photograph:
-        """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
-        used, off = self.companions(mask, monitor_off)
-        photograph = replace(self.photograph(path, used), monitor_off=off)
-        return self.without_defects(photograph, str(path))
-
-    def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
-        """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        values, used = photograph.values, photograph.mask
-        defects = defective_pixels(values, used)
-        if defects.any_kind.any():
-            self.warn(sentence("defects", name=name, defects=defects))
-            used = ~defects.any_kind if used is None else used & ~defects.any_kind
-            self.record |= left_out(used)
-        return replace(photograph, values=blackened(values, used), mask=used)
-
-    # -- fitting and writing ---------------------------------------------------------------------
-
     def transport(
         self,
         light: Light,
@@ -266,69 +193,47 @@ class Session(options.OptionGroup):
         The noise is that of the photographs that A is fitted to, over their mean; None of none. A
         warning says where the error of A exceeds it.
         """
+        from periscopy_sim.rendering.transport.bounced import channels_mean
         from periscopy_sim.rendering.transport.plan import NOISE
-        from periscopy_sim.storage.transport_matrix import (
-            OtherMatrixError,
-            read_record,
-            read_transport,
-        )
+        from periscopy_sim.storage import transport_matrix as files
 
-        A: Any
         if matrix is None:
             plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
             A, made = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
             try:
-                A = read_transport(matrix, self.scenario, light.most_bounces)
-            except OtherMatrixError as error:
+                A = files.read_transport(matrix, self.scenario, light.most_bounces)
+            except files.OtherMatrixError as error:
                 remedy = matrix_remedy(error.entry, error.recorded)
                 raise PeriscopyError(f"{error}; {remedy}") from error
-            made = read_record(matrix)
-            if not made:
+            if not (record := files.read_record(matrix)):
                 self.warn(sentence("no_record", file=matrix))
-            made = {**made, "model": "file", "samples": None}
+            made = {**record, "model": "file", "samples": None}
         made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
         self.record |= {**made, "transport": matrix, **light.origin}
         if noise is not None:
-            self.check_error(made["transport_error"], noise)
-        return np.asarray(A if light.most_bounces == 1 else A.mean)
+            self.record["relative_noise"] = noise
+            self.check_error(made, noise)
+        return np.asarray(channels_mean(A))
 
-    def check_error(self, error: float | None, noise: float, name: str = "A") -> None:
-        """Warn where an error of A exceeds the photographs' noise, both over their mean."""
-        if error is not None and error > noise:
-            percent = {"error": 100 * error, "noise": 100 * noise}
-            self.warn(sentence("transport_error", name=name, **percent))
+    def check_error(self, made: Mapping[str, Any], noise: float, name: str = "A") -> None:
+        """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
+        if better := self.better_transport(made, noise):
+            percent = {"error": 100 * made["transport_error"], "noise": 100 * noise}
+            excess = sentence("transport_error", name=name, **percent)
+            self.warn(f"{excess}: pass {better}")
 
-    def fit(
-        self,
-        method: str,
-        settings: Mapping[str, float],
-        light: Light,
-        matrix: Path | None,
-        wall: ps.Photograph,
-        uncertain: "ps.UncertainTransport | None" = None,
-        colour_matrix: ps.ColourMatrix | None = None,
-    ) -> Any:
-        """Return a method fitted to the scene's A, of a file if one is given, and B."""
-        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+    def better_transport(self, made: Mapping[str, Any], noise: float | None) -> str:
+        """Return the options that lower the error of an A; empty where it is below the noise."""
+        from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.model.fit import PRECISION
 
-        colours = None if colour_matrix is None else colour_matrix.matrix
-        self.record |= {"method": method, **settings, "colour_matrix": colours}
-        with self.timed("transport matrix"):
-            noise = relative_noise(wall.values, wall.mask)
-            A = self.transport(light, noise, matrix=matrix, method=method)
-        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
-            B = light.backgrounds(self.scenario)
-        place = fixable(str(matrix or f"scene '{self.path}'"))
-        with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            fitted = fit_method(
-                method, self.scenario, A, B, wall.mask, wall.monitor_off, uncertain, colour_matrix,
-                **settings,
-            )  # fmt: skip
-            return fitted if method in METHODS else OwnMethod.for_scene(
-                self.scenario, A, B, method=fitted, mask=wall.mask, backgrounds=wall.monitor_off,
-                colour_matrix=colour_matrix,
-            )  # fmt: skip
+        error = made["transport_error"]
+        if error is None or noise is None or error <= max(noise, PRECISION):
+            return ""
+        if has_areas(self.scenario):
+            return "--model analytic"
+        return f"--samples {4 * (made['samples'] or SAMPLES)}"
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -338,14 +243,122 @@ class Session(options.OptionGroup):
             **self.record,
             **values,
             "warnings": self.warnings,
-            "seconds": self.timed.seconds,
+            "seconds": self.seconds,
             "provenance": self.provenance,
         }
         write_json(file, summary)
 
 
 @dataclass(eq=False)
-class PhotoSession(Session):
+class WallSession(Session):
+    """A session of a command that leaves out pixels, and light other than the monitor's."""
+
+    monitor_off: options.MonitorOffOption = None
+    mask: options.MaskOption = None
+
+    def companions(self) -> tuple[Mask | None, dict[str, Array]]:
+        """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
+        used = None
+        if self.mask is not None:
+            with fixable(str(self.mask)):
+                given = read_mask(self.mask, self.scenario.photograph_shape)
+                used = checked_mask(given, self.scenario.transport_shape)
+        off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
+        self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
+        return used, off
+
+    def wall(self, path: Path) -> ps.Photograph:
+        """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
+        used, off = self.companions()
+        photograph = replace(self.photograph(path, used), monitor_off=off)
+        return self.without_defects(photograph, str(path))
+
+    def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
+        """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
+        values, used = photograph.values, photograph.mask
+        defects = defective_pixels(values, used)
+        if defects.any_kind.any():
+            self.warn(sentence("defects", name=name, defects=defects))
+            used = photograph.pixels & ~defects.any_kind
+            self.record |= left_out(used)
+        return replace(photograph, values=blackened(values, used), mask=used)
+
+
+@dataclass(eq=False)
+class PhotoSession(WallSession):
     """A session of a command whose argument is a photograph: ``--scene`` names the scene."""
 
     scene: options.SceneOption
+    colour_matrix: options.ColourMatrixOption = None
+
+    @cached_property
+    def colours(self) -> ps.ColourMatrix | None:
+        """The colour matrix, read at first use."""
+        return None if self.colour_matrix is None else ps.read_colour_matrix(self.colour_matrix)
+
+    def fit(
+        self,
+        method: str,
+        settings: Mapping[str, float],
+        light: Light,
+        matrix: Path | None,
+        wall: ps.Photograph,
+        uncertain: "ps.UncertainTransport | None" = None,
+    ) -> Any:
+        """Return a method fitted to the scene's A, of a file if one is given, and B."""
+        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+        from periscopy_sim.model.noise import relative_noise
+
+        colours = self.colours and self.colours.matrix
+        self.record |= {"method": method, **settings, "colour_matrix": colours}
+        with self.timed("transport matrix"):
+            noise = relative_noise(wall.values, wall.mask)
+            A = self.transport(light, noise, matrix=matrix, method=method)
+        with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
+            B = light.backgrounds(self.scenario)
+        place = fixable(str(matrix or f"scene '{self.path}'"))
+        with self.timed("fit the method"), progress(f"fitting {method}"), place:
+            observed: dict[str, Any] = {"mask": wall.mask, "backgrounds": wall.monitor_off}
+            observed |= {"colour_matrix": self.colours}
+            keywords = {**observed, **settings, "uncertain": uncertain}
+            fitted = fit_method(method, self.scenario, A, B, **keywords)
+            if method in METHODS:
+                return fitted
+            return OwnMethod.for_scene(self.scenario, A, B, method=fitted, **observed)
+
+    def judge(
+        self, name: str, fitted: Any, wall: ps.Photograph, solution: Any
+    ) -> "tuple[Report, str]":
+        """Return a report and its verdict, one line with a remedy; print the other warnings."""
+        report = fitted.report(wall, solution)
+        line = verdict(report, self._remedy(report, fitted, wall, solution))
+        for note in report.warnings:
+            if note.code == report.verdict.code:
+                self.warnings.append(f"{name}: {line}")
+            else:
+                self.warn(f"{name}: {sentence(note.code, **note.values)}")
+        return report, line
+
+    def _remedy(self, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any) -> str:
+        """Return the sentence of the likeliest remedy; empty where the scene fits."""
+        from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.calibration.scene_covariance import scene_covariance
+
+        if report.verdict.code == "unexplained":
+            return sentence("default_method")
+        if report.residual is None or report.verdict.code != "does_not_fit":
+            return ""
+        if better := self.better_transport(self.record, self.record.get("relative_noise")):
+            return sentence("pass", options=better)
+        if scene_covariance(self.scenario.document) is not None:
+            return sentence("look")
+        if not has_areas(self.scenario):
+            return sentence("measure")
+        rows, columns = (2 * size for size in self.scenario.hidden_shape)
+        y = fitted.corrected(wall.values, solution)
+        with progress("looking for the cause of the misfit"):
+            finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
+            is_direct = self.record["bounces"] == "direct"
+            if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
+                return sentence("pass", options=f"--hidden {rows}x{columns}")
+        return sentence("calibrate")

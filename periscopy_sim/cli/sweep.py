@@ -11,7 +11,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, progress, say, say_written
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
-
 RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
@@ -38,7 +37,7 @@ VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "s
 
 
 def sweep(
-    session: Session,
+    session: WallSession,
     light: Light,
     out: options.ResumedFolder,
     photograph: Annotated[
@@ -61,11 +60,9 @@ def sweep(
     ] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = 60.0,
     seeds: Annotated[
-        int, option("NUMBER", "Noise draws for each background and SBR.", kind="draws")
+        int, option("NUMBER", "Noise draws for each background and SBR.", kind="count")
     ] = 1,
     scheduler: options.Scheduler = None,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
 ) -> None:
     """Compare methods over ambient light and SBRs.
 
@@ -88,14 +85,12 @@ def sweep(
     shown = session.hidden_image(truth or hidden_image or "")
     signal = None
     if photograph is None:
-        used, off = session.companions(mask, monitor_off)
+        used, off = session.companions()
     else:
-        wall = session.wall(photograph, mask, monitor_off)
+        wall = session.wall(photograph)
         signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
-    ambience = {
-        name: session.photograph(path, used).values if path else None
-        for name, path in lights.items()
-    }
+    given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
+    digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "hidden_shape": scenario.hidden_shape,
@@ -107,10 +102,7 @@ def sweep(
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
         "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
         "truth": sweeps.image_sha256(shown),
-        "ambient": [
-            [name, "rendered" if image is None else sweeps.array_sha256(image)]
-            for name, image in ambience.items()
-        ],
+        "ambient": [[name, digests.get(name, "rendered")] for name in lights],
         "flips": flips,
         "methods": [[name, source_sha256(name) or "built in"] for name in names],
         "sbr": ratios,
@@ -121,9 +113,8 @@ def sweep(
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
         noise = noise_to_signal(snr, max(ratios))
         plans = {name: light.plan(scenario, noise, seed, name) for name in names}
-        matrices = {
-            plan: _transport(session, light, plan, out) for plan in dict.fromkeys(plans.values())
-        }
+        each = dict.fromkeys(plans.values())
+        matrices = {plan: _transport(session, light, plan, out) for plan in each}
         B = light.backgrounds(scenario)
         with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
             fitted = {
@@ -135,9 +126,9 @@ def sweep(
             if not file.is_file():
                 take_photograph(session=session, image=str(hidden_image), out=file)
             signal = session.photograph(file).values
-        missing = [name for name, image in ambience.items() if image is None]
-        rendered = ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
-        lit = {name: rendered[name] if image is None else image for name, image in ambience.items()}
+        missing = [name for name in lights if name not in given]
+        given |= ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
+        lit = {name: given[name] for name in lights}
         whole = sweeps.Sweep(
             signal=signal,
             truth=shown,
@@ -161,7 +152,7 @@ def sweep(
             panels.draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
     for name, plan in plans.items():
-        session.check_error(plan.error, noise, f"{name}: A")
+        session.check_error(plan.origin, noise, f"{name}: A")
     say_written(*(out / name for name in RESULTS))
 
 
@@ -176,8 +167,8 @@ def _transport(
 
     own = plan.samples == SAMPLES and light.samples is None
     matrix = out / (f"A_{SAMPLES}_rays.npy" if own else "A.npy")
-    made = {name: read_record(matrix).get(name) for name in plan.origin}
-    if not matrix.is_file() or (made["model"] and made != plan.origin):
+    made = read_record(matrix)
+    if not matrix.is_file() or ("model" in made and not plan.origin.items() <= made.items()):
         write_transport(session, light, plan, matrix)
     return session.transport(light, matrix=matrix)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -20,9 +20,6 @@ from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
-
-if TYPE_CHECKING:
-    pass
 
 OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
 """Files that depend on the options and on the number of frames."""
@@ -44,15 +41,11 @@ def video(
         str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
     ] = None,
     rate: Annotated[
-        float,
-        option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate"),
+        float, option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate")
     ] = 16.0,
     also: Annotated[
         list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
     ] = None,
-    monitor_off: options.MonitorOffOption = None,
-    mask: options.MaskOption = None,
-    colour_matrix: options.ColourMatrixOption = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
@@ -62,26 +55,22 @@ def video(
     formats = ["png", *dict.fromkeys(also or ())]
     settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
-    of_still = {option.name for option in entry.options}
-    weights = {name: settings[name] for name in settings if name not in of_still}
+    for_still = {each.name: settings.pop(each.name) for each in entry.options}
     light.check_methods(method)
-    colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
-        names, photographs, wall = _read(session, frames, mask, monitor_off)
+        names, photographs, wall = _read(session, frames)
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
             hidden = session.scenario.hidden_shape
             known = np.stack([*sequences.read_hidden_frames(path, hidden, len(names))])
-        for_still = {name: settings[name] for name in settings if name in of_still}
-        still = session.fit(method, for_still, light, matrix, wall, colour_matrix=colours)
-        recovery = entry.frames_by(still, coupling, **weights)
+        still = session.fit(method, for_still, light, matrix, wall)
+        recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report = still.report(wall.values, first)
+            report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
         np.save(folder / "frames.npy", images)
-        verdict = session.judge(f"{frames}, first frame", report, light, still, wall, first)
         text, white = session.metadata, drawing.white_of(images)
         with session.timed("draw"):
             if known is not None:
@@ -103,7 +92,7 @@ def video(
         summary = {
             "photographs": str(frames),
             "frames": len(names),
-            **weights,
+            **settings,
             "first_frame": report.numbers,
             "verdict": verdict,
             "coupling": coupling,
@@ -121,13 +110,11 @@ def video(
     say(f"first frame: {verdict}")
 
 
-def _read(
-    session: Session, frames: Path, mask: Path | None, monitor_off: list[Path] | None
-) -> tuple[Sequence[str], Image, ps.Photograph]:
+def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:
     """Return the frames' names, (frames, rows, columns, 3) values, and the first one."""
     shape = session.scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
-        used, off = session.companions(mask, monitor_off)
+        used, off = session.companions()
         sequence = sequences.open_frames(frames, shape, used)
         photographs, warnings = sequences.read_clip(sequence, used, report)
     for warning in warnings:
@@ -152,9 +139,8 @@ def _recover(
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
         solved = video_metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
-            first = first or solution
             images.append(solution.image.astype(np.float32))
-            numbers = solution.numbers()
-            records.append(video_metrics.record_of(k, names[k], seconds, numbers))
+            first = solution if k == 0 else first
+            records.append(video_metrics.record_of(k, names[k], seconds, solution.numbers()))
             frame_done(k + 1, len(names))
     return np.stack(images), records, first

@@ -7,20 +7,18 @@ import numpy as np
 from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
-from periscopy_sim.dataset.hidden_sources import HiddenSource, sha256_of
-from periscopy_sim.dataset.reading import MOST_SAMPLES
+from periscopy_sim.dataset.hidden_sources import HiddenSource
+from periscopy_sim.dataset.reading import Count, Size
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.scenario import Array
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
-from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 SPLITS = ("train", "validation", "test")
-
-Count = Annotated[int, Field(strict=True, ge=1)]
 
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -157,9 +155,9 @@ class Configuration(Strict):
     """
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    count: Annotated[Count, Field(le=MOST_SAMPLES)]
+    count: Size
     hidden: RowsAndColumns
-    samples_per_geometry: Annotated[Count, Field(le=MOST_SAMPLES)] = 1000
+    samples_per_geometry: Size = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1
     splits: Splits = Splits()
@@ -224,20 +222,9 @@ class Configuration(Strict):
 
 
 def load_configuration(path: str | Path) -> Configuration:
-    """Read a data set's configuration.
+    """Read a data set's configuration, a YAML file.
 
-    Parameters
-    ----------
-    path
-        A YAML file.
-
-    Returns
-    -------
-    Configuration
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no YAML, or an entry is unknown, missing or out of range; with its line.
+    A file that is no YAML is a `ConfigurationError`; so is an entry that is unknown, missing or out
+    of range, with its line.
     """
     return read_yaml(Path(path), Configuration)

@@ -4,8 +4,7 @@ Each source is an entry of the configuration. From a random generator alone it d
 C, 3) of linear light in [0, 1], or the frames of a clip, (frames, R, C, 3), each with some light.
 """
 
-import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -15,9 +14,9 @@ from pydantic import Field
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.table import suffixes
+from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.pictures import read_hidden_image
 
 Rng = np.random.Generator
@@ -170,17 +169,6 @@ def pictures_in(folder: str, version: str = "") -> tuple[Path, ...]:  # noqa: AR
     if not files:
         raise ConfigurationError(f"folder '{folder}' holds no pictures ({', '.join(known)})")
     return files
-
-
-def sha256_of(files: Iterable[Path]) -> str:
-    """Return the digest of the contents of files, in their order."""
-    digest = hashlib.sha256()
-    for file in files:
-        try:
-            digest.update(hashlib.sha256(read_regular(file, MOST_BYTES)).digest())
-        except OSError as error:
-            raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
-    return digest.hexdigest()
 
 
 @lru_cache(maxsize=512)

@@ -5,12 +5,14 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
@@ -56,14 +58,18 @@ MOST_SAMPLES = 10**8
 """Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
 
 
+Count = Annotated[int, Field(strict=True, ge=1)]
+Size = Annotated[Count, Field(le=MOST_SAMPLES)]
+
+
 @dataclass(frozen=True)
 class Layout:
     """The sizes of a data set."""
 
-    count: int  # samples
-    block: int  # samples in a block
-    photograph_shape: tuple[int, int]  # (rows, columns)
-    hidden_shape: tuple[int, int]  # (R, C)
+    count: Size  # samples
+    block: Size  # samples in a block
+    photograph_shape: tuple[Size, Size]  # (rows, columns)
+    hidden_shape: tuple[Size, Size]  # (R, C)
     photograph_type: str
     keep_background: bool
     bounced_error: bool = False  # whether there is that label
@@ -115,14 +121,10 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     if attributes.get("kind") != KIND:
         raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
     try:
-        sizes: dict[str, Any] = dict(attributes["layout"])
-        shapes = {name: tuple(sizes[name]) for name in ("photograph_shape", "hidden_shape")}
-        layout = Layout(attributes["count"], **{**sizes, **shapes})
+        layout = Layout(attributes["count"], **attributes["layout"])
         records = Records(path, layout.of_store(), attributes)
         first = records.read(next(iter(records.numbers()), 0)).get("of", records.of)
-        numbers = (layout.count, layout.block, *layout.photograph_shape, *layout.hidden_shape)
-        is_own = first == records.of and (path / MAKING).is_dir()
-        if not is_own or not all(type(n) is int and 0 < n <= MOST_SAMPLES for n in numbers):
+        if first != records.of or not (path / MAKING).is_dir():
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise DatasetError(
@@ -220,12 +222,11 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    whole = (n for n in records.numbers() if n in records.layout.blocks and records.has(n))
-    sizes = {n: records.layout.size(n) for n in whole}
+    whole = [n for n in records.numbers() if n in records.layout.blocks and records.has(n)]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,
-            "finished": sum(sizes.values()),
+            "finished": sum(map(records.layout.size, whole)),
             "photograph": list(layout.photograph_shape),
             "hidden": list(layout.hidden_shape),
             "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),

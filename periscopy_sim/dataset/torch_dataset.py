@@ -53,9 +53,7 @@ class TorchDataset:
                 known = ", ".join(sorted(map(str, data.variables)))
                 raise DatasetError(f"{path}: has no variable '{name}' of samples; it has {known}")
         splits = data["split"].values
-        self.samples = np.flatnonzero(
-            np.ones_like(splits, bool) if split is None else splits == split
-        )
+        self.samples = np.arange(len(splits)) if split is None else np.flatnonzero(splits == split)
         if not len(self.samples):
             known = ", ".join(sorted({*splits.tolist()}))
             raise DatasetError(f"{path}: has no samples of split '{split}'; it has {known}")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.evaluation.video_metrics import write_table
 from periscopy_sim.measurement import noise_level
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
@@ -62,23 +63,12 @@ def errors_of(
     ``bound`` is the root of the patches' mean Cramér-Rao bound, σ² tr (A⊥ᵀA⊥)⁻¹ / N, with range(B)
     projected out and σ the noise of a white screen's photograph; it is infinite if the photograph
     does not determine all patches. ``told_error`` and ``error`` are the root mean squares of the
-    standard errors that the noise-aware method reports and of its actual errors, over the images.
+    standard errors that the noise-aware method reports and of its actual errors, over the images;
+    without images, the bound is alone.
 
-    Parameters
-    ----------
-    scenario, A, B
-        The scene, its transport matrix, (M, N), and its prototypes of ambient light, (M, L).
-    images
-        Hidden images, (R, C, 3) in [0, 1], for the errors; without any, the bound is alone.
-    snr, sbr
-        Ratios of each photograph, the SNR in dB; an infinite SBR is no ambient light.
-    pixels
-        Pixels of a photograph with this SNR, which others share the electrons of; None for M.
-
-    Raises
-    ------
-    ValueError
-        If no pixel is left, or B explains all of A.
+    A is (M, N), B (M, L), the images are (R, C, 3) in [0, 1], the SNR is in dB; an infinite SBR is
+    no ambient light. A photograph of `pixels` has this SNR, which others share the electrons of;
+    None for M. A ValueError says that no pixel is left, or B explains all of A.
     """
     shapes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
     observed = observation_of(A, *shapes)
@@ -148,12 +138,10 @@ def run_design(
         except PeriscopyError as error:
             if number == 0:
                 raise
-            failure = " ".join(str(error).split())
+            failure = str(error)
         rows.append({"point": number, **points[number], **numbers, "failure": failure})
-        with staged_file(table) as staged, staged.open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.DictWriter(stream, rows[0], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        with staged_file(table) as staged:
+            write_table(staged, rows)
     return rows
 
 

@@ -124,25 +124,20 @@ def fit_method(
     from threadpoolctl import threadpool_limits
 
     fit = find_method(name)
-    keywords: dict[str, Any] = {}
-    if backgrounds and _takes(fit, "backgrounds"):
-        keywords["backgrounds"] = backgrounds
-    elif backgrounds:
+    if backgrounds and not _takes(fit, "backgrounds"):
         shapes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
-        B = observation_of(A, *shapes, backgrounds).joined(B)
-    if mask is not None and _takes(fit, "mask"):
-        keywords["mask"] = mask
-    elif mask is not None:
+        B, backgrounds = observation_of(A, *shapes, backgrounds).joined(B), None
+    if mask is not None and not _takes(fit, "mask"):
         warnings.warn(
             f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
             stacklevel=2,
         )
-    if colour_matrix is not None:
-        if not _takes(fit, "colour_matrix"):
-            raise PeriscopyError(f"method '{name}' takes no keyword colour_matrix; add one")
-        keywords["colour_matrix"] = colour_matrix
-    if uncertain is not None:
-        keywords["uncertain"] = uncertain
+        mask = None
+    if colour_matrix is not None and not _takes(fit, "colour_matrix"):
+        raise PeriscopyError(f"method '{name}' takes no keyword colour_matrix; add one")
+    given: dict[str, Any] = {"mask": mask, "colour_matrix": colour_matrix, "uncertain": uncertain}
+    given["backgrounds"] = backgrounds or None
+    keywords = {keyword: each for keyword, each in given.items() if each is not None}
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):
         method = fit(scenario, A, B, **keywords, **options)
     if not callable(getattr(method, "reconstruct", None)):

@@ -208,25 +208,22 @@ class Sweep:
             )
         wall = Photograph(signal, mask, off)
         digests = {name: array_sha256(each) for name, each in off.items()}
-        settings = {
-            "signal": signal,
-            "backgrounds": dict(zip(self.backgrounds, ambient, strict=True)),
-            "mask": mask,
-            "methods": {
+        vars(self).update(  # the fields are frozen
+            signal=signal,
+            backgrounds=dict(zip(self.backgrounds, ambient, strict=True)),
+            mask=mask,
+            methods={
                 name: each.fitted_to(wall) if isinstance(each, StillMethod) else each
                 for name, each in self.methods.items()
             },
-            "conditions": {**self.conditions, **({"monitor_off_sha256": digests} if off else {})},
-        }
-        for name, value in settings.items():
-            object.__setattr__(self, name, value)
+            conditions={**self.conditions, **({"monitor_off_sha256": digests} if off else {})},
+        )
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         for name, image in {"signal": self.signal, **self.backgrounds}.items():
-            used = (
-                used_pixels(image, self.mask) if image.shape == self.signal.shape else np.zeros(1)
-            )
+            fits = image.shape == self.signal.shape
+            used = used_pixels(image, self.mask) if fits else np.zeros(1)
             if not (np.isfinite(used).all() and used.sum() > 0):
                 raise PeriscopyError(
                     f"'{name}': give finite values of shape {self.signal.shape} and positive mean"

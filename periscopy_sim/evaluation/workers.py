@@ -6,6 +6,7 @@ import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from importlib import metadata
 from itertools import islice
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -39,15 +40,14 @@ def connect(scheduler: str | None) -> "Iterator[Client]":
     from threadpoolctl import threadpool_limits
 
     check_scheduler(scheduler)
-    local: dict[str, Any] = {"processes": False, "n_workers": 1, "memory_limit": 0}
-    with _silence():
-        if scheduler is None:
-            # Its server cannot be switched off; on a free port it disturbs no other.
-            with threadpool_limits(1), Client(**local, dashboard_address="127.0.0.1:0") as client:
-                yield client
-        else:
-            with Client(scheduler, timeout=CONNECTING) as client:
-                yield client
+    settings: dict[str, Any] = {"address": scheduler, "timeout": CONNECTING}
+    if scheduler is None:
+        # Its server cannot be switched off; on a free port it disturbs no other.
+        settings = {"processes": False, "n_workers": 1, "memory_limit": 0}
+        settings |= {"dashboard_address": "127.0.0.1:0"}
+    limits = threadpool_limits(1 if scheduler is None else None)
+    with _silence(), limits, Client(**settings) as client:
+        yield client
 
 
 @contextmanager
@@ -120,10 +120,7 @@ def compute(
                 "a method of yours cannot travel to the workers, because pickle rejects it; keep "
                 "locks, threads and open files out of its object"
             ) from error
-
-        def submit(item: Item) -> Any:
-            return client.submit(_on_one_thread, task, held, item, pure=False)
-
+        submit = partial(client.submit, _on_one_thread, task, held, pure=False)
         running = as_completed([submit(item) for item in islice(waiting, IN_FLIGHT)])
         for future in running:
             yield future.result()
@@ -149,14 +146,13 @@ class _Parcel:
     def __init__(self, content: Any) -> None:
         self.content = content
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> Any:
         import cloudpickle
 
-        return _unpacked, (cloudpickle.dumps(self.content),)
+        return cloudpickle.dumps(self.content)
 
-
-def _unpacked(content: bytes) -> _Parcel:
-    return _Parcel(pickle.loads(content))
+    def __setstate__(self, content: bytes) -> None:
+        self.content = pickle.loads(content)
 
 
 def _on_one_thread(

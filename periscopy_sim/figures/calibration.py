@@ -66,28 +66,24 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     """Show values and errors over those of the ruler, a row each, and the fine descents' path."""
     parameters = calibration.parameters
     rows = np.arange(len(parameters))
-    starts, errors = np.array([(p.start, p.ruler_error) for p in parameters]).T
+    numbers = [(p.start, p.ruler_error, p.value, p.standard_error) for p in parameters]
+    starts, errors, values, widths = np.array(numbers).T
     path = (np.concatenate(calibration.path[-2:])[:, :-1] - starts) / errors
     ax.axvspan(-1, 1, color="0.93", label="± standard error of the measured value")
     ax.axvline(0, color="black", linewidth=0.8)
     search = {"color": OKABE_ITO[0], "ms": 3, "zorder": 3, "label": "search"}
     ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
-    for source in _COLOURS:
+    places, widths = (values - starts) / errors, widths / errors
+    for source, colour in _COLOURS.items():
         kept = [k for k in rows if parameters[k].determined_by == source]
-        if not kept:
-            continue
-        ax.errorbar(
-            [(parameters[k].value - starts[k]) / errors[k] for k in kept],
-            kept,
-            xerr=[parameters[k].standard_error / errors[k] for k in kept],
-            fmt="o",
-            color=_COLOURS[source],
-            markersize=4,
-            capsize=2,
-            label=f"value ± standard error, {source}",
-        )
-    values = [with_error(p.value, p.standard_error, units.get(p.name, "")) for p in parameters]
-    names = [f"{p.name} = {value}" for p, value in zip(parameters, values, strict=True)]
+        if kept:
+            look = {"fmt": "o", "color": colour, "markersize": 4, "capsize": 2}
+            label = f"value ± standard error, {source}"
+            ax.errorbar(places[kept], kept, xerr=widths[kept], label=label, **look)
+    names = [
+        f"{p.name} = {with_error(p.value, p.standard_error, units.get(p.name, ''))}"
+        for p in parameters
+    ]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlabel("value − measured value, over the measured value's standard error")

@@ -210,10 +210,8 @@ def residual_map(residual: "Residual", least: float = 4.0) -> tuple[Array, float
     level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1) or 1.0
     mean = residual.light.mean(axis=2) / level
     if residual.noise_alone:
-        values, unit = (
-            mean * np.sqrt(residual.light.shape[2]) / residual.noise_alone,
-            "standard deviations of noise",
-        )
+        values = mean * np.sqrt(residual.light.shape[2]) / residual.noise_alone
+        unit = "standard deviations of noise"
     else:
         values, unit, least = 100 * mean, "% of the photograph's root mean square", 0.0
     return values, max(least, float(np.nanpercentile(np.abs(values), 99))) or 1.0, unit

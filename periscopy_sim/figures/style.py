@@ -37,14 +37,11 @@ class _Matplotlib(ModuleType):
     """
 
     def __getattr__(self, name: str) -> Any:
-        is_first = "matplotlib" not in sys.modules
-        backend = os.environ.pop("MPLBACKEND", None) if is_first else None
-        try:
-            import matplotlib.backends.backend_agg  # which draws files
-        finally:
-            if backend is not None:
-                os.environ["MPLBACKEND"] = backend
-        if backend:
+        backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
+        import matplotlib.backends.backend_agg  # which draws files
+
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
             with suppress(ValueError):
                 matplotlib.rcParams["backend"] = backend
         return getattr(matplotlib, name, None) or import_module(f"matplotlib.{name}")

@@ -7,7 +7,6 @@ import numpy as np
 
 from periscopy_sim.evaluation.metrics import gain_matched
 from periscopy_sim.figures import animation
-from periscopy_sim.figures.animation import draw_animation
 from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.numerics import Image
 
@@ -84,4 +83,4 @@ def draw_video(
             yield [displayable(shown[k], level) for shown, level in panels.values()]
             progress((k + 1) / len(images))
 
-    draw_animation(path, list(panels), moments(), rate=rate, metadata=text)
+    animation.draw_animation(path, list(panels), moments(), rate=rate, metadata=text)

@@ -79,12 +79,11 @@ class Gate:
         """The address of the page, with its token; of all of a computer's one that others reach."""
         host = self._host
         if self._address.is_unspecified:
-            with socket.socket(self._socket.family, socket.SOCK_DGRAM) as probe:
-                try:  # chooses a route, and sends nothing
-                    probe.connect(("192.0.2.1" if self._address.version == 4 else "2001:db8::1", 9))
-                    host = probe.getsockname()[0]
-                except OSError:  # no network
-                    host = socket.gethostname()
+            host, far = socket.gethostname(), {4: "192.0.2.1", 6: "2001:db8::1"}
+            probe = socket.socket(self._socket.family, socket.SOCK_DGRAM)
+            with probe, contextlib.suppress(OSError):  # no network
+                probe.connect((far[self._address.version], 9))  # chooses a route, sends nothing
+                host = probe.getsockname()[0]
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"
 

@@ -71,12 +71,11 @@ class LiveLaboratory:
                 self._tell("")
             except Overtaken:
                 pass
+            except PeriscopyError as error:
+                self._tell(str(error))
             except Exception as error:  # one wish that fails must not end the page
-                text = " ".join(str(error).split())
-                if not isinstance(error, PeriscopyError):
-                    LOG.error("periscopy view goes on after an error", exc_info=error)
-                    text = f"{type(error).__name__}: {text}"
-                self._tell(text)
+                LOG.error("periscopy view goes on after an error", exc_info=error)
+                self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
     def _next(self) -> Level | Save | None:
         """Wait for a level that is behind the latest wish, or for something to save."""

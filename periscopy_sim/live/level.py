@@ -14,25 +14,22 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
-from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Report, StillMethod
+from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.shadow_rays import render_transport, require_light
+from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
+from periscopy_sim.rendering.transport.shadow_rays import require_light
 from periscopy_sim.scenario import Array, Scenario
 from periscopy_sim.shipped import find_image
-from periscopy_sim.storage.pictures import (
-    area_average,
-    averaged_photograph,
-    read_hidden_image,
-)
+from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
 
 COARSE = 32, 12
 """Pixels along a photograph's longer side, patches along a hidden image's: some 100 ms on one core
 from a scene that has moved to its pictures."""
 
-RAYS = {True: 4, False: 16}
-"""Rays per patch and wall point where a scene has no closed form; fewer at the coarse size."""
+BUDGET = 1 << 28
+"""Most rays for a full A where a scene has no closed form: some 2 s, 16 at the paper's sizes."""
 
 
 @dataclass(frozen=True)
@@ -115,28 +112,35 @@ class Level:
         Overtaken is raised as soon as `is_overtaken` says that a newer wish came.
         """
 
-        def unless_overtaken() -> None:
+        def unless_overtaken(*_: object) -> None:
             if is_overtaken():
                 raise Overtaken
 
+        def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
+            """Return what `make` makes; that of before while its key is the same."""
+            unless_overtaken()
+            if name not in self._kept or self._kept[name][0] != key:
+                self._kept.pop(name, None)  # before another takes as much memory
+                self._kept[name] = key, make()
+            return self._kept[name][1]
+
         start = time.perf_counter()
         values = tuple(choice.values.values())
-        scenario, A = self._keep("A", values, lambda: self._transport(choice.values))
-        unless_overtaken()
+        given = {name: f"{value:.9g}" for name, value in choice.values.items()}
+        scenario = kept("scenario", values, lambda: self.scenario(self._given | given))
+        noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
+        plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
+        A = kept("A", (values, plan), lambda: self._transport(scenario, plan, unless_overtaken))
         truth = None
         if choice.image:
             path = find_image(choice.image)
-            truth = self._keep("f", path, lambda: read_hidden_image(path, self.hidden_shape))
+            truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
-        unless_overtaken()
-        B = self._keep(
-            "B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario)
-        )
-        method = self._keep(
-            "method", (choice.method, values),
-            lambda: fit_method(
-                choice.method, scenario, A, B, photograph.mask, photograph.monitor_off
-            ),
+        B = kept("B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario))
+        of_photograph = photograph.mask, photograph.monitor_off
+        method = kept(
+            "method", (choice.method, values, plan),
+            lambda: fit_method(choice.method, scenario, A, B, *of_photograph),
         )  # fmt: skip
         unless_overtaken()
         report = Report()
@@ -149,6 +153,9 @@ class Level:
                     report = replace(report, residual=None)
             else:
                 image = image_by(method, photograph.values, self.hidden_shape)
+        if plan.error > noise:
+            errors = {"name": "A", "error": 100 * plan.error, "noise": 100 * noise}
+            report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, truth, photograph, image,
@@ -156,21 +163,20 @@ class Level:
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 
-    def _keep(self, name: str, key: object, make: Callable[[], Any]) -> Any:
-        """Return what `make` makes; that of before while its key is the same."""
-        if name not in self._kept or self._kept[name][0] != key:
-            self._kept.pop(name, None)  # before another takes as much memory
-            self._kept[name] = key, make()
-        return self._kept[name][1]
+    def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
+        """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
+        if self.is_coarse:
+            return TransportPlan(None if has_areas(scenario) else FEWEST)
+        return plan_transport(scenario, noise, budget=BUDGET)
 
-    def _transport(self, values: Mapping[str, float]) -> tuple[Scenario, Any]:
-        """Return the scene at some values, and its A."""
-        given = {name: f"{value:.9g}" for name, value in values.items()}
-        scenario = self.scenario(self._given | given)
-        has_form, samples = has_areas(scenario), RAYS[self.is_coarse]
-        A = area_transport(scenario) if has_form else render_transport(scenario, samples=samples)
-        require_light(A, scenario)
-        return scenario, A
+    def _transport(
+        self, scenario: Scenario, plan: TransportPlan, progress: Callable[[float], None]
+    ) -> NDArray[np.float32]:
+        if self.is_coarse and plan.by == "areas":
+            A = area_transport(scenario)  # from the pixels' centres
+            require_light(A, scenario)
+            return A
+        return plan.transport(scenario, progress=progress)
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any

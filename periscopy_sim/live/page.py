@@ -137,8 +137,7 @@ class Page:
                     for name in filter(names.__contains__, self._movables):
                         act = partial(self._follow_slider, name)
                         self._sliders[name] = self._slide(self._movables[name], act)
-        start = {name: each.value for name, each in self._movables.items()}
-        self._press("Back to the file's values", lambda: self._set(start, 0.0))
+        self._press("Back to the file's values", lambda: self._set(first.values, 0.0))
         self._press("Write scene and pictures", lambda: self.save())
         self._notes = gui.add_html("")
 

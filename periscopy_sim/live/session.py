@@ -2,8 +2,8 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Array, Scenario
 
 
-class LiveSession:
+class LiveSession(AbstractContextManager["LiveSession"]):
     """A laboratory on a page; a context, at whose end the page is closed.
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
@@ -54,10 +54,6 @@ class LiveSession:
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
         self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
-
-    def __enter__(self) -> Self:
-        """Open nothing more: the page is open already."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """End all."""

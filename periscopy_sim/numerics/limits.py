@@ -8,6 +8,7 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.machine import available_memory
 
 MOST_PIXELS = 1 << 27
@@ -58,8 +59,8 @@ def read_json(path: Path) -> Any:
         raise ValueError("its brackets are nested too deeply") from None
 
 
-def check_budget(shape: Sequence[int]) -> None:
-    """Raise a ValueError for an array that is larger than any photograph, or than the memory.
+def check_budget(shape: Sequence[int], path: Path) -> None:
+    """Reject a file's array that is larger than any photograph, or than the memory.
 
     The last of three or more dimensions are channels.
     """
@@ -67,4 +68,6 @@ def check_budget(shape: Sequence[int]) -> None:
     pixels, available = math.prod(size) * max(channels / 3, 1), available_memory()
     if pixels > MOST_PIXELS or (available is not None and pixels * PIXEL_BYTES > available):
         text = "x".join(map(str, shape))
-        raise ValueError(f"has {text} values, more than the memory for a picture; make it smaller")
+        raise PhotographError(
+            f"{path}: has {text} values, more than the memory for a picture; make it smaller"
+        )

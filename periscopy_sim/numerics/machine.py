@@ -40,16 +40,12 @@ def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator
     Calls to `in_parallel` within it are made one after another. An error is raised in the place of
     its result; what waits is then not called.
     """
-    waiting = iter(items)
-    running = deque(
-        _executor(os.getpid()).submit(function, item) for item in islice(waiting, core_count() + 1)
-    )
+    calls = (_executor(os.getpid()).submit(function, item) for item in items)
+    running = deque(islice(calls, core_count() + 1))
     try:
         while running:
             yield running.popleft().result()
-            running.extend(
-                _executor(os.getpid()).submit(function, item) for item in islice(waiting, 1)
-            )
+            running.extend(islice(calls, 1))
     finally:
         for future in running:
             future.cancel()

@@ -29,11 +29,8 @@ def times_rows(vectors: Array, matrix: Array) -> Array:
     if len(vectors) % 3:
         return np.asarray(vectors @ matrix.T)
     product = np.zeros((len(vectors), len(matrix)), vectors.dtype)
-
-    def multiply(blocks: tuple[int, int]) -> None:
-        _multiply(vectors, matrix, *blocks, product)
-
-    in_parallel(multiply, ranges(-(-len(matrix) // 4)))
+    blocks = ranges(-(-len(matrix) // 4))
+    in_parallel(lambda part: _multiply(vectors, matrix, *part, product), blocks)
     return product
 
 
@@ -80,11 +77,8 @@ def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> N
 
     The shapes are (K, M), (K, r) and (r, M), of one type, the vectors C-contiguous.
     """
-
-    def subtract(chunks: tuple[int, int]) -> None:
-        _subtract(vectors, coefficients, rows, *chunks)
-
-    in_parallel(subtract, ranges(-(-rows.shape[1] // CHUNK)))
+    chunks = ranges(-(-rows.shape[1] // CHUNK))
+    in_parallel(lambda part: _subtract(vectors, coefficients, rows, *part), chunks)
 
 
 @compiled_reordered

@@ -26,11 +26,10 @@ def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
     NumPy drops masks and names. Masked values and other names are a `PhotographError`.
     """
     axes = getattr(values, "dims", ())
-    axes = axes if isinstance(axes, tuple) else ()
-    if set(axes) <= set(AXES):
-        values = values.transpose(*(axis for axis in AXES if axis in axes)) if axes else values
-    elif axes:
-        raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
+    if axes and isinstance(axes, tuple):
+        if not set(axes) <= set(AXES):
+            raise PhotographError(f"{name}: has dimensions {axes}; name them {', '.join(AXES)}")
+        values = values.transpose(*(axis for axis in AXES if axis in axes))
     if np.ma.is_masked(values):
         raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
     return np.asarray(values)

@@ -36,21 +36,11 @@ BRIGHTER = 0.1
 
 @dataclass(frozen=True, eq=False)
 class DefectivePixels:
-    """Defective pixels of a photograph by kind, (rows, columns) bool each.
+    """Defective pixels of a photograph by kind, (rows, columns) bool each."""
 
-    Attributes
-    ----------
-    saturated
-        At the top of a channel that ends in a plateau.
-    dead
-        Not above zero amid light.
-    hot
-        Alone far above the pixels around, and not saturated.
-    """
-
-    saturated: Mask
-    dead: Mask
-    hot: Mask
+    saturated: Mask  # at the top of a channel that ends in a plateau
+    dead: Mask  # not above zero amid light
+    hot: Mask  # alone far above the pixels around, and not saturated
 
     def __str__(self) -> str:
         """Return how many there are of each kind, and where the first is."""
@@ -103,8 +93,8 @@ def defective_pixels(
         If the photograph has another number of dimensions, or the mask another shape.
     """
     if isinstance(photograph, Photograph):
-        mask = common_pixels(mask, photograph.mask)
-    values = photograph.values if isinstance(photograph, Photograph) else np.asarray(photograph)
+        mask, photograph = common_pixels(mask, photograph.mask), photograph.values
+    values = np.asarray(photograph)
     values = values[..., np.newaxis] if values.ndim == 2 else values
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if values.ndim != 3 or used.shape != values.shape[:2]:

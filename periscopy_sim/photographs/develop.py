@@ -126,23 +126,18 @@ def develop(
             yield replace(exposure, values=exposure.values - offset)
 
     light = average(exposures(), "photographs")
-    if flat is None:
-        return _checked(light)
-    even = sensor_image(flat, "the flat field")
-    check_same_size(even.size, light.size, "the flat field")
-    bright = even.values - offset
-    unfit = (bright <= 0).any(axis=2) | even.saturated
-    if unfit.all():
-        raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
-    mean = bright[~unfit].mean(axis=0, dtype=np.float64)  # of each channel
-    gain = np.where(unfit[..., np.newaxis], 1, bright / mean).astype(np.float32)
-    with np.errstate(over="ignore"):
-        values = light.values / gain
-    return _checked(replace(light, values=values, saturated=light.saturated | unfit))
-
-
-def _checked(light: SensorImage) -> SensorImage:
-    """Return a developed picture, unless what was subtracted or divided by left no numbers."""
+    if flat is not None:
+        even = sensor_image(flat, "the flat field")
+        check_same_size(even.size, light.size, "the flat field")
+        bright = even.values - offset
+        unfit = (bright <= 0).any(axis=2) | even.saturated
+        if unfit.all():
+            raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
+        mean = bright[~unfit].mean(axis=0, dtype=np.float64)  # of each channel
+        gain = np.where(unfit[..., np.newaxis], 1, bright / mean).astype(np.float32)
+        with np.errstate(over="ignore"):
+            values = light.values / gain
+        light = replace(light, values=values, saturated=light.saturated | unfit)
     if not np.isfinite(light.values).all():
         raise PhotographError("developed values are not finite; check the levels, dark and flat")
     return light

@@ -136,16 +136,9 @@ def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
 def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
     """Return a published capture as arrays that `read_photograph` and `read_hidden_image` know.
 
-    Returns
-    -------
-    dict
-        ``photograph``, (126, 126, 3) linear counts for each unit of exposure; ``hidden``,
-        (rows, columns, 3) linear, what the monitor showed, if the file has it.
-
-    Raises
-    ------
-    PhotographError
-        If the file is damaged or of another layout.
+    They are ``photograph``, (126, 126, 3) linear counts for each unit of exposure, and ``hidden``,
+    (rows, columns, 3) linear, what the monitor showed, if the file has it. A file that is damaged
+    or of another layout is a `PhotographError`.
     """
     fields = capture_fields(path)
     light = area_average(bayer_colours(fields["image"]), FILM) / capture_exposure(fields, path)
@@ -160,7 +153,7 @@ def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
     names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
     with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
         for _, shape, _ in whosmat(stream):
-            check_budget(shape)
+            check_budget(shape, path)
         fields = loadmat(stream, variable_names=names)
         fields = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
     counts = fields.get("image", np.zeros(0))

@@ -43,9 +43,9 @@ def open_frames(
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
     natural order of their names: frame2 before frame10; other files and subfolders do not count. An
-    array (frames, rows, columns, 3) named
-    `photograph` is in an NPZ file, which is decoded as a whole, or in a Zarr group of format 3, as
-    a data set has it; an NPY file holds one, too. One channel in place of three is grey.
+    array (frames, rows, columns, 3) named `photograph` is in an NPZ file, which is decoded as a
+    whole, or in a Zarr group of format 3, as a data set has it; an NPY file holds one, too. One
+    channel in place of three is grey.
 
     Parameters
     ----------
@@ -72,8 +72,16 @@ def open_frames(
         files = files_of_one_kind(path)
         names = tuple(file.name for file in files)
         return Frames(names, lambda k: read_photograph(files[k], shape, mask))
-    stack = _checked(zarr_stack(path, shape) if path.is_dir() else _opened(path, shape), path)
-    check_size(stack.shape[1:3], shape, str(path))
+    if path.is_dir():
+        stack = zarr_stack(path, shape)
+    elif open_stack := format_of(path).open_stack:
+        stack = open_stack(path, shape)
+    else:
+        raise PhotographError(
+            f"{path}: is a single {format_of(path).name} file; give a folder of photographs, a "
+            "Zarr archive, or an NPY or NPZ stack"
+        )
+    check_size(_checked(stack, path).shape[1:3], shape, str(path))
 
     def read(k: int) -> Photograph:
         place = f"{path}, frame {k}"
@@ -143,17 +151,6 @@ def _natural(name: str) -> tuple[list[str | int], str]:
     """Return a sort key by which frame2 comes before frame10: text and numbers in turn."""
     pieces = re.split("([0-9]+)", name.lower())
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)], name
-
-
-def _opened(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
-    """Return the frames of one file, of a size."""
-    row = format_of(path)
-    if row.open_stack is None:
-        raise PhotographError(
-            f"{path}: is a single {row.name} file; give a folder of photographs, a Zarr archive, "
-            "or an NPY or NPZ stack"
-        )
-    return row.open_stack(path, shape)
 
 
 def _checked(stack: Any, path: Path) -> Any:

@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -19,7 +19,7 @@ GARBAGE = np.resize([1e9, -1e30, np.nan, np.inf, 0.0], (24, 24, 3))
 def session(scenario, tmp_path, monkeypatch):
     """A session of the shared scene, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    session = Session(*CHAIR)
+    session = PhotoSession(*CHAIR)
     session.scenario = scenario
     return session
 
@@ -46,7 +46,8 @@ def test_scene_without_shadows_is_warned_of(capfd):
 def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photographs, tmp_path):
     Image.fromarray(MASK).save(tmp_path / "mask.png")
     y = photographs[0]
-    wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)), tmp_path / "mask.png")
+    session.mask = tmp_path / "mask.png"
+    wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)))
     np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
     np.testing.assert_array_equal(wall.mask, MASK)
     assert session.record["pixels_left_out"] == LEFT_OUT and session.warnings == []
@@ -57,9 +58,9 @@ def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_pa
     y[11, 3], y[17, 20, 1] = 0, 0
     y[20, 5] *= 100
     path = saved(y=y, mask=MASK)
-    for given, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
+    for session.mask, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
         session.warnings.clear()
-        wall = session.wall(path, given)
+        wall = session.wall(path)
         assert len(session.warnings) == 1 and "y.npy" in session.warnings[0]
         expected = used.copy()
         expected[[11, 17, 20], [3, 20, 5]] = False
@@ -70,10 +71,10 @@ def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_pa
 @pytest.mark.parametrize("place", ["photograph", "mask", "monitor_off"])
 def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
     right, wrong = saved(right=np.ones((24, 24, 3))), saved(wrong=np.ones((24, 23)) > 0)
-    given = {"photograph": right, "mask": None, "monitor_off": []}
-    given[place] = [wrong] if place == "monitor_off" else wrong
+    if place != "photograph":
+        setattr(session, place, [wrong] if place == "monitor_off" else wrong)
     with pytest.raises(PeriscopyError, match=r"wrong\.npy: "):
-        session.wall(*given.values())
+        session.wall(wrong if place == "photograph" else right)
 
 
 def test_image_is_that_of_the_rows_used(

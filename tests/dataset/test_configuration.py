@@ -57,6 +57,7 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
     ("change", "message"),
     [
         ("weather: fine", r"config.yaml: line 7, weather: is not known; there are seed, "),
+        ("yes: fine", r"config.yaml: line 7, yes: is not known; there are seed, "),
         ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: .*'samples'\?$"),
         ("light: {samples: 4}", r"line 7, light: .*'kind'"),
         ("light: 5", r"line 7, light: "),

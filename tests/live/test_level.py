@@ -41,6 +41,20 @@ def test_photograph_is_what_its_model_says(level, choice):
     assert error == pytest.approx(0.01, rel=0.1)
 
 
+def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice, monkeypatch):
+    from periscopy_sim.live import level as module
+
+    path = find_scene("bright_room")  # has no closed form
+    laboratory = Level(path, {}, ((12, 12), (3, 4)), is_coarse=False)
+    pictures = laboratory.pictures(replace(choice, values={}), never)
+    assert not pictures.report.warnings
+    monkeypatch.setattr(module, "BUDGET", 0)
+    report = laboratory.pictures(replace(choice, values={}, snr=80.0), never).report
+    (warning,) = report.warnings
+    assert warning.code == "transport_error"
+    assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
+
+
 def test_what_was_computed_is_kept(level, choice, monkeypatch):
     from periscopy_sim.live import level as module
 

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from math import gcd
 from pathlib import Path
 from typing import Annotated
@@ -13,14 +12,13 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.cli.output import output_files, progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
@@ -70,16 +68,14 @@ def prepare(
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags exclude each other; give one")
     written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
-    given_files = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
-    spare_inputs(written, given_files)
-    with ExitStack() as stack:
-        staged = [stack.enter_context(staged_file(path)) for path in written]
+    inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
+    with output_files(written, inputs) as staged:
         with progress("reading the photograph"):
             light = _developed(photos, black, dark, flat, white)
         marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
         film: list[str] = []
         if bin_by is not None:
-            film = _definitions(session, *_film(light, session.scenario, bin_by, marks))
+            film = _film(light, session, bin_by, marks)
             session = Session(scene, "1x1", [*(define or []), *film])
         with progress("averaging its pixels"):
             used = None if mask is None else read_mask(mask)
@@ -119,22 +115,18 @@ def _developed(
 
 
 def _film(
-    light: SensorImage, scenario: ps.Scenario, side: int, marks: ps.WallPoints | ps.WallTags | None
-) -> tuple[int, int]:
-    """Return (rows, columns) of the film whose pixels cover side x side of a photograph."""
-    rows, columns = scenario.photograph_shape
+    light: SensorImage, session: Session, side: int, marks: ps.WallPoints | ps.WallTags | None
+) -> list[str]:
+    """Return NAME=VALUE of <default>s: of a film whose pixels cover side x side of a photograph."""
+    rows, columns = session.scenario.photograph_shape
     covered = light.size[0] / rows  # pixels of the photograph along a side of the scene's own
     if marks is not None:
         from periscopy_sim.photographs.prepare import place_film
 
-        covered = np.sqrt(place_film(light, scenario, marks).coverage)
+        covered = np.sqrt(place_film(light, session.scenario, marks).coverage)
     common = gcd(rows, columns)
     times = max(1, round(common * covered / side))
-    return times * rows // common, times * columns // common
-
-
-def _definitions(session: Session, rows: int, columns: int) -> list[str]:
-    """Return NAME=VALUE of the scene's <default>s that set its film's size."""
+    rows, columns = times * rows // common, times * columns // common
     declared = session.scenario.document.defaults.keys() - session.definitions.keys()
     if {"height", "width"} <= declared:
         return [f"height={rows}", f"width={columns}"]

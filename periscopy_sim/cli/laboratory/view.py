@@ -16,7 +16,7 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
-from periscopy_sim.cli.session import Session, provenance_of
+from periscopy_sim.cli.session import WallSession, provenance_of
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -62,7 +62,7 @@ def view(
     require("viser")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
-    session = Session(scene, hidden, define)
+    session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
         from periscopy_sim.live.level import Choice
@@ -72,7 +72,7 @@ def view(
         ps.find_method(method)
         if image:
             session.hidden_image(image)
-        wall = None if photo is None else session.wall(photo, mask)
+        wall = None if photo is None else session.wall(photo)
         light = None
         if ambient:
             place = str(find_condition(ambient))  # its error is smooth: methods project it out

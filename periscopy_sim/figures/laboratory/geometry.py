@@ -27,23 +27,10 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 class RoomPlan:
     """A scenario's laboratory along the world's axes: across the wall, towards it, up.
 
-    Attributes
-    ----------
-    scenario, survey
-        What is drawn.
-    axes
-        The three axes' numbers; depth is the horizontal axis along which one faces the wall.
-    signs
-        -1 where an axis runs to the left (across), or away from the wall (towards).
-    normal, middle, eye
-        (3,) of the wall, of the view's middle on it, of the camera.
-    low, high
-        (3,) corners of the drawing.
-
-    Raises
-    ------
-    SceneError
-        If the wall lies more than it stands.
+    `axes` are the three axes' numbers; depth is the horizontal axis along which one faces the wall.
+    `signs` are -1 where an axis runs to the left (across), or away from the wall (towards). The
+    wall's `normal`, the view's `middle` on it, the camera's `eye`, and the drawing's corners `low`
+    and `high` are (3,). A SceneError says that the wall lies more than it stands.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -112,10 +99,10 @@ def facts(layout: RoomPlan) -> list[str]:
     sight = layout.eye - layout.middle
     away = float(np.linalg.norm(sight))
     slant = np.degrees(np.arccos(np.clip(sight @ normal / away, -1, 1)))
-    aim = "" if survey.parallel else f" ({turn_and_tilt(-sight, -normal)})"
-    where = f"{in_words(away)} from the wall along its line of sight"
-    if survey.parallel:
-        where = "parallel rays (a rectified picture of the wall)"
+    where, aim = "parallel rays (a rectified picture of the wall)", ""
+    if not survey.parallel:
+        where = f"{in_words(away)} from the wall along its line of sight"
+        aim = f" ({turn_and_tilt(-sight, -normal)})"
     rows, columns = scenario.hidden_shape
     across = columns * np.linalg.norm(scenario.patch_across, axis=1).mean()
     up = rows * np.linalg.norm(scenario.patch_up, axis=1).mean()

@@ -25,10 +25,14 @@ GAPS = 9.0, 36.0, 72.0
 
 
 class Labels:
-    """The labels of one panel; `place` them once everything is drawn."""
+    """The labels of one panel; `place` them once everything is drawn.
+
+    The panel stays from `low` to `high`, (2,) each, whatever is drawn meanwhile.
+    """
 
     def __init__(self, ax: Any) -> None:
-        self._ax = ax
+        self._ax, self._limits = ax, (ax.get_xlim(), ax.get_ylim())
+        self.low, self.high = np.sort(self._limits).T
         self._labels: list[tuple[str, Array, str]] = []
         self._avoided: list[Array] = []
 
@@ -37,9 +41,8 @@ class Labels:
 
         Other labels may stand within a hollow thing.
         """
-        (left, right), (bottom, top) = sorted(self._ax.get_xlim()), sorted(self._ax.get_ylim())
         low, high = np.min(points, axis=0), np.max(points, axis=0)
-        if (high > (left, bottom)).all() and (low < (right, top)).all():
+        if (high > self.low).all() and (low < self.high).all():
             self._labels.append((text, points, colour))
             if not hollow:
                 self._avoided.append(points)
@@ -51,6 +54,7 @@ class Labels:
 
     def place(self) -> None:
         """Place every label: beside its thing, off all others' boxes and within the panel."""
+        self._ax.set(xlim=self._limits[0], ylim=self._limits[1])
         renderer = self._ax.figure.canvas.get_renderer()
         frame = self._ax.get_window_extent(renderer)
         low, high = np.array([frame.x0, frame.y0]), np.array([frame.x1, frame.y1])
@@ -114,8 +118,8 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
     Polygon = mpl.patches.Polygon
     survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
-    limits = ax.get_xlim(), ax.get_ylim()
-    (left, right), (bottom, top) = map(sorted, limits)
+    labels = Labels(ax)
+    (left, bottom), (right, top) = labels.low, labels.high
     x = np.linspace(left, right, GRID)
     z = np.linspace(bottom, top, max(2, round(GRID * (top - bottom) / (right - left))))
     share = _share(layout, x, z)
@@ -126,7 +130,6 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     if np.ptp(share) > 0.05:
         ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
         ax.contour(x, z, share, levels=[0.98], colors="black", linewidths=0.6, linestyles=":")
-    labels = Labels(ax)
     for outline, colour, style, text in (
         (survey.view_points[:4][:, [h, v]], VIEWED, "-", "seen by the camera"),
         (hull(survey.monitor_points[:, [h, v]]), MONITOR, "--", "monitor"),
@@ -134,7 +137,6 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
         ax.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style))
         labels.avoid_line(np.concatenate([outline, outline[:1]]))
         labels.add(text, outline, colour, hollow=True)
-    ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
@@ -143,7 +145,6 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     Polygon = mpl.patches.Polygon
     scenario, survey = layout.scenario, layout.survey
     h, v = (layout.axes[k] for k in shown)
-    limits = ax.get_xlim(), ax.get_ylim()
     labels = Labels(ax)
     middle, eye, normal = layout.middle, layout.eye, layout.normal
     cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
@@ -164,7 +165,7 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     monitor = hull(survey.monitor_points[:, [h, v]])
     ax.add_patch(Polygon(monitor, facecolor=MONITOR, edgecolor=MONITOR, linewidth=2.4, zorder=6))
     labels.add("monitor", monitor, MONITOR)
-    size = 0.05 * float(np.ptp(limits[0]) + np.ptp(limits[1]))
+    size = 0.05 * float(np.sum(labels.high - labels.low))
     screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
     shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
     for start, direction, colour in (
@@ -178,7 +179,6 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
     labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
-    ax.set(xlim=limits[0], ylim=limits[1])
     labels.place()
 
 
@@ -186,11 +186,10 @@ def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, 
     """Draw where the wall's plane meets the panel's: through the view's middle, to the ends."""
     middle, normal = layout.middle[[*axes]], layout.normal[[*axes]]
     along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
-    reach = float(np.ptp(ax.get_xlim()) + np.ptp(ax.get_ylim()))
+    reach = float(np.sum(labels.high - labels.low))
     line = middle + np.linspace(-reach, reach, 200)[:, None] * along
     ax.plot(*line.T, color="black", linewidth=0.8, zorder=3)
-    (left, right), (bottom, top) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
-    inside = line[((line > (left, bottom)) & (line < (right, top))).all(axis=1)]
+    inside = line[((line > labels.low) & (line < labels.high)).all(axis=1)]
     # The label stands by the end that is farther from the view.
     far = inside[[0, -1]][np.argmax(np.linalg.norm(inside[[0, -1]] - middle, axis=1))]
     labels.add("wall", far[None], "black")

@@ -21,7 +21,11 @@ from periscopy_sim.analytic.area_transport import (
 )
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
+from periscopy_sim.rendering.transport.shadow_rays import (
+    RenderedTransport,
+    render_transport,
+    require_light,
+)
 from periscopy_sim.scenario import Scenario
 
 By = Literal["areas", "rays"]
@@ -76,9 +80,14 @@ class TransportPlan:
         }
 
     def transport(self, scenario: Scenario, **of_rays: Any) -> NDArray[np.float32]:
-        """Compute A of direct light, (M, N); `render_transport` has the keywords, for rays."""
+        """Compute A of direct light, (M, N); `render_transport` has the keywords, for rays.
+
+        A SceneError says that no light of the monitor reaches the wall.
+        """
         if self.samples is None:
-            return pixel_transport(scenario)
+            A = pixel_transport(scenario)
+            require_light(A, scenario)
+            return A
         return render_transport(
             scenario, samples=self.samples, pixel_samples=self.pixel_samples, **of_rays
         )
@@ -91,14 +100,16 @@ def plan_transport(
     by: By | None = None,
     samples: int | None = None,
     seed: int = 0,
+    budget: int | None = None,
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise.
 
     `noise` is the standard deviation of a photograph's over the mean of the monitor's light in it,
     `samples` the rays from the centre of each pixel to each patch. None takes as many as make the
-    error of A a third of the noise or less, within `BUDGET`, and averages over the pixels' areas.
-    The plan's error exceeds the noise where `samples`, or the budget, are too few. Errors and other
-    parameters are those of `transport`; the seed is of the rays that measure the error.
+    error of A a third of the noise or less, and averages over the pixels' areas; beyond the fewest,
+    a whole A takes at most `budget` rays, None for `BUDGET`. The plan's error exceeds the noise
+    where samples or budget are too few. Errors and other parameters are those of `transport`; the
+    seed is of the rays that measure the error.
     """
     if by == "areas":
         require_areas(scenario)
@@ -107,7 +118,7 @@ def plan_transport(
     if samples is not None:
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
     samples, points = FEWEST, points_across(scenario.photograph_shape) ** 2
-    most = BUDGET / points / np.prod(scenario.transport_shape)
+    most = (BUDGET if budget is None else budget) / points / np.prod(scenario.transport_shape)
     while (error := transport_error(scenario, samples, points, seed=seed)) > SMALL * noise:
         if 4 * samples > most:
             break

@@ -15,12 +15,6 @@ from periscopy_sim.storage.formats.decoding import Picture, Size, check_head, de
 PHOTOGRAPH = "photograph"
 """Name of the photographs in an NPZ file or a Zarr group."""
 
-HEADS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
-"""What reads the head of an NPY file of a version; version 3 holds no plain numbers."""
-
 _NAN = "AAAAAAAA+H8="  # as xarray writes it into the attributes of Zarr 3
 
 _PACKED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "valid_range", "valid_min",
@@ -57,9 +51,9 @@ def npz_array(path: Path, size: Size = None, key: str = PHOTOGRAPH) -> NDArray[A
         if key not in archive:
             raise PhotographError(f"{path}: has {listed(archive.files)}, no array '{key}'; add it")
         with archive.zip.open(f"{key.removesuffix('.npy')}.npy") as member:
-            head = HEADS[np.lib.format.read_magic(member)](member)
-        check_head(head[0][len(head[0]) == 4 :], size, path)
-        check_budget(head[0])
+            version, _ = np.lib.format.read_magic(member)  # there is none for plain numbers after 2
+            head = getattr(np.lib.format, f"read_array_header_{version}_0")(member)
+        check_head(head[0], size, path)
         return np.asarray(archive[key])
 
 
@@ -67,7 +61,7 @@ def zarr_stack(path: Path, size: Size = None) -> Any:
     """Open the array `photograph` of a Zarr group of format 3, which holds no pickles.
 
     A picture of another size than is given, chunks larger than any picture, frames without chunks,
-    Values that stand for others, by a scale or a fill value, values that nobody wrote, and
+    values that stand for others, by a scale or a fill value, values that nobody wrote, and
     dimensions in another order are a `PhotographError`.
     """
     import zarr
@@ -87,7 +81,7 @@ def zarr_stack(path: Path, size: Size = None) -> Any:
             raise ValueError(f"its dimensions are {names}, not (any, {', '.join(AXES)})")
         if len(array.shape) == 4:
             check_head(array.shape[1:], size, path)
-        check_budget(array.chunks)
+        check_budget(array.chunks, path)
         frames = len(files) * (array.shards or array.chunks)[0]  # at most, before chunks are listed
         is_whole = array.shape[0] <= frames and (
             np.isnan(array.fill_value) or array.nchunks_initialized == array.nchunks

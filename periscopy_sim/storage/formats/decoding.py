@@ -1,5 +1,6 @@
 """What decoders return, and every failure of a decoder as one error."""
 
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,16 +42,22 @@ def listed(names: Sequence[str]) -> str:
 
 
 def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
-    """Reject an array of another size, or of too many values, before these are decoded.
+    """Reject pictures of another size, or too many values, before these are decoded.
 
-    The size of an array of other than 2 or 3 dimensions does not count.
+    Four dimensions are those of a stack; the size of an array of any other number does not count.
     """
-    if size is not None and len(shape) in (2, 3) and {*shape[:2]} != {*size}:
-        check_size(tuple(shape[:2]), size, str(path))
-    try:
-        check_budget(shape)
-    except ValueError as error:
-        raise PhotographError(f"{path}: {error}") from None
+    rows_and_columns = tuple(shape[1:3] if len(shape) == 4 else shape[:2])
+    if size is not None and len(shape) in (2, 3, 4) and {*rows_and_columns} != {*size}:
+        check_size(rows_and_columns, size, str(path))
+    check_budget(shape, path)
+
+
+def check_inflated(packed: Any, most: int, wbits: int = zlib.MAX_WBITS) -> None:
+    """Reject what zlib packed if it holds more bytes than its pixels take."""
+    inflating = zlib.decompressobj(wbits)
+    inflating.decompress(packed, most)
+    if inflating.unconsumed_tail:
+        raise ValueError("it holds more than its pixels")
 
 
 @contextmanager

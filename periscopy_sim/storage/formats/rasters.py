@@ -7,7 +7,6 @@ white balance, no colour matrix and no gamma.
 
 import logging
 import struct
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -25,12 +24,11 @@ from periscopy_sim.storage.formats.decoding import (
     Picture,
     Size,
     check_head,
+    check_inflated,
     decoding,
 )
 
 _PROFILE = "a colour profile of deep integers"
-_PNG_CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}
-"""Channels by the colour type of PNG."""
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # of Pillow: grey, palettes, RGB
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is an error here
@@ -45,7 +43,7 @@ def read_png(path: Path, key: str, size: Size = None) -> Picture:
         content = read_regular(path, MOST_BYTES)
         parts = [*png.Reader(bytes=content).chunks()]
         chunks = dict(parts)
-        columns, rows, _, colour = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
+        columns, rows = struct.unpack(">II", chunks[b"IHDR"][:8])
         check_head((rows, columns), size, path)
         encoding = None if key == "mask" else _png_encoding(chunks, path)
         if chunks[b"IHDR"][8] < 16:
@@ -56,12 +54,9 @@ def read_png(path: Path, key: str, size: Size = None) -> Picture:
             raise _unread(path, "a turned picture of 16 bits")
         if b"tRNS" in chunks:
             raise _unread(path, "a transparent colour of 16 bits")
-        # pypng inflates all that there is. Interlaced pictures have at most twice as many lines.
-        inflating, values = zlib.decompressobj(), rows * columns * _PNG_CHANNELS[colour]
+        # pypng inflates all that there is: at most four channels and, interlaced, twice the lines.
         packed = b"".join(part for kind, part in parts if kind == b"IDAT")
-        inflating.decompress(packed, 2 * values + 2 * rows + 8)
-        if inflating.unconsumed_tail:
-            raise ValueError("it holds more than its pixels")
+        check_inflated(packed, 8 * rows * columns + 2 * rows + 8)
         columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         return _picture(values.reshape(rows, columns, info["planes"]), path, encoding)
@@ -122,9 +117,12 @@ def read_8_bits(
 
 def reaches_its_pixels(file: Any, path: Path) -> bool:
     """Return whether a TIFF file, open by tifffile, holds all its pixels; decoders let it pass."""
-    parts = [part for page in file.pages for part in (page, *(page.pages or ()))]
-    ends = [np.add(part.dataoffsets, part.databytecounts).max(initial=0) for part in parts]
+    ends = [np.add(each.dataoffsets, each.databytecounts).max(initial=0) for each in _pages(file)]
     return bool(max(ends) <= path.stat().st_size)
+
+
+def _pages(file: Any) -> list[Any]:
+    return [each for page in file.pages for each in (page, *(page.pages or ()))]
 
 
 def _png_encoding(chunks: Mapping[bytes, bytes], path: Path) -> str | None:
@@ -190,35 +188,31 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
     is_whole, unapplied = True, dict[str, None]()
     with suppress(Exception), tifffile.TiffFile(path) as file:
         is_whole = reaches_its_pixels(file, path)
-        for page in file.pages:
-            for part in (page, *(page.pages or ())):
-                for content in filter(None, map(part.tags.valueof, OPCODE_LISTS)):
-                    unapplied |= dict.fromkeys(_opcodes(content))
+        for page in _pages(file):
+            for content in filter(None, map(page.tags.valueof, OPCODE_LISTS)):
+                unapplied |= dict.fromkeys(_opcodes(content))
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         if not is_whole:  # LibRaw would fill what is cut off
             raise ValueError("it is cut short")
-        cells = 1 if raw.num_colors == 1 else 2
-        check_head((raw.sizes.height // cells, raw.sizes.width // cells), size, path)
+        cell = 1 if raw.num_colors == 1 else 2
+        check_head((raw.sizes.height // cell, raw.sizes.width // cell), size, path)
         counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
         full = counts >= raw.white_level
         black = np.array(raw.black_level_per_channel, np.float32)
-        if raw.num_colors == 1:
-            light = (counts - black[0])[..., np.newaxis]
-            return Picture(
-                _upright(light, flip), unapplied=(*unapplied,), saturated=_upright(full, flip)
-            )
         colours = raw.raw_colors_visible
-        places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
-        is_even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
-        if not is_even or sorted(places) != ["B", "G", "G", "R"]:
-            raise PhotographError(
-                f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
-                "16-bit linear TIFF"
-            )
-        light = bayer_colours(counts - black[colours], places)
-        saturated = np.asarray(bayer_colours(full, places).any(axis=2))
-    upright, full = _upright(light, flip), _upright(saturated, flip)
-    return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=2)
+        light = (counts - black[0 if cell == 1 else colours])[..., np.newaxis]
+        if cell == 2:
+            places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
+            even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
+            if not even or sorted(places) != ["B", "G", "G", "R"]:
+                raise PhotographError(
+                    f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
+                    "16-bit linear TIFF"
+                )
+            light = bayer_colours(light[..., 0], places)
+            full = np.asarray(bayer_colours(full, places).any(axis=2))
+    upright, full = _upright(light, flip), _upright(full, flip)
+    return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=cell)
 
 
 def _opcodes(content: bytes) -> Iterator[str]:
@@ -243,9 +237,6 @@ def raw_colours(path: Path) -> NDArray[np.float64]:
     """
     import rawpy  # as above
 
-    unknown = PhotographError(
-        f"{path}: states no colours of its camera; give a matrix of 3 x 3 numbers"
-    )
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         from_xyz = np.asarray(raw.rgb_xyz_matrix[:3], np.float64)
         if raw.num_colors == 3 and from_xyz.any():
@@ -253,7 +244,9 @@ def raw_colours(path: Path) -> NDArray[np.float64]:
         balanced, gains = raw.color_matrix[:, :3], np.array(raw.daylight_whitebalance[:3])
         stated = balanced.any() and not np.allclose(balanced, np.eye(3)) and gains.all()
         if raw.num_colors != 3 or not stated:
-            raise unknown
+            raise PhotographError(
+                f"{path}: states no colours of its camera; give a matrix of 3 x 3 numbers"
+            )
         return np.asarray(np.linalg.inv(balanced) / gains[:, np.newaxis], np.float64)
 
 

@@ -13,17 +13,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError, path_fault
-from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array, read_npy, read_npz
+from periscopy_sim.storage.formats import arrays, rasters
 from periscopy_sim.storage.formats.decoding import Picture, Size
 from periscopy_sim.storage.formats.exr import decode_exr
-from periscopy_sim.storage.formats.rasters import (
-    RAW_SIGNATURE,
-    RAW_SUFFIXES,
-    read_8_bits,
-    read_camera_raw,
-    read_png,
-    read_tiff,
-)
 
 
 @dataclass(frozen=True)
@@ -45,13 +37,16 @@ class FileFormat:
 
 
 FORMATS = (
-    FileFormat("camera raw", RAW_SUFFIXES, RAW_SIGNATURE, read_camera_raw, is_raw=True),
+    FileFormat("camera raw", rasters.RAW_SUFFIXES, rasters.RAW_SIGNATURE, rasters.read_camera_raw,
+               is_raw=True),
     FileFormat("EXR", (".exr",), rb"\x76\x2f\x31\x01", decode_exr),
-    FileFormat("NPY", (".npy",), rb"\x93NUMPY", read_npy, mapped_stack),
-    FileFormat("NPZ", (".npz",), rb"PK(\x03\x04|\x05\x06)", read_npz, npz_array),  # or no entry
-    FileFormat("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", read_png),
-    FileFormat("TIFF", (".tif", ".tiff"), rb"II[*+]\x00|MM\x00[*+]", read_tiff),  # and BigTIFF
-    FileFormat("JPEG", (".jpg", ".jpeg"), rb"\xff\xd8\xff", read_8_bits),
+    FileFormat("NPY", (".npy",), rb"\x93NUMPY", arrays.read_npy, arrays.mapped_stack),
+    FileFormat("NPZ", (".npz",), rb"PK(\x03\x04|\x05\x06)",  # or no entry
+               arrays.read_npz, arrays.npz_array),
+    FileFormat("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", rasters.read_png),
+    FileFormat("TIFF", (".tif", ".tiff"), rb"II[*+]\x00|MM\x00[*+]",  # and BigTIFF
+               rasters.read_tiff),
+    FileFormat("JPEG", (".jpg", ".jpeg"), rb"\xff\xd8\xff", rasters.read_8_bits),
 )  # fmt: skip
 
 

@@ -16,6 +16,9 @@ from periscopy_sim.numerics.limits import read_regular
 MOST_LETTERS = 1 << 17
 """Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
 
+UNKNOWN = "extra_forbidden"
+"""Pydantic's type of a mistake: an entry that a model does not know."""
+
 MOST_MISTAKES = 20
 """Mistakes that one message names."""
 
@@ -23,27 +26,24 @@ MOST_MISTAKES = 20
 class Strict(BaseModel):
     """A part of a document; an entry that it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="wrap")
     @classmethod
     def _knows(cls, given: Any, check: Any) -> Any:
-        known = [field.alias or name for name, field in cls.model_fields.items()]
-        mistakes: list[Any] = []
-        for name in given if isinstance(given, dict) else ():
-            if name not in known and len(mistakes) < MOST_MISTAKES:
-                advice = did_you_mean(str(name), known) or f"there are {', '.join(known)}"
-                mistakes.append({"type": "unknown", "loc": (), "ctx": {"entry": str(name)}})
-                mistakes[-1]["msg"] = f"is not known; {advice}"
         try:
-            checked = check(given)
+            return check(given)
         except ValidationError as error:
-            mistakes += error.errors(include_url=False)
-        if not mistakes:
-            return checked
+            mistakes: list[Any] = error.errors(include_url=False)
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        # A misspelt name first: what it stands for is missing, too.
+        mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)[:MOST_MISTAKES]
         for each in mistakes:
-            context = {**each.get("ctx", {}), "text": each["msg"]}
-            each |= {"type": PydanticCustomError(each["type"], "{text}", context), "input": None}
+            if each["type"] == UNKNOWN and len(each["loc"]) == 1:
+                advice = did_you_mean(str(*each["loc"]), known) or f"there are {', '.join(known)}"
+                each["msg"] = f"is not known; {advice}"
+            custom = PydanticCustomError(each["type"], "{text}", {"text": each["msg"]})
+            each |= {"type": custom, "input": None}
         raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
@@ -70,14 +70,17 @@ Document = TypeVar("Document", bound=Strict)
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, but a key given twice, of which it keeps the last, is an error."""
+    """PyYAML's safe loader, but each key is a text, and one given twice is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        counts = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-        for key, _ in reversed(node.value):
-            if isinstance(key, yaml.ScalarNode) and counts[key.value] > 1:
+        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        counts = Counter(key.value for key in keys)
+        for key in reversed(keys):
+            if counts[key.value] > 1:
                 problem = f"'{key.value}' is given twice"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            if key.value != "<<":  # which merges
+                key.tag = self.DEFAULT_SCALAR_TAG  # of a text, not of yes, null or 1
         return dict(super().construct_mapping(node, deep))
 
 
@@ -120,11 +123,7 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
     except ValidationError as error:
-        # A misspelt name first: what it stands for is missing, too.
-        mistakes = sorted(
-            error.errors(include_url=False), key=lambda each: each["type"] != "unknown"
-        )
-        messages = [_located(document, each) + each["msg"] for each in mistakes[:MOST_MISTAKES]]
+        messages = [_located(document, each) + each["msg"] for each in error.errors()]
         text = "; ".join(dict.fromkeys(messages)).replace("Value error, ", "")
         raise ConfigurationError(
             f"{path}: {text.replace('Field required', 'is missing')}"
@@ -134,8 +133,7 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
 def _located(node: yaml.Node | None, mistake: Any) -> str:
     """Return the line and the name of the entry that pydantic reports, as the document has it."""
     line, name = 1, ""
-    unknown = mistake.get("ctx", {}).get("entry")
-    for part in (*mistake["loc"], *([unknown] if unknown else [])):
+    for part in mistake["loc"]:
         pairs: list[tuple[Any, Any]] = []
         if isinstance(node, yaml.MappingNode):
             pairs = [pair for pair in node.value if pair[0].value == part]

@@ -3,10 +3,12 @@
 import hashlib
 import platform
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
+from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import SceneDocument
 
@@ -44,9 +46,15 @@ def scene_sha256(scene: Path | SceneDocument) -> str:
 
     The scene's own folder does not matter.
     """
+    return sha256_of((read_document(scene) if isinstance(scene, Path) else scene).files)
+
+
+def sha256_of(files: Iterable[Path]) -> str:
+    """Return the digest of the contents of files, in their order."""
     digest = hashlib.sha256()
-    document = read_document(scene) if isinstance(scene, Path) else scene
-    for path in document.files:
-        with path.open("rb") as stream:
-            digest.update(hashlib.file_digest(stream, "sha256").digest())
+    for file in files:
+        try:
+            digest.update(hashlib.sha256(read_regular(file, MOST_BYTES)).digest())
+        except OSError as error:
+            raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
     return digest.hexdigest()

@@ -21,8 +21,8 @@ def test_error_by_rays_is_the_distance_from_areas_and_small_beside_noise(shipped
 
 
 def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
-    monkeypatch.setattr(planning, "BUDGET", 0)
     scene = shipped("chair")
-    assert plan_transport(scene, 1e-6, by="rays").samples == planning.FEWEST
+    assert plan_transport(scene, 1e-6, by="rays", budget=0).samples == planning.FEWEST
+    monkeypatch.setattr(planning, "BUDGET", 0)
     with pytest.warns(RuntimeWarning, match="noise"):
         ps.transport(scene, by="rays", noise=1e-6)
