@@ -22,7 +22,7 @@ def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, co
     light = np.zeros((4, 4, 3))
     residual = Residual(light, unexplained, unexplained, noise, 1.0, diagnosis)
     report = Report(residual=residual if diagnosis else None)
-    remedy = messages.sentence("patches", rows=18, columns=32) if code == "does_not_fit" else ""
+    remedy = messages.sentence("pass", options="--hidden 18x32") if code == "does_not_fit" else ""
     assert report.verdict.code == code
     line = messages.verdict(report, remedy)
     assert line.endswith(remedy) and len(line) <= 80 and "\n" not in line
