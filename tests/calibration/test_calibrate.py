@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 from typing import Any
 
@@ -195,26 +194,12 @@ def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
 
 BALL = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>
     <float name="radius" value="0.05"/></shape></scene>"""
-WALL = '<shape type="rectangle" id="wall">'
-CURVED = """<shape type="sphere" id="wall"><boolean name="flip_normals" value="true"/>
-    <point name="center" x="0" y="-20" z="0"/><float name="radius" value="21"/>"""
-WHITE_PAINT = '<rgb name="reflectance" value="0.8"/>'
-CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name"),
-    [("</scene>", BALL, "ball"), (WALL, CURVED, "wall"), (WHITE_PAINT, CHECKERS, "wall")],
-)
 @pytest.mark.usefixtures("jit", "quick")
-def test_shapes_without_a_closed_form_are_named(
-    tmp_path: Path, old: str, new: str, name: str
-) -> None:
+def test_a_shape_without_a_closed_form_is_named(tmp_path: Path) -> None:
     text = with_defaults(read_document(find_scene("chair")), {}, tmp_path).toxml()
-    assert old in text
-    if new == CURVED:  # the rectangle's transformation is none of a sphere
-        text = re.sub(rf"({WALL})\s*<transform.*?</transform>", r"\1", text, flags=re.DOTALL)
     scene = tmp_path / "scene.xml"
-    scene.write_text(text.replace(old, new, 1))
-    with pytest.raises(SceneError, match=name):
+    scene.write_text(text.replace("</scene>", BALL, 1))
+    with pytest.raises(SceneError, match="ball"):
         ps.calibrate(np.ones((SIDE, SIDE, 3)), scene, HIDDEN, ERRORS, parameters=SIZE)

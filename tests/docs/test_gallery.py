@@ -17,10 +17,6 @@ def tree_of(script):
     return ast.parse(script.read_text("utf-8"))
 
 
-def test_there_are_twelve_at_least():
-    assert len(SCRIPTS) >= 12
-
-
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 class TestScript:
     def test_has_a_title_underlined_in_full(self, script):

@@ -115,16 +115,6 @@ def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
 MASK = np.random.default_rng(6).random((8, 6)) > 0.2
 
 
-@pytest.mark.parametrize("name", ALONE)
-def test_mask_reaches_every_method_of_the_package(name):
-    y = photograph(background=0.3)
-    spoilt = np.where(MASK[..., None], y, np.nan)
-    method = fit_method(name, Scene(), A, B, MASK)
-    assert np.array_equal(method.reconstruct(spoilt), method.reconstruct(y))
-    with pytest.raises(ValueError, match="must be finite"):
-        fit_method(name, Scene(), A, B).reconstruct(spoilt)
-
-
 @pytest.mark.usefixtures("mine")
 @pytest.mark.parametrize("name", ["mine.py:Masked", "mine.py:open_to_all"])
 def test_own_method_that_takes_a_mask_is_given_it(name):

@@ -8,7 +8,6 @@ from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 M = 400
-TOLERANCES = [1e-2, 1e-4, 1e-8, 1e-10, 1e-12]
 
 
 def backgrounds(count=64):
@@ -26,19 +25,14 @@ def kept_basis(B, tolerance):
     return U[:, σ > tolerance * σ[0]]
 
 
-@pytest.mark.parametrize("tolerance", [*TOLERANCES, 0.9])
-def test_basis_is_orthonormal_and_of_the_rank_of_the_rule(tolerance):
-    B = backgrounds()
-    Q = background_basis(B, tolerance)
-    assert Q.shape == kept_basis(B, tolerance).shape
-    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
-
-
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
-def test_basis_spans_what_numpys_singular_vectors_span(tolerance):
+@pytest.mark.parametrize("tolerance", [0.9, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+def test_basis_is_orthonormal_and_spans_what_numpys_singular_vectors_do(tolerance):
     B = backgrounds()
     Q, oracle = background_basis(B, tolerance), kept_basis(B, tolerance)
-    np.testing.assert_allclose(Q @ Q.T, oracle @ oracle.T, atol=1e-8)
+    assert Q.shape == oracle.shape
+    np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
+    if tolerance >= 1e-6:
+        np.testing.assert_allclose(Q @ Q.T, oracle @ oracle.T, atol=1e-8)
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-10, 1e-12])

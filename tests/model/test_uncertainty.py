@@ -82,13 +82,6 @@ def test_a_colour_matrix_couples_the_channels():
     np.testing.assert_allclose(found.ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_without_a_prior_to_speak_of_it_is_the_standard_error_of_least_squares():
-    found = standard_errors(GRAM, NOISE, TRUTH, weight=1e-9, misfit=0, rank=N)
-    expected = np.sqrt(np.diag(np.linalg.inv(GRAM)))
-    for channel, σ in enumerate(NOISE):
-        np.testing.assert_allclose(found[..., channel].ravel(), σ * expected, rtol=1e-4)
-
-
 def test_what_the_wall_does_not_show_does_not_change_the_contrast():
     """A patch more that no pixel shows leaves the errors of the others as they were."""
     gram = np.zeros((N + 1, N + 1))

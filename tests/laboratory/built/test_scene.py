@@ -21,15 +21,6 @@ def test_names_of_files_are_no_markup_of_the_scene(tmp_path):
     assert read_document(written[0]).files == written
 
 
-def test_example_builds_a_scene(built):
-    scenario = built(EXAMPLE.read_text())
-    assert [occluder.name for occluder in scenario.occluders] == [
-        "foot", "stem", "shade", "picture_left", "picture_right", "picture_bottom", "picture_top",
-    ]  # fmt: skip
-    A = render_transport(scenario, samples=4)
-    assert A.shape == (112 * 144, 6) and A.min() == 0 < A.max()  # something throws a shadow
-
-
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

@@ -53,14 +53,6 @@ def test_without_temporal_weight_each_frame_is_denoised_on_its_own(coloured, mov
     np.testing.assert_array_equal(f, np.stack(alone))
 
 
-@pytest.mark.parametrize("w", [0.5, 1.0, 2.0])
-def test_single_patches_vary_in_time_alone(w, random_image):
-    g = np.cumsum(random_image(9, 1, 1, seed=2), axis=0)
-    f = prox_total_variation(g, 0.8, temporal_weight=w, **EXACT)
-    signal = prox_total_variation(g[:, :, 0], w * 0.8, **EXACT)
-    np.testing.assert_allclose(f[:, :, 0], signal, atol=1e-5)
-
-
 @pytest.mark.parametrize(
     ("weight", "w", "expected"),
     [
