@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -76,6 +77,9 @@ def test_command_runs_in_a_fresh_process(command, inputs):
         if command == "view":  # it has begun to serve
             process.stdout.readline()
             process.send_signal(signal.SIGINT)
-        _, complaint = process.communicate(timeout=120)
-    assert process.returncode == 0, complaint
+        interrupted = time.monotonic()
+        said, complaint = process.communicate(timeout=120)
+    assert process.returncode == 0 and "Traceback" not in complaint, complaint
+    if command == "view":
+        assert said == "closed\n" and time.monotonic() - interrupted < 2
     assert "--out" not in WORDS[command] or (inputs / WORDS[command][-1]).exists()

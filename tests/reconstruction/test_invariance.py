@@ -55,7 +55,7 @@ class Writing:
 
 
 PLAIN = Writing([0, 1, 2], list(range(M)), [0, 1, 2], 1.0, 1.0, 1.0, "f8", "C")
-UNITS = st.sampled_from([1e-6, 0.3, 1.0, 1e5])
+UNITS = st.sampled_from([1e-12, 0.3, 1.0, 1e12])
 WRITINGS = st.builds(
     Writing,
     channels=st.permutations(range(3)),
