@@ -31,14 +31,15 @@ def unencoded(tree):
             continue
         called = node.func
         name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-        owner = getattr(getattr(called, "value", None), "id", "")
+        holder = getattr(called, "value", None)
+        owner = getattr(holder, "id", getattr(holder, "attr", ""))
         told = any(keyword.arg == "encoding" for keyword in node.keywords)
         constants = [arg.value for arg in node.args if isinstance(arg, ast.Constant)]
         if name == "read_text" and not (told or node.args):
             yield node.lineno
         if name == "write_text" and not told and len(node.args) < 2:
             yield node.lineno
-        if name == "open" and owner not in ("Image", "os", "zarr", "archive", "av", "webbrowser"):
+        if name == "open" and owner not in ("Image", "os", "zarr", "zip", "av", "webbrowser"):
             mode = [c for c in constants if isinstance(c, str) and set(c) <= set("rwaxbt+")]
             mode += [k.value.value for k in node.keywords if k.arg == "mode"]
             is_binary = any("b" in each for each in mode)

@@ -4,6 +4,7 @@ import pytest
 from experiments.paper.numbers import rank_row
 from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from tests.reconstruction.penumbrae import kept_basis
 
 FILM = (12, 10)
 HIDDEN = (3, 4)
@@ -25,8 +26,7 @@ def backgrounds(count=25):
 
 def projected_pseudoinverse(A, B, tolerance):
     """P and the rank kept of B, from NumPy's decompositions."""
-    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
-    Q = U[:, σ > tolerance * σ[0]]
+    Q = kept_basis(B, tolerance)
     return np.linalg.pinv(A - Q @ (Q.T @ A)), Q.shape[1]
 
 

@@ -94,9 +94,6 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
     }
     converged, published = fitted["differencing"], fitted["differencing-published"]
     assert (converged.stop, published.stop) == ("converged", "published")
-    for name, method in fitted.items():
-        image = image_by(method, photograph(), (2, 3))
-        assert image.shape == (2, 3, 3) and image.dtype == np.float32, name
 
 
 def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():

@@ -164,19 +164,6 @@ def uncertain_by(names, changes):
 UNCERTAIN = uncertain_by(("x", "turn"), CHANGES)
 
 
-def test_errors_of_the_scene_add_what_they_move_the_estimate_by():
-    weight, σ = 30.0, 0.2
-    P = curvature_by_loops(TRUTH, weight)
-    inverse = np.linalg.inv(GRAM / σ**2 + P)
-    response = UNCERTAIN.lights(TRUTH) @ A  # (2, 3, N)
-    settings = GRAM, np.full(3, σ), TRUTH, weight, 100.0, N
-    plain, wider = standard_errors(*settings), standard_errors(*settings, response)
-    for channel in range(3):
-        moved = inverse @ response[:, channel].T / σ**2
-        expected = plain[..., channel].ravel() ** 2 + np.sum(moved**2, axis=1)
-        np.testing.assert_allclose(wider[..., channel].ravel() ** 2, expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize("masked", [False, True])
 def test_uncertain_scenes_widen_standard_errors_and_leave_the_image_alone(masked):
     mask = np.arange(400) % 5 > 0 if masked else None

@@ -12,6 +12,7 @@ from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.still import repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.reconstruction import penumbrae
+from tests.reconstruction.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)
@@ -37,10 +38,6 @@ def differencing(A=A, **options):
 
 def truncated_svd(**options):
     return TruncatedSVD(A, hidden_shape=HIDDEN, **options)
-
-
-def relative_error(value, truth):
-    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
 
 
 def test_differencing_minimizes_eq_2_with_the_weight_it_reports(minimizer):

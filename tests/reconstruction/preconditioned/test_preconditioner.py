@@ -5,6 +5,7 @@ from scipy import linalg
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from tests.reconstruction import penumbrae
+from tests.reconstruction.penumbrae import kept_basis, relative_error
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
@@ -21,12 +22,6 @@ def backgrounds():
     return penumbrae.backgrounds(PHOTOGRAPH, 64)
 
 
-def kept_basis(B, tolerance):
-    """The rank rule by NumPy's SVD."""
-    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
-    return U[:, σ > tolerance * σ[0]]
-
-
 def pseudoinverse_top(A, Q):
     """[I 0] [A, s Q]^+, with s to balance the two."""
     s = np.linalg.norm(A) / max(Q.shape[1], 1) ** 0.5
@@ -38,10 +33,6 @@ def measurements(A, B, channels=3):
     rng = np.random.default_rng(2)
     f, e = rng.random((A.shape[1], channels)), rng.random((B.shape[1], channels))
     return f, A @ f + B @ e * (np.linalg.norm(A) / np.linalg.norm(B))
-
-
-def relative_error(value, truth):
-    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
 
 
 @pytest.mark.parametrize("opacity", OPACITIES)

@@ -13,10 +13,6 @@ from periscopy_sim.scenario import EmissionProfile
 from periscopy_sim.shipped import find_scene
 
 
-def on_grid(points, shape):
-    return points.reshape(*shape, 3)
-
-
 def test_two_sided_wall_is_seen_from_behind(room):
     two_sided = room.wall(f'<bsdf type="twosided">{room.diffuse}</bsdf>', angle=-90)
     seen = room.load(wall=two_sided)
@@ -29,7 +25,7 @@ def test_orthographic_pixels_see_a_regular_grid_with_row_0_on_top(room):
     assert seen.photograph_shape == (5, 6)
     x = 0.5 + 0.4 * (np.arange(6) + 0.5) / 6
     z = 0.3 - 0.4 * (np.arange(5) - 2) / 6
-    grid = on_grid(seen.wall_points, (5, 6))
+    grid = seen.wall_points.reshape(5, 6, 3)
     np.testing.assert_allclose(grid[..., 0], np.tile(x, (5, 1)), atol=1e-6)
     np.testing.assert_allclose(grid[..., 1], 1, atol=1e-6)
     np.testing.assert_allclose(grid[..., 2], np.tile(z[:, None], (1, 6)), atol=1e-6)
