@@ -18,7 +18,7 @@ from periscopy_sim.storage.formats.exr import write_exr
 PLATE = "plate -D resolution=16"
 SIZED = f"{PLATE} --hidden 3x4"
 COMMANDS = f"""
-demo --hidden 3x4 --resolution 12 --effort 0.001 --out demo
+demo --hidden 2x3 --resolution 8 --effort 0.001 --out demo
 doctor
 tutorial --out mine
 fetch
@@ -31,7 +31,7 @@ video frames.npy --scene {SIZED} --out video
 calibrate wall.npy --scene {SIZED} --shown mushroom --free occluder_dx=0.003 --out calibrated.xml
 photograph {SIZED} mushroom --samples 4 --out photo.exr
 transport {SIZED} --out A.npy
-ambient overcast --scene {PLATE} --target 1 --out ambient
+ambient overcast --scene plate -D resolution=4 --target 1 --out ambient
 sweep {SIZED} --photograph wall.npy --truth mushroom --sbr 1 --ambient wall.exr --no-flips --out s
 dataset data.yaml --out data.zarr
 analyze {SIZED} --out analysis

@@ -85,8 +85,6 @@ def test_what_is_used_must_be_finite(method):
         ALL[method](A, B, mask=MASK).reconstruct(y)
 
 
-# -- what is refused -----------------------------------------------------------------------------
-
 UNFIT = {
     "every pixel": np.zeros(PHOTOGRAPH, bool),
     "11 pixels for 12 patches": np.arange(M) < 11,
