@@ -118,6 +118,12 @@ def test_misfit_of_an_image_is_its_distance_to_least_squares(fit, measured):
     assert np.sum(rest**2) < 1e-6 * expected
 
 
+def test_unexplained_is_what_no_image_and_no_ambient_light_explain(fit):
+    found = fit.unexplained(GREY.T)
+    expected = unexplained_by(np.hstack([A[USED], AMBIENT]), GREY)
+    np.testing.assert_allclose(found.T, expected, atol=1e-4)
+
+
 def test_patterns_that_the_wall_does_not_show_are_not_counted():
     dark = A.copy()
     dark[:, 7] = 0

@@ -11,14 +11,14 @@ def test_known_pictures_show_nearly_every_cell_whatever_the_colours_of_a_camera(
 ):
     mixture = np.array([[0.7, 0.2, 0.1], [0.1, 0.6, 0.2], [0.0, 0.1, 1.3]])
     given, progress = (scene, HIDDEN, "card", FLAG.shape), []
+    others = [each @ mixture for each in photographs]
     solution, mixed = (
         recover_silhouette(each, *given, shown=images, progress=progress.append)
-        for each in (photographs, [each @ mixture for each in photographs])
+        for each in (photographs, others)
     )
     assert np.mean(solution.opaque == FLAG) > 0.95
     assert solution.unexplained < 0.25 * solution.unexplained_open
-    assert not solution.doubts
-    assert progress[-1] == 1
+    assert not solution.doubts and progress[-1] == 1
     assert np.mean(solution.opaque == mixed.opaque) > 0.95
 
 

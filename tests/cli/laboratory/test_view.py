@@ -17,18 +17,13 @@ pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
 
 
-@pytest.fixture
-def viser():
-    return pytest.importorskip("viser")
-
-
 def test_missing_extra_is_named(monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "viser", None)
     assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
-@pytest.mark.usefixtures("viser")
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
+    pytest.importorskip("viser")
     np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
     for options, offender in {
         ("plate", "--ambient", "mars"): "'mars'",
