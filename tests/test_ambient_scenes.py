@@ -14,7 +14,6 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.variant import (
     OVERRIDE,
     examine_variants,
-    is_vectorized,
     mi,
     use_variant,
 )
@@ -32,12 +31,6 @@ PIXELS = 32
 def variant() -> None:
     best = next(report.name for report in examine_variants() if report.works)
     use_variant(os.environ.get(OVERRIDE) or best)
-
-
-@pytest.fixture
-def jit() -> None:
-    if not is_vectorized():
-        pytest.skip("; ".join(r.reason for r in examine_variants() if not r.works))
 
 
 vectorized = pytest.mark.usefixtures("jit")

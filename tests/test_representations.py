@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.photograph import Photograph
+from tests.calibration.conftest import calibration
 
 SHAPES = {"hidden_shape": (3, 4), "photograph_shape": (6, 8)}
 
@@ -36,19 +35,15 @@ def test_other_things_are_told_briefly(transport, photograph):
     still = ps.NoiseAware(transport, **SHAPES)
     values = photograph.copy()
     values[0] = np.nan  # masked
-    dx = Parameter("dx", 0.0, 0.0123, 1e-4, 2e-4, 0.01)
-    uncertain = UncertainParameters((), np.zeros(0), np.zeros(0))
-    noise = np.full(3, 0.02), np.full(3, 0.01)
-    calibration = ps.Calibration(
-        (dx,), uncertain, np.zeros((1, 0)), np.eye(1), (), *noise, photograph, photograph,
-        np.ones((6, 8)), doubts=("it left its prior",),
-    )  # fmt: skip
     for thing, words in [
         (ps.NoiseAwareVideo(still), "3x4 patches"),
         (ps.form_preconditioner(transport, None), "12 patches, 48 pixels"),
         (Photograph(values, warnings=("dim",)), f"6x8, mean {values[1:].mean():.3g}, 1 warnings"),
         (ps.Background(photograph, 3e-4, 2e-3), "relative_error=0.0003"),
-        (calibration, "dx=0.0123±0.0002, unexplained 2.00 -> 1.00 %, not trusted"),
+        (
+            calibration(("doubt",)),
+            "dx=0.1±0.01, turn=1.6±0.5, unexplained 2.89 -> 1.00 %, not trusted",
+        ),
     ]:
         line = repr(thing)
         assert line.startswith(f"{type(thing).__name__}(") and words in line

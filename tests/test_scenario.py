@@ -30,15 +30,6 @@ def test_profile_is_a_power_of_the_cosine_of_each_angle(exponents):
     np.testing.assert_allclose(EmissionProfile(*exponents)(across, up, normal), expected, 1e-9)
 
 
-def test_profile_is_one_along_the_normal_whatever_its_scale():
-    across, up, normal = np.zeros(3), np.zeros(3), np.array([1e-3, 1.0, 70.0])
-    np.testing.assert_array_equal(EmissionProfile(18, 1)(across, up, normal), 1)
-    directions = hemisphere(50)
-    np.testing.assert_allclose(
-        EmissionProfile(18, 1)(*directions), EmissionProfile(18, 1)(*(7 * directions)), 1e-12
-    )
-
-
 @pytest.mark.parametrize("exponents", [(18, 1), (0, 0)])
 def test_nothing_is_emitted_backwards_or_within_the_screens_plane(exponents):
     across, up, normal = hemisphere(100)

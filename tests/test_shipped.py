@@ -115,14 +115,6 @@ def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
-def test_readme_lists_the_meshes_and_the_images(monkeypatch: pytest.MonkeyPatch) -> None:
-    readme = (SCENES / "README.md").read_text()
-    files = [f"meshes/{path.name}" for path in MESHES["make_meshes"].iterdir()]
-    files += [f"images/{name}.png" for name in script("make_images", monkeypatch).IMAGES]
-    assert all(f"`{file}`" in readme and (SCENES / file).is_file() for file in files)
-    assert len(IMAGES) + 1 == len(files)
-
-
 @pytest.mark.parametrize("name", MESHES)
 def test_committed_meshes_are_what_the_script_builds(
     name: str, monkeypatch: pytest.MonkeyPatch

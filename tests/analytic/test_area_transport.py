@@ -97,22 +97,6 @@ def test_boxes_that_touch_or_lie_in_each_other_hide_once():
             )
 
 
-@pytest.mark.parametrize("axis", [0, 2])
-def test_it_moves_smoothly_with_an_edge_along_a_patch(axis):
-    """A plate's straight edge, along rows or columns, takes light in proportion to its way."""
-
-    def light(moved):
-        corner = np.array([0.3, 0.4, 0.2])
-        corner[axis] += moved
-        return float(area_transport(make_scenario([plate(corner, (0.2, 0.2))])).sum())
-
-    step = 2e-5
-    ways = np.array([light(k * step) for k in range(24)])
-    slopes = np.diff(ways)
-    assert np.abs(slopes).max() > 1e-6 * ways[0]
-    np.testing.assert_allclose(slopes, slopes.mean(), atol=0.05 * np.abs(slopes).max())
-
-
 def test_a_wall_that_stands_out_of_its_plane_is_refused():
     assert not has_areas(replace(make_scenario(), wall_relief=0.01))
     assert has_areas(replace(make_scenario(), wall_relief=1e-6))

@@ -71,6 +71,7 @@ def test_the_template_recovers_the_truth(case):
     [
         (np.full((*SHAPE, 3), np.nan), "NaN"),
         (np.zeros((9, 8, 3)), "shape"),
+        (np.zeros((*SHAPE, 3), complex), "real numbers"),
         (None, "nothing"),
         ([[1.0, 2.0], [3.0]], "ValueError"),
         (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),

@@ -10,6 +10,7 @@ from periscopy_sim.calibration import problem, search
 from periscopy_sim.calibration.level import ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
 
@@ -75,3 +76,27 @@ class Small:
 def small(jit: None, quick: None) -> Small:  # noqa: ARG001
     scenario = ps.load_scenario("chair", HIDDEN, SIZE)
     return Small(scenario, [picture(1), picture(2)])
+
+
+DESCENT = np.array([[0.11, 1.8], [0.1, 1.7], [0.1, 1.6]])
+
+
+def calibration(doubts: tuple[str, ...] = ()) -> Calibration:
+    """Return what a calibration of two parameters has found."""
+    residuals = 0.02 * np.random.default_rng(0).standard_normal((2, 16, 18, 3))
+    return Calibration(
+        parameters=(
+            Parameter("dx", 0.0, 0.1, 0.01, 0.01, 0.05),
+            Parameter("turn", 2.0, 1.6, 0.3, 0.5, 0.5),
+        ),
+        uncertain=UncertainParameters((), np.zeros(0), np.zeros(0)),
+        moves=np.zeros((2, 0)),
+        correlation=np.eye(2),
+        path=(np.pad(DESCENT, ((0, 0), (0, 1))),),
+        noise_before=np.full(3, 0.0289),
+        noise=np.full(3, 0.01),
+        residual_before=residuals[0],
+        residual=residuals[1],
+        gain=np.ones((16, 18)),
+        doubts=doubts,
+    )

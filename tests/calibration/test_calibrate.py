@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 from typing import Any
 
@@ -185,36 +184,22 @@ def test_photographs_that_show_nothing_are_rejected(
 @pytest.mark.usefixtures("jit", "quick")
 def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
     scene, *_ = ps.build_laboratory(EXAMPLE, tmp_path / "lab.xml")
-    film, shown = {"height": str(SIDE), "width": str(SIDE)}, np.ones((*HIDDEN, 3))
+    film, free = {"height": str(SIDE), "width": str(SIDE)}, {"stem_end_x": 0.005}
     moved = ps.load_scenario(scene, HIDDEN, {**film, "stem_end_x": 0.51})
-    light = (area_transport(moved) @ shown.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
-    free, y = {"stem_end_x": 0.005}, ps.add_noise(light, 60, 0)
-    found = ps.calibrate(y, scene, HIDDEN, free, parameters=film, shown=[shown])
+    light = (area_transport(moved) @ WHITE.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
+    y = ps.add_noise(light, 60, 0)
+    found = ps.calibrate(y, scene, HIDDEN, free, parameters=film, shown=[WHITE])
     assert found.parameters[0].value == pytest.approx(0.51, abs=0.001)
 
 
 BALL = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>
     <float name="radius" value="0.05"/></shape></scene>"""
-WALL = '<shape type="rectangle" id="wall">'
-CURVED = """<shape type="sphere" id="wall"><boolean name="flip_normals" value="true"/>
-    <point name="center" x="0" y="-20" z="0"/><float name="radius" value="21"/>"""
-WHITE_PAINT = '<rgb name="reflectance" value="0.8"/>'
-CHECKERS = '<texture type="checkerboard" name="reflectance"/>'
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name"),
-    [("</scene>", BALL, "ball"), (WALL, CURVED, "wall"), (WHITE_PAINT, CHECKERS, "wall")],
-)
 @pytest.mark.usefixtures("jit", "quick")
-def test_shapes_without_a_closed_form_are_named(
-    tmp_path: Path, old: str, new: str, name: str
-) -> None:
+def test_a_shape_without_a_closed_form_is_named(tmp_path: Path) -> None:
     text = with_defaults(read_document(find_scene("chair")), {}, tmp_path).toxml()
-    assert old in text
-    if new == CURVED:  # the rectangle's transformation is none of a sphere
-        text = re.sub(rf"({WALL})\s*<transform.*?</transform>", r"\1", text, flags=re.DOTALL)
     scene = tmp_path / "scene.xml"
-    scene.write_text(text.replace(old, new, 1))
-    with pytest.raises(SceneError, match=name):
+    scene.write_text(text.replace("</scene>", BALL, 1))
+    with pytest.raises(SceneError, match="ball"):
         ps.calibrate(np.ones((SIDE, SIDE, 3)), scene, HIDDEN, ERRORS, parameters=SIZE)

@@ -14,7 +14,6 @@ from periscopy_sim.calibration.evidence import (
     SmoothImages,
     smoothness,
 )
-from periscopy_sim.errors import PhotographError
 
 Array = NDArray[np.float64]
 
@@ -205,8 +204,3 @@ def test_a_known_picture_in_mixed_colours_is_explained_to_the_noise(wall: Wall) 
     found = SmoothImages.shown(PICTURE).explain(wall.A, wall.Q, y)
     np.testing.assert_allclose(found.coefficients.T, mixture, atol=1e-3)
     np.testing.assert_allclose(found.noise, 1e-4, rtol=0.3)
-
-
-def test_a_black_picture_is_rejected() -> None:
-    with pytest.raises(PhotographError):
-        SmoothImages.shown(np.zeros((*SHAPE, 3)))

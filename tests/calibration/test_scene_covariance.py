@@ -6,12 +6,13 @@ import pytest
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import UncertainParameters, ruled_values, start_values
-from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import CALIBRATED
 from periscopy_sim.shipped import find_scene
+from tests.calibration.conftest import calibration
 
 CHAIR = read_document(find_scene("chair"))
 RNG = np.random.default_rng(0)
@@ -80,19 +81,9 @@ def test_values_that_are_set_otherwise_are_named(tmp_path: Path) -> None:
 def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
     held = UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005]))
     parameters = [Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1), Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1)]
-    nothing = np.zeros(0)
-    found = Calibration(
-        parameters=tuple(parameters),
-        uncertain=held,
-        moves=np.array([[4e-3], [0.0]]),
-        correlation=np.array([[1, 0.5], [0.5, 1]]),
-        path=(),
-        noise_before=nothing,
-        noise=nothing,
-        residual_before=nothing,
-        residual=nothing,
-        gain=nothing,
-    )
+    moves, correlation = np.array([[4e-3], [0.0]]), np.array([[1, 0.5], [0.5, 1]])
+    given = {"parameters": tuple(parameters), "uncertain": held, "moves": moves}
+    found = replace(calibration(), **given, correlation=correlation)
     known = found.scene_covariance
     assert known.names == ("dx", "dz", "monitor_dx")
     expected = np.array([[25, 5, 20], [5, 4, 0], [20, 0, 25]]) * 1e-6

@@ -94,10 +94,6 @@ def test_light_is_rendered_once_and_kept_with_its_error(succeeds, refused, monke
     assert refused(*SKY, "--seed", "1", "--out", "new/out").startswith("new/out/overcast.exr: ")
 
 
-def test_unknown_condition_is_refused(refused):
-    assert "'midnight'" in refused("ambient", "overcast", "midnight", *SKY[2:], "--out", "out")
-
-
 def test_matrix_is_written_with_a_record_beside_it(succeeds, tmp_path):
     out = succeeds("transport", "chair", *PHOTO[:-1], "4", "--seed", "7", "--out", "deep/A.npy")
     assert "deep/A.npy" in out and "deep/A.json" in out

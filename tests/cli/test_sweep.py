@@ -11,6 +11,7 @@ import xarray as xr
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
 from periscopy_sim.storage.formats.exr import write_exr
+from tests.contents import contents
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 
@@ -55,12 +56,6 @@ def command(*more, **changes):
     listed = [str(part) for name, value in options.items() for part in (f"--{name}", value)]
     scene = ("plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4")
     return ("sweep", *scene, *listed, *more)
-
-
-def contents(folder):
-    """Read the bytes of the table and of every file of the store in a folder."""
-    files = [folder / "sweep.csv", *(folder / "sweep.zarr").rglob("*")]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files if path.is_file()}
 
 
 @pytest.mark.usefixtures("jit", "drawings")

@@ -6,7 +6,6 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.noise_aware.video import NoiseAwareVideo
 from periscopy_sim.reconstruction.preconditioned.video import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -66,23 +65,6 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert {name: summary[name] for name in settings} == settings
     weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
     assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
-
-
-@pytest.mark.thorough
-def test_frames_are_those_of_the_noise_aware_video(
-    photographs, transport, scenario, video, tmp_path
-):
-    np.save(tmp_path / "y.npy", photographs)
-    settings = {"coupling": "l1", "l1_weight": 3.0}
-    frames, summary, table = video("y.npy", "--method", "noise-aware", "--l1-weight", "3")
-    B = ps.point_light_backgrounds(scenario)
-    still = ps.NoiseAware.for_scene(scenario, transport, B)
-    method = NoiseAwareVideo(still, **settings)
-    expected = [method.solve_next(y) for y in photographs]
-    images = np.array([found.image for found in expected])
-    assert np.allclose(frames, images, rtol=1e-4, atol=1e-5 * images.max())
-    assert [int(row["iterations"]) for row in table] == [found.iterations for found in expected]
-    assert {name: summary[name] for name in settings} == settings
 
 
 @pytest.mark.usefixtures("drawings")

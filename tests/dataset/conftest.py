@@ -1,7 +1,6 @@
 import pytest
 
 from periscopy_sim.dataset.configuration import Configuration
-from periscopy_sim.rendering.transport import bounced
 
 ENTRIES = {
     "seed": 3,
@@ -34,13 +33,3 @@ def configured():
         return Configuration.model_validate({**ENTRIES, **changes})
 
     return configuration
-
-
-@pytest.fixture
-def doubtful(configured, monkeypatch):
-    """Return a configuration with light that bounces, of which one round of paths tells little."""
-    monkeypatch.setattr(bounced, "ROUNDS", 1)
-    return configured(
-        count=30, light={"kind": "bounced", "samples": 4},
-        scenes=[{"scene": "bright_room", "parameters": {"resolution": 12}}],
-    )  # fmt: skip

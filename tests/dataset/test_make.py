@@ -1,4 +1,3 @@
-import shutil
 import threading
 
 import numpy as np
@@ -50,18 +49,6 @@ def test_stopped_run_goes_on_where_it_was(configured, undisturbed, tmp_path, mon
         make_dataset(configured(), path)
     monkeypatch.undo()
     assert make_dataset(configured(), path).made == 46 - 10 * after
-    assert contents(path) == contents(undisturbed)
-
-
-def test_damage_is_mended(configured, undisturbed, tmp_path):
-    path = tmp_path / "data.zarr"
-    shutil.copytree(undisturbed, path)
-    rng = np.random.default_rng(0)
-    files = [file for file in sorted(path.rglob("*")) if file.is_file() and file.name != ".lock"]
-    for k in rng.choice(len(files), 12, replace=False):
-        content = files[k].read_bytes()
-        files[k].write_bytes(content[: len(content) // 2] + b"x")
-    make_dataset(configured(), path)
     assert contents(path) == contents(undisturbed)
 
 

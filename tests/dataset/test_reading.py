@@ -41,10 +41,13 @@ def test_variables_have_labelled_dimensions_units_and_provenance(whole):
     assert np.isfinite(data.photograph.values).all()
 
 
-def test_light_that_bounces_adds_its_error_to_the_samples(doubtful, whole, tmp_path):
-    path = tmp_path / "bounced.zarr"
+def test_light_that_bounces_adds_its_error_to_the_samples(configured, whole, tmp_path, monkeypatch):
+    """One round of paths tells little of it."""
+    monkeypatch.setattr("periscopy_sim.rendering.transport.bounced.ROUNDS", 1)
+    scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
+    light, path = {"kind": "bounced", "samples": 4}, tmp_path / "bounced.zarr"
     with pytest.warns(RuntimeWarning, match="'bright_room': light that bounces"):
-        make_dataset(doubtful, path)
+        make_dataset(configured(count=30, light=light, scenes=scenes), path)
     error = ps.open_dataset(path).bounced_error
     assert error.dims == ("sample",) and error.dtype == np.float64 and error.attrs["units"] == "1"
     assert (error > 2e-4).all() and describe(path)["bounced_error"][0] == error.min()

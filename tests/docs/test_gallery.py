@@ -17,16 +17,8 @@ def tree_of(script):
     return ast.parse(script.read_text("utf-8"))
 
 
-def test_there_are_twelve_at_least():
-    assert len(SCRIPTS) >= 12
-
-
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 class TestScript:
-    def test_has_a_title_underlined_in_full(self, script):
-        title, underline = ast.get_docstring(tree_of(script)).splitlines()[:2]
-        assert set(underline) == {"="} and len(underline) >= len(title), script
-
     def test_lies_in_a_section_that_the_gallery_lists(self, script):
         listed = re.findall(r'"(\w+)"', re.search(r"for name in \((.*?)\)", CONFIGURATION)[1])
         assert script.parent.name in listed and script.parent.parent == EXAMPLES

@@ -47,10 +47,7 @@ def test_a_link_to_a_file_of_the_repository_leads_to_its_page():
     assert relinked(text, page, page, pages) == text.replace(
         "../benchmarks/README.md", "repository/leaderboard.md"
     )
-
-
-def test_a_page_from_elsewhere_keeps_its_links():
-    relinked = extension("pages_of_the_repository").relinked
+    # A page from elsewhere keeps its links.
     file, page = ROOT / "benchmarks" / "README.md", DOCS / "repository" / "leaderboard.md"
     text = "[a](../docs/methods.md) ![b](../docs/demo.png)"
     assert relinked(text, file, page, {}) == "[a](../methods.md) ![b](../demo.png)"

@@ -10,7 +10,6 @@ from scipy import optimize
 from periscopy_sim.evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
-    mean_squared_error,
     psnr,
     registered,
     shifted,
@@ -96,14 +95,6 @@ def test_channel_without_light_stays_black(level):
     np.testing.assert_array_equal(matched[..., [0, 2]], whole[..., [0, 2]])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_errors_equal_those_of_a_search_for_the_gain(seed):
-    estimate, truth = images(seed)
-    expected = loop_psnr(estimate, truth)
-    assert psnr(estimate, truth) == pytest.approx(expected, abs=1e-6)
-    assert mean_squared_error(estimate, truth) == pytest.approx(10 ** (-expected / 10), rel=1e-6)
-
-
 @pytest.mark.parametrize("down", [-2.0, -0.5, 0.0, 0.25, 1.0, 9.0])
 @pytest.mark.parametrize("right", [-1.75, 0.0, 0.5, 3.0])
 def test_shift_interpolates_linearly_with_zeros_outside(down, right):
@@ -119,28 +110,15 @@ def framed(seed=0):
     return truth
 
 
-def moved_by_patches(image, down, right):
-    return np.roll(image, (down, right), axis=(0, 1))
-
-
 @pytest.mark.parametrize("down", [-2, 0, 1])
 @pytest.mark.parametrize("right", [-1, 0, 2])
 def test_registration_undoes_a_shift_by_whole_patches(down, right):
     truth = framed()
-    result = registered(5 * moved_by_patches(truth, down, right), truth)
+    result = registered(5 * np.roll(truth, (down, right), axis=(0, 1)), truth)
     assert result.shift == (-down, -right)
     assert result.at_limit == (max(abs(down), abs(right)) == 2)
     assert result.psnr > 250
     np.testing.assert_allclose(result.image, truth, atol=1e-13)
-
-
-@pytest.mark.parametrize("shift", [(0.5, 0.0), (-1.5, 1.0), (2.0, -0.5), (0.5, 1.5)])
-def test_registration_finds_a_shift_by_half_patches(shift):
-    estimate = framed()
-    truth = loop_shift(estimate, *shift)
-    result = registered(estimate, truth)
-    assert result.shift == shift
-    assert result.psnr > 250
 
 
 def test_registration_is_the_best_of_the_whole_grid():

@@ -242,23 +242,6 @@ def test_interrupted_sweep_goes_on(done, tmp_path):
     assert contents(tmp_path) == contents(done[0])
 
 
-def test_damaged_chunk_is_an_error_to_readers_and_made_again(tmp_path):
-    run_sweep(sweep_of(), tmp_path)
-    whole = contents(tmp_path)
-    chunks = (tmp_path / "sweep.zarr" / "psnr" / "c").rglob("*")
-    chunk = next(path for path in chunks if path.is_file())
-    content = bytearray(chunk.read_bytes())
-    content[-6] ^= 1
-    chunk.write_bytes(content)
-    with (
-        xr.open_dataset(tmp_path / "sweep.zarr", engine="zarr", consolidated=False) as stored,
-        pytest.raises(Exception, match="checksum"),
-    ):
-        stored["psnr"].load()
-    run_sweep(sweep_of(), tmp_path)
-    assert contents(tmp_path) == whole
-
-
 def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
     from distributed import LocalCluster
 

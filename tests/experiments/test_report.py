@@ -1,8 +1,6 @@
 import base64
 from html.parser import HTMLParser
 
-import pytest
-
 from experiments.report import (
     Claim,
     Picture,
@@ -37,22 +35,6 @@ class Page(HTMLParser):
         return [attrs[name] for _, attrs in self.tags if name in attrs]
 
 
-@pytest.fixture
-def sections(tmp_path):
-    picture = tmp_path / "pictures" / "a.png"
-    picture.parent.mkdir()
-    picture.write_bytes(PIXEL)
-    claims = [
-        Claim("cond(A)", "7960", "13000", Verdict.DIFFERS, "the right way up"),
-        Claim("PA = I", "yes", "1e-10", Verdict.AGREES),
-    ]
-    table = Table("times", ("size", "s"), [("1 x 2", "3.5")])
-    return [
-        Section("first", "First", "Text.", claims, [Picture(picture, "A caption")], [table], 1.25),
-        Section("second", "Second", failure="ValueError: nothing to see"),
-    ]
-
-
 def test_text_is_shown_as_written_and_never_becomes_markup(tmp_path):
     nasty = '<script>alert("1")</script> & a < b \' "'
     (tmp_path / "a.png").write_bytes(PIXEL)
@@ -77,13 +59,19 @@ def test_text_is_shown_as_written_and_never_becomes_markup(tmp_path):
     assert sum(nasty in text for text in page.text) == 2 + 1 + 3 + 8 + 1 + 3 + 2
 
 
-def test_a_section_comes_back_from_its_file_also_where_its_folder_moved(tmp_path, sections):
-    write_section(tmp_path / "kept" / "first.json", sections[0])
+def test_a_section_comes_back_from_its_file_also_where_its_folder_moved(tmp_path):
+    picture = tmp_path / "pictures" / "a.png"
+    picture.parent.mkdir()
+    picture.write_bytes(PIXEL)
+    claims = [Claim("cond(A)", "7960", "13000", Verdict.DIFFERS, "the right way up")]
+    table = Table("times", ("size", "s"), [("1 x 2", "3.5")])
+    section = Section("first", "First", "Text.", claims, [Picture(picture, "A")], [table], 1.25)
+    write_section(tmp_path / "kept" / "first.json", section)
     new = tmp_path / "new"
     new.mkdir()
     for name in ("kept", "pictures"):
         (tmp_path / name).rename(new / name)
     found = read_section(new / "kept" / "first.json")
-    assert found.claims == sections[0].claims and found.claims[0].verdict is Verdict.DIFFERS
+    assert found.claims == claims and found.claims[0].verdict is Verdict.DIFFERS
     assert [list(map(tuple, table.rows)) for table in found.tables] == [[("1 x 2", "3.5")]]
     assert found.pictures[0].file.read_bytes() == PIXEL

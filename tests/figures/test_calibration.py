@@ -7,35 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter
 from periscopy_sim.cli.calibrate import say_calibration
 from periscopy_sim.figures.calibration import draw_calibration
+from tests.calibration.conftest import calibration
 from tests.figures.conftest import read
 
-DESCENT = np.array([[0.11, 1.8], [0.1, 1.7], [0.1, 1.6]])
 Draw = Callable[[Calibration], Figure]
 PHOTOGRAPH = np.full((32, 36, 3), 0.5)
-
-
-def calibration(doubts: tuple[str, ...] = ()) -> Calibration:
-    residuals = 0.02 * np.random.default_rng(0).standard_normal((2, 16, 18, 3))
-    return Calibration(
-        parameters=(
-            Parameter("dx", 0.0, 0.1, 0.01, 0.01, 0.05),
-            Parameter("turn", 2.0, 1.6, 0.3, 0.5, 0.5),
-        ),
-        uncertain=UncertainParameters((), np.zeros(0), np.zeros(0)),
-        moves=np.zeros((2, 0)),
-        correlation=np.eye(2),
-        path=(np.pad(DESCENT, ((0, 0), (0, 1))),),
-        noise_before=np.full(3, 0.0289),
-        noise=np.full(3, 0.01),
-        residual_before=residuals[0],
-        residual=residuals[1],
-        gain=np.ones((16, 18)),
-        doubts=doubts,
-    )
 
 
 @pytest.fixture

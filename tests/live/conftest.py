@@ -2,17 +2,14 @@ import pytest
 
 from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.rendering.variant import examine_variants
 from periscopy_sim.shipped import find_scene
 
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def jit():
-    """Skip where only the scalar variant works: no laboratory follows a hand there."""
-    if not any(each.works for each in examine_variants() if not each.name.startswith("scalar")):
-        pytest.skip("needs LLVM or CUDA")
+def fast(jit):
+    """No laboratory follows a hand where only the scalar variant works."""
 
 
 @pytest.fixture

@@ -85,8 +85,6 @@ def test_what_is_used_must_be_finite(method):
         ALL[method](A, B, mask=MASK).reconstruct(y)
 
 
-# -- what is refused -----------------------------------------------------------------------------
-
 UNFIT = {
     "every pixel": np.zeros(PHOTOGRAPH, bool),
     "11 pixels for 12 patches": np.arange(M) < 11,
@@ -107,12 +105,6 @@ def test_mask_that_does_not_fit_is_rejected(message):
 def test_photograph_of_another_size_than_the_mask_is_refused(method):
     with pytest.raises(ValueError, match=r"9x14 pixels, the .* 14x9"):
         FITTED[method](A, B, mask=MASK).reconstruct(Y.reshape(9, 14, 3))
-
-
-@pytest.mark.parametrize("method", ["periscope", "iterative"])
-def test_backgrounds_of_another_size_are_rejected(method):
-    with pytest.raises(ValueError, match=r"B has .*125.* rows"):
-        FITTED[method](A, B[1:], mask=MASK)
 
 
 @pytest.mark.parametrize("scale", [1e300, 1e31, 1e-31, 1e-300])

@@ -55,14 +55,6 @@ def test_sum_of_weak_patterns_that_is_kept_costs_their_part_of_the_change():
     assert errors[2] > 1e-3
 
 
-def test_patterns_are_combined_by_their_coefficients():
-    patterns = SpectralBasis(GRAM, HIDDEN)
-    coefficients = RNG.standard_normal((3, 20))
-    np.testing.assert_allclose(
-        patterns.combined(coefficients), coefficients @ patterns.rows, atol=1e-5
-    )
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (6, 1), (4, 5)])
 def test_inverse_laplacian_undoes_the_laplacian(shape):
     images = RNG.standard_normal((3, shape[0] * shape[1]))

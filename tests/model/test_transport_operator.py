@@ -92,15 +92,6 @@ def test_gram_product_of_any_size_is_the_dense_one(pixels, channels):
     )
 
 
-def test_adjoint_passes_the_dot_test():
-    operator = TransportOperator(matrix(), basis())
-    rng = np.random.default_rng(3)
-    f, y = rng.normal(size=operator.shape[1]), rng.normal(size=operator.shape[0])
-    assert (operator @ f) @ y == pytest.approx(f @ (operator.H @ y), rel=1e-12)
-    squared = f @ operator.gram_product(f[:, None])[:, 0]
-    assert squared == pytest.approx(np.sum((operator @ f) ** 2), rel=1e-12)
-
-
 def test_gram_product_does_not_depend_on_the_threads(monkeypatch):
     operator = TransportOperator(matrix(500, 60), basis(500))
     f = np.random.default_rng(2).normal(size=(60, 3))
@@ -147,9 +138,9 @@ def test_a_matrix_that_the_backgrounds_explain_is_refused():
         TransportOperator(Q @ np.ones((4, 6)), Q)
 
 
-@pytest.mark.parametrize("form", [in_memory, read_only, transposed, memory_map, in_blocks])
-def test_used_rows_are_those_of_the_mask(form, tmp_path):
+@kinds
+def test_used_rows_are_those_of_the_mask(kind, tmp_path):
     A, mask = matrix(patches=300), np.random.default_rng(2).random(41) < 0.6
     mask[3:9] = False  # two blocks of three in which nothing is used
-    used = transport_operator.used_rows(form(A, tmp_path), mask)
+    used = transport_operator.used_rows(kind(A, tmp_path), mask)
     np.testing.assert_array_equal(used, A[mask])

@@ -82,13 +82,6 @@ def test_a_colour_matrix_couples_the_channels():
     np.testing.assert_allclose(found.ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_without_a_prior_to_speak_of_it_is_the_standard_error_of_least_squares():
-    found = standard_errors(GRAM, NOISE, TRUTH, weight=1e-9, misfit=0, rank=N)
-    expected = np.sqrt(np.diag(np.linalg.inv(GRAM)))
-    for channel, σ in enumerate(NOISE):
-        np.testing.assert_allclose(found[..., channel].ravel(), σ * expected, rtol=1e-4)
-
-
 def test_what_the_wall_does_not_show_does_not_change_the_contrast():
     """A patch more that no pixel shows leaves the errors of the others as they were."""
     gram = np.zeros((N + 1, N + 1))
@@ -169,19 +162,6 @@ def uncertain_by(names, changes):
 
 
 UNCERTAIN = uncertain_by(("x", "turn"), CHANGES)
-
-
-def test_errors_of_the_scene_add_what_they_move_the_estimate_by():
-    weight, σ = 30.0, 0.2
-    P = curvature_by_loops(TRUTH, weight)
-    inverse = np.linalg.inv(GRAM / σ**2 + P)
-    response = UNCERTAIN.lights(TRUTH) @ A  # (2, 3, N)
-    settings = GRAM, np.full(3, σ), TRUTH, weight, 100.0, N
-    plain, wider = standard_errors(*settings), standard_errors(*settings, response)
-    for channel in range(3):
-        moved = inverse @ response[:, channel].T / σ**2
-        expected = plain[..., channel].ravel() ** 2 + np.sum(moved**2, axis=1)
-        np.testing.assert_allclose(wider[..., channel].ravel() ** 2, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("masked", [False, True])

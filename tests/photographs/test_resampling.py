@@ -21,12 +21,6 @@ def sampled(image, corners, count):
     return means
 
 
-def test_whole_blocks_are_plain_means():
-    values, flaws = average_areas(IMAGE, SOUND, block_corners((12, 18), (4, 6)))
-    assert np.allclose(values, IMAGE.reshape(4, 3, 6, 3, 3).mean(axis=(1, 3)), rtol=1e-6)
-    assert not flaws.any()
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_slanted_quadrilaterals_weight_pixels_by_the_area_in_them(seed):
     rng = np.random.default_rng(seed)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.marks import Marks, find_tags
-from periscopy_sim.photographs.view_fit import fit_view
+from periscopy_sim.photographs.marks import find_tags
 from periscopy_sim.photographs.wall_view import project
 
 cv2 = pytest.importorskip("cv2")
@@ -71,14 +70,6 @@ def test_corners_of_either_kind_are_found_to_a_tenth_of_a_pixel(family):
             # Which corner is the first is the family's affair: tags may be turned in any way.
             off = min(np.abs(np.roll(found, k, axis=0) - corners(place)).max() for k in range(4))
             assert off < 0.1
-
-
-def test_tags_give_the_view_of_the_wall():
-    _, seen = find_tags(picture("APRILTAG_36h11"), IDS)
-    marks = Marks.of_tags(seen, np.array(CENTERS), np.array(SIDES), list("abcd"))
-    found = fit_view(marks, SIZE)
-    elsewhere = np.random.default_rng(0).uniform(-0.3, 0.3, (50, 2)) * [1, 0.6]
-    assert np.abs(found.view.pixels_of(elsewhere) - project(VIEW, elsewhere)).max() < 0.1
 
 
 def test_a_tag_seen_twice_and_other_numbers_are_named():

@@ -33,6 +33,16 @@ def backgrounds(photograph, count):
     return -away[..., 1] / np.sum(away**2, axis=2) ** 1.5
 
 
+def kept_basis(B, tolerance):
+    """The rank rule by NumPy's SVD."""
+    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
+    return U[:, σ > tolerance * σ[0]]
+
+
+def relative_error(value, truth):
+    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
+
+
 def two_halves(hidden):
     """A coloured image of two flat halves, whose edge no median moves."""
     image = np.empty((*hidden, 3))

@@ -55,14 +55,14 @@ class Writing:
 
 
 PLAIN = Writing([0, 1, 2], list(range(M)), [0, 1, 2], 1.0, 1.0, 1.0, "f8", "C")
-UNITS = st.sampled_from([1e-6, 0.3, 1.0, 1e5])
+UNITS = st.sampled_from([1e-12, 0.3, 1.0, 1e12])
 WRITINGS = st.builds(
     Writing,
     channels=st.permutations(range(3)),
     pixels=st.permutations(range(M)),
     columns=st.permutations(range(3)),
     light=UNITS,
-    transport=UNITS,
+    transport=st.sampled_from([1e-6, 0.3, 1.0, 1e12]),
     ambient=UNITS,
     dtype=st.sampled_from(["f8", ">f8", "f4", ">f4", "longdouble"]),
     order=st.sampled_from("CF"),

@@ -125,6 +125,17 @@ class Room:
             f'<float name="radius" value="{radius}"/>{bsdf}</shape>'
         )
 
+    @staticmethod
+    def cube(
+        center: tuple[float, ...], half: tuple[float, ...], name: str = "box", inside: str = ""
+    ) -> str:
+        """A box of half extents about a centre."""
+        scale, place = (", ".join(map(str, each)) for each in (half, center))
+        return (
+            f'<shape type="cube" id="{name}"><transform name="to_world"><scale value="{scale}"/>'
+            f'<translate value="{place}"/></transform>{inside}</shape>'
+        )
+
     def write(
         self,
         *extra: str,

@@ -14,6 +14,11 @@ def bitmap(name: str, file: str) -> str:
     )
 
 
+def painted(color: object) -> str:
+    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
+
+
+GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
 BLEND = (
     '<bsdf type="blendbsdf"><float name="weight" value="0.6"/><bsdf type="diffuse"><rgb '
     'name="reflectance" value="0.2"/></bsdf><bsdf type="roughplastic"><rgb '

@@ -2,10 +2,7 @@ import numpy as np
 
 from periscopy_sim.rendering.survey import Survey
 
-CUBE = (
-    '<shape type="cube" id="box"><transform name="to_world"><scale x="0.05" y="0.01" z="0.04"/>'
-    '<translate x="0.45" y="0.5" z="0.3"/></transform></shape>'
-)
+CUBE = (0.45, 0.5, 0.3), (0.05, 0.01, 0.04)
 
 
 def test_parallel_rays_begin_beside_each_other(room):
@@ -23,7 +20,7 @@ def test_parallel_rays_begin_beside_each_other(room):
 
 def test_solids_reach_as_far_as_their_shapes(room):
     ball = room.blocker("0.45, 0.5, 0.3", 0.06)
-    survey = Survey(room.load(CUBE, ball))
+    survey = Survey(room.load(room.cube(*CUBE), ball))
     found = {solid.name: solid for solid in survey.solids}
     assert set(found) == {"box", "ball"}
     assert found["box"].faces is not None and found["ball"].faces is None
@@ -34,7 +31,7 @@ def test_solids_reach_as_far_as_their_shapes(room):
 
 
 def test_share_of_the_monitor_is_that_of_rays_that_miss_the_box(room):
-    scenario = room.load(CUBE, hidden=(9, 12), camera=room.camera((12, 12)))
+    scenario = room.load(room.cube(*CUBE), hidden=(9, 12), camera=room.camera((12, 12)))
     survey = Survey(scenario)
     points = np.array([(x, 1 - 1e-4, z) for x in (0.5, 0.65, 0.72, 1.3) for z in (0.2, 0.31, 0.5)])
     targets = scenario.patch_centers

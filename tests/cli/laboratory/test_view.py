@@ -1,11 +1,6 @@
 import json
-import os
-import signal
 import socket
-import subprocess
 import sys
-import time
-import urllib.request
 from dataclasses import replace
 
 import numpy as np
@@ -22,18 +17,13 @@ pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
 
 
-@pytest.fixture
-def viser():
-    return pytest.importorskip("viser")
-
-
 def test_missing_extra_is_named(monkeypatch, refused):
     monkeypatch.setitem(sys.modules, "viser", None)
     assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
-@pytest.mark.usefixtures("viser")
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
+    pytest.importorskip("viser")
     np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
     for options, offender in {
         ("plate", "--ambient", "mars"): "'mars'",
@@ -84,24 +74,3 @@ def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     assert not (tmp_path / "view" / "photograph.exr").exists()
     record = json.loads((tmp_path / "view" / "view.json").read_text())
     assert record["unexplained"] > 0 and record["photograph"] == "wall.exr"
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("viser")
-def test_interrupt_ends_it_and_leaves_nothing_behind(tmp_path):
-    command = [sys.executable, "-m", "periscopy_sim", "view", "plate", *SIZE]
-    running = subprocess.Popen(
-        [*command, "--ambient", "overcast", "--port", "0"], cwd=tmp_path, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
-    record = running.stdout.readline()
-    address = record.split()[0]
-    assert address.startswith("http://127.0.0.1:") and "plate.xml" in record
-    with urllib.request.urlopen(address) as page:
-        assert b"<html" in page.read()
-    running.send_signal(signal.SIGINT)
-    start = time.monotonic()
-    out, err = running.communicate(timeout=120)
-    assert time.monotonic() - start < 2
-    assert running.returncode == 0 and out == "closed\n" and "Traceback" not in err
-    assert not list(tmp_path.iterdir())

@@ -71,16 +71,6 @@ def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct
     assert (summary["model"], summary["background_rank"]) == (model, Q.shape[1])
 
 
-@pytest.mark.usefixtures("drawings")
-def test_truth_adds_metrics_and_a_comparison(light, reconstruct, hidden, tmp_path):
-    np.save(tmp_path / "y.npy", light[0] + np.random.default_rng(6).normal(0, 1e-4, (24, 24, 3)))
-    np.save(tmp_path / "hidden.npy", hidden)
-    image, summary = reconstruct("y.npy", *PAPER, "--truth", "hidden.npy")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES | {"comparison.png"}
-    assert summary["psnr"] == pytest.approx(ps.psnr(image, hidden), abs=1e-3)
-    assert summary["psnr_registered"] >= summary["psnr"] and len(summary["shift"]) == 2
-
-
 def test_standard_errors_are_those_of_the_image(light, hidden, reconstruct, tmp_path):
     signal = light[0]
     noise = 1e-3 * signal.mean() * np.random.default_rng(1).standard_normal(signal.shape)

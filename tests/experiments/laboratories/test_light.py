@@ -26,15 +26,6 @@ def modules():
     return light, bounces, render, LABORATORIES
 
 
-def world_of(modules, name, folder, film, **changes):
-    _, _, render, laboratories = modules
-    laboratory = replace(laboratories[name], **changes)
-    (folder / "meshes").mkdir(exist_ok=True)
-    for file, build in laboratory.meshes.items():
-        build().export(folder / "meshes" / f"{file}.ply")
-    return render.World(laboratory, folder, film)
-
-
 def test_straight_light_of_a_rectangle_is_lamberts_closed_form(modules):
     light = modules[0]
     scene = mi.load_dict({"type": "scene"})
@@ -84,7 +75,11 @@ def test_all_light_together_equals_plain_path_tracing(modules, name, tmp_path, m
     monkeypatch.setattr(render, "PATHS", 4096)
     camera = replace(laboratories[name].camera, distortion=0.0)
     film = (24, 16) if name == "bottle" else (16, 24)
-    world = world_of(modules, name, tmp_path, film, camera=camera, block=8)
+    laboratory = replace(laboratories[name], camera=camera, block=8)
+    (tmp_path / "meshes").mkdir()
+    for file, build in laboratory.meshes.items():
+        build().export(tmp_path / "meshes" / f"{file}.ply")
+    world = render.World(laboratory, tmp_path, film)
     made = world.light()
     shown = np.ascontiguousarray(np.flipud(world.hidden)).astype(np.float32)
     mi.Bitmap(shown).write(str(tmp_path / "shown.exr"))

@@ -103,19 +103,6 @@ class RenderedSet:
 
 
 @pytest.fixture(scope="session")
-def published():
-    """What makes such a data set, and the numbers that it was made with."""
-    return SimpleNamespace(
-        save_capture=save_capture,
-        COUNTS=COUNTS,
-        NOISE=NOISE,
-        PAINT=PAINT,
-        SBRS=SBRS,
-        LIT=LIT,
-    )
-
-
-@pytest.fixture(scope="session")
 def data(tmp_path_factory):
     """All captures but repeats beyond the fourth and frames beyond the third; some damaged."""
     root = tmp_path_factory.mktemp("published") / "Data"

@@ -5,6 +5,7 @@ import scipy.io
 import periscopy_sim as ps
 from experiments.published import layout
 from experiments.published.data_set import read_capture
+from tests.experiments.published.conftest import COUNTS, save_capture
 
 NPY = b"\x93NUMPY\x01\x00" + bytes(120)
 GREY = np.full((6, 8, 3), 0.5)
@@ -21,21 +22,21 @@ def test_the_layout_names_every_capture_once():
 
 
 @pytest.mark.parametrize("exposure", [2.0, 50.0])
-def test_a_capture_counts_for_each_unit_of_exposure(tmp_path, exposure, published):
+def test_a_capture_counts_for_each_unit_of_exposure(tmp_path, exposure):
     light = np.random.default_rng(0).uniform(0.2, 1, (6, 8, 3))
-    published.save_capture(tmp_path / "c.mat", light, TRUTH, exposure=exposure, noise=0)
+    save_capture(tmp_path / "c.mat", light, TRUTH, exposure=exposure, noise=0)
     capture = read(tmp_path / "c.mat")
-    assert np.allclose(capture.photograph, published.COUNTS * light, rtol=1e-12)
+    assert np.allclose(capture.photograph, COUNTS * light, rtol=1e-12)
     assert np.allclose(capture.halves.mean(axis=0), capture.photograph, rtol=1e-12)
     assert capture.exposure == pytest.approx(exposure)
 
 
-def test_halves_have_independent_noise_of_the_size_told(tmp_path, published):
+def test_halves_have_independent_noise_of_the_size_told(tmp_path):
     """Bounds are five standard errors of a correlation and of a median over 2688 pixels."""
     light, noise = np.ones((42, 64, 3)), 0.01
-    published.save_capture(tmp_path / "c.mat", light, TRUTH, noise=noise, side=4, seed=3)
+    save_capture(tmp_path / "c.mat", light, TRUTH, noise=noise, side=4, seed=3)
     capture = read(tmp_path / "c.mat", (42, 64))
-    expected = noise * published.COUNTS * np.array([1, np.sqrt(0.5), 1])
+    expected = noise * COUNTS * np.array([1, np.sqrt(0.5), 1])
     assert np.allclose(capture.noise, expected, rtol=5 * 1.17 / np.sqrt(2688))
     first, second = capture.halves - capture.halves.mean(axis=(1, 2), keepdims=True)
     for channel in range(3):
@@ -44,8 +45,8 @@ def test_halves_have_independent_noise_of_the_size_told(tmp_path, published):
 
 
 @pytest.mark.parametrize("whole", [True, False])
-def test_what_was_shown_is_decoded_from_either_scale(tmp_path, whole, published):
-    published.save_capture(tmp_path / "c.mat", GREY, None)
+def test_what_was_shown_is_decoded_from_either_scale(tmp_path, whole):
+    save_capture(tmp_path / "c.mat", GREY, None)
     fields = scipy.io.loadmat(tmp_path / "c.mat")
     sent = np.array([[[0.0, 128.0, 255.0]]]) / (1 if whole else 255)
     fields["ground_truth"] = np.tile(sent, (10, 12, 1))
@@ -55,8 +56,8 @@ def test_what_was_shown_is_decoded_from_either_scale(tmp_path, whole, published)
 
 
 @pytest.mark.parametrize("truth", [None, np.zeros((10, 12, 3))])
-def test_a_capture_without_ground_truth_is_a_capture(tmp_path, truth, published):
-    published.save_capture(tmp_path / "c.mat", GREY, truth)
+def test_a_capture_without_ground_truth_is_a_capture(tmp_path, truth):
+    save_capture(tmp_path / "c.mat", GREY, truth)
     assert read(tmp_path / "c.mat").truth is None
 
 
@@ -70,9 +71,9 @@ def test_a_capture_without_ground_truth_is_a_capture(tmp_path, truth, published)
         (lambda path: scipy.io.savemat(path, {"image": np.ones((24, 32))}), "shutter_speed"),
     ],
 )
-def test_a_file_that_is_no_capture_is_refused_in_one_line(tmp_path, damage, said, published):
+def test_a_file_that_is_no_capture_is_refused_in_one_line(tmp_path, damage, said):
     path = tmp_path / "c.mat"
-    published.save_capture(path, GREY, TRUTH)
+    save_capture(path, GREY, TRUTH)
     damage(path)
     with pytest.raises(ps.PeriscopyError, match=said) as caught:
         read(path)

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from experiments.published import ambient, layout, repeats, single_pixels, stills
 from experiments.published.__main__ import main
 from experiments.report import Verdict
+from tests.experiments.published.conftest import LIT, NOISE, PAINT, SBRS
 
 pytestmark = pytest.mark.thorough  # to render the stand-in takes 20 s
 
@@ -40,7 +41,7 @@ def test_stills_are_recovered_and_lie_as_stored(setting, monkeypatch):
     assert all(picture.file.is_file() for picture in section.pictures)
 
 
-def test_noise_in_time_is_that_of_the_repeats(setting, published):
+def test_noise_in_time_is_that_of_the_repeats(setting):
     """Of 4 repeats at exposures of 20 to 30: its estimate has 1764 x 3 x 3 degrees of freedom."""
     section = repeats.run(setting)
     assert len(section.claims) == 2
@@ -49,7 +50,7 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
         taken = setting.readable(folder, layout.REPEATS[folder])
         assert len(taken) == 4
         levels = np.array([capture.photograph.mean() for capture in taken])
-        noise = np.array([published.NOISE**2 * 20 / capture.exposure for capture in taken]).mean()
+        noise = np.array([NOISE**2 * 20 / capture.exposure for capture in taken]).mean()
         energy = np.mean([(c.photograph**2).mean() for c in taken]) / levels.mean() ** 2
         expected = 10 * np.log10(energy / (noise * (1 + 0.5 + 1) / 3))
         assert first_number(claim.measured) == pytest.approx(expected, abs=0.3)
@@ -58,17 +59,17 @@ def test_noise_in_time_is_that_of_the_repeats(setting, published):
             assert 0.05 < float(row["over reported"]) < 1.2
 
 
-def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkeypatch):
+def test_real_ambient_light_is_measured_and_cancelled(setting, monkeypatch):
     dark = {layout.AMBIENT: layout.WITHOUT_AMBIENT[layout.AMBIENT]}
     monkeypatch.setattr(ambient, "WITHOUT_AMBIENT", dark)
     section = ambient.run(setting)
     light = table(section, f"{layout.AMBIENT}: ambient light alone")
-    paint = 100 * published.PAINT
+    paint = 100 * PAINT
     for row in light:  # what lies outside is the paint, and alike in all
         assert float(row["outside range(B), %"]) == pytest.approx(paint, rel=0.15)
         assert all(float(text) > 0.85 for text in row["alike with the others"].split())
     levels = table(section, f"{layout.AMBIENT}: signal-to-background")
-    for row, sbr in zip(levels[1:], published.SBRS, strict=True):
+    for row, sbr in zip(levels[1:], SBRS, strict=True):
         assert float(row["SBR"]) == pytest.approx(sbr, abs=0.011)
         assert float(row["SBR by the dark room's"]) == pytest.approx(sbr, abs=0.011)
         assert float(row["left over noise"]) == pytest.approx(1, abs=0.1)
@@ -84,12 +85,12 @@ def test_real_ambient_light_is_measured_and_cancelled(setting, published, monkey
     assert len(section.claims) == 3 and section.claims[1].verdict is Verdict.AGREES
 
 
-def test_a_lit_block_is_its_column_of_the_transport_matrix(setting, published):
+def test_a_lit_block_is_its_column_of_the_transport_matrix(setting):
     section = single_pixels.run(setting)
     rows = table(section, "Patches are")
     assert len(rows) == 4
     for row in rows:
-        row_, column = published.LIT[row["capture"].replace(" ", "_")]
+        row_, column = LIT[row["capture"].replace(" ", "_")]
         assert row["lit patch"] == f"{row_}.0, {column}.0"
         assert row["most like"] == f"{row_}, {column}"
         assert row["down, right of it"] == "+0.0, +0.0"

@@ -111,15 +111,14 @@ def test_turn_and_tilt_are_those_that_measurements_have():
 def test_no_line_strikes_a_label(panels, figure):
     """Neither the frame of what the camera sees, nor an arrow of monitor, camera or normal."""
     figure.canvas.draw()
-    for title in TITLES[:1]:
-        ax = panels[title]
-        (frame,) = [p for p in ax.patches if to_rgba(p.get_edgecolor()) == to_rgba(VIEWED)]
-        corners = ax.transData.transform(frame.get_xy())
-        along = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(corners)])
-        for text in ax.texts:
-            if text.get_text() in ("camera", "monitor", "seen by the camera"):
-                box = text.get_window_extent()
-                assert not any(box.contains(*point) for point in along), text.get_text()
+    ax = panels[TITLES[0]]
+    (frame,) = [p for p in ax.patches if to_rgba(p.get_edgecolor()) == to_rgba(VIEWED)]
+    corners = ax.transData.transform(frame.get_xy())
+    along = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(corners)])
+    for text in ax.texts:
+        if text.get_text() in ("camera", "monitor", "seen by the camera"):
+            box = text.get_window_extent()
+            assert not any(box.contains(*point) for point in along), text.get_text()
 
 
 def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_path):

@@ -6,6 +6,7 @@ import pytest
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from tests.model.test_transport_operator import Blocks
 
 PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
 M, N = 420, 30
@@ -29,14 +30,6 @@ def photograph(noise=1e-3, seed=2):
     rng = np.random.default_rng(seed)
     y = A @ TRUTH.reshape(N, 3) + B @ rng.random((3, 3)) + noise * rng.normal(size=(M, 3))
     return y.reshape(*PHOTOGRAPH, 3)
-
-
-class Blocks:
-    shape = A.shape
-
-    def row_blocks(self):
-        yield slice(0, 100), A[:100]
-        yield slice(100, M), A[100:]
 
 
 def test_image_and_noise_are_those_of_the_dense_problem(minimizer):
@@ -94,7 +87,7 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
     mapped = np.load(tmp_path / "A.npy", mmap_mode="r")
     from_array, from_map, from_blocks = (
         IterativePeriscope(kind, B, hidden_shape=HIDDEN).reconstruct(photograph())
-        for kind in (A, mapped, Blocks())
+        for kind in (A, mapped, Blocks(A))
     )
     np.testing.assert_array_equal(from_map, from_array)
     np.testing.assert_allclose(from_blocks, from_array, atol=1e-3)

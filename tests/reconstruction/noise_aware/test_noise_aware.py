@@ -176,16 +176,6 @@ def test_it_errs_less_than_the_papers_method():
     assert np.mean(ours) < 0.5 * np.mean(theirs)
 
 
-@pytest.mark.parametrize("scale", [1e-12, 1e12])
-def test_units_of_photograph_and_matrix_scale_the_image_alone(scale):
-    y = photograph()
-    image = NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(y)
-    brighter = NoiseAware(A, B, hidden_shape=HIDDEN).reconstruct(scale * y)
-    np.testing.assert_allclose(brighter, scale * image, rtol=1e-3, atol=1e-4 * scale)
-    weaker = NoiseAware(scale * A, B, hidden_shape=HIDDEN).reconstruct(scale * y)
-    np.testing.assert_allclose(weaker, image, rtol=1e-3, atol=1e-4)
-
-
 def test_background_is_rejected_and_the_walls_colour_divided_out():
     y = photograph()
     method = NoiseAware(A, B, hidden_shape=HIDDEN)
@@ -210,22 +200,6 @@ def test_channels_share_their_edges():
         apart.append(np.mean((method.reconstruct(third) - grey)[..., 2] ** 2))
     gains = np.array(apart) - together
     assert gains.mean() > 4 * gains.std(ddof=1) / np.sqrt(len(gains))
-
-
-def test_pixels_under_the_mask_do_not_matter():
-    mask = np.ones(PHOTOGRAPH, bool)
-    mask[2:5, 3:9] = False
-    y = photograph()
-    method = NoiseAware(A, B, hidden_shape=HIDDEN, mask=mask, photograph_shape=PHOTOGRAPH)
-    image = method.reconstruct(y)
-    spoilt = y.copy()
-    spoilt[~mask] = np.nan
-    np.testing.assert_array_equal(method.reconstruct(spoilt), image)
-    settings = {"hidden_shape": HIDDEN, "profiles": False, "corrections": ()}
-    alone = NoiseAware(A, B, mask=mask, **settings)
-    by_hand = NoiseAware(A[mask.ravel()], B[mask.ravel()], **settings)
-    images = by_hand.reconstruct(y[mask]), alone.reconstruct(y)
-    np.testing.assert_allclose(*images, rtol=1e-4, atol=1e-5)
 
 
 def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
@@ -263,13 +237,6 @@ def test_photograph_of_noise_or_of_one_bright_pixel_shows_no_hidden_image():
 @pytest.mark.parametrize("noise", [1e-6, 1, 3])
 def test_photograph_that_shows_something_is_not_warned_of(noise):
     assert not warns(SIGNAL + noise * (photograph() - SIGNAL))[0]
-
-
-def test_iterations_that_do_not_suffice_are_told():
-    method = NoiseAware(A, B, hidden_shape=HIDDEN, max_iterations=3)
-    with pytest.warns(RuntimeWarning, match="3 iterations"):
-        found = method.solve(photograph())
-    assert not found.converged and found.iterations == 3
 
 
 @pytest.mark.parametrize(
@@ -317,7 +284,8 @@ def test_iterations_for_first_images_are_counted(most):
     )
     with pytest.warns(RuntimeWarning, match="stopped"):
         solution = method.solve(photograph())
-    assert solution.iterations == max(most, 1) and np.isfinite(solution.image).all()
+    assert not solution.converged and solution.iterations == most
+    assert np.isfinite(solution.image).all()
 
 
 def test_default_corrections_are_those_that_the_photographs_allow():

@@ -55,17 +55,6 @@ def test_patches_near_the_frame_before_are_as_they_were_and_the_others_change_in
     assert (change[:, is_near] == 0).all() and (change[:, ~is_near] > 0).all()
 
 
-def test_scaled_fields_leave_the_others_as_they_were():
-    fields = (np.full((2, 3, 4, 5), 2, np.float32) for _ in range(2))
-    images = (np.full((3, 4, 5), 2, np.float32) for _ in range(2))
-    (u, p), (v, q) = fields, images
-    split = Splitting(u, p, v, q)
-    other = split.scaled(3, 5)
-    assert (other.u == 6).all() and (other.v == 6).all()
-    assert (other.p == 10).all() and (other.q == 10).all()
-    assert all((field == 2).all() for field in (split.u, split.p, split.v, split.q))
-
-
 def test_frame_before_that_is_far_away_pulls_by_its_weight_alone():
     direction = np.array([2.0, 1.0, 2.0])[:, None, None] / 3
     v = drawn(TARGETS, 1e12 * direction + 0 * TARGETS, False, 0.5)

@@ -7,6 +7,7 @@ from scipy import stats
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.reconstruction import penumbrae
+from tests.reconstruction.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
@@ -31,13 +32,8 @@ def photograph_of(image, noise=0.0, background=0.0, seed=0):
 
 def projected_pseudoinverse():
     """P and the dimension of [A, B] from NumPy's decompositions alone."""
-    U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
-    Q = U[:, σ > 1e-10 * σ[0]]
+    Q = penumbrae.kept_basis(B, 1e-10)
     return np.linalg.pinv(A - Q @ (Q.T @ A)), N + Q.shape[1]
-
-
-def relative_error(value, truth):
-    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
 
 
 @explicit_or_factored

@@ -13,34 +13,6 @@ def prox_l1(g, p, weight, l1_weight, **options):
     return result.image
 
 
-EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
-SHAPES = [(1, 1), (1, 7), (7, 1), (4, 5), (5, 3)]
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(("weight", "l1_weight"), [(0.3, 0.2), (0.3, 1.5), (2.0, 0.4), (0.0, 0.7)])
-def test_prox_equals_the_minimizer_by_alternating_directions(
-    shape, weight, l1_weight, random_image, minimizer
-):
-    g, p = random_image(*shape, seed=3), random_image(*shape, seed=4)
-    f = prox_l1(g, p, weight, l1_weight, **EXACT)
-    np.testing.assert_allclose(f, minimizer(g, weight, 0, p, l1_weight), atol=3e-5)
-
-
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
-@pytest.mark.parametrize("l1_weight", [0.1, 0.8])
-def test_the_objective_is_within_the_reported_gap_of_the_least(
-    tolerance, l1_weight, random_image, objective, minimizer
-):
-    g, p = random_image(5, 6, seed=4), random_image(5, 6, seed=5)
-    result = solve_total_variation(g, 0.9, previous=p, l1_weight=l1_weight, tolerance=tolerance)
-    least = objective(minimizer(g, 0.9, 0, p, l1_weight), g, 0.9, 0, p, l1_weight)
-    assert result.converged
-    reached = objective(result.image, g, 0.9, 0, p, l1_weight)
-    assert least * (1 - 1e-9) <= reached <= least / (1 - result.gap) + 1e-9
-
-
 def test_without_l1_weight_it_is_the_plain_prox(blocks):
     g, p = blocks(), blocks(1)
     f = prox_l1(g, p, 0.3, 0)

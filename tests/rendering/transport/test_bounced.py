@@ -14,15 +14,10 @@ from periscopy_sim.rendering.transport.bounced import (
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 from periscopy_sim.rendering.variant import dr
 from tests.rendering.conftest import Room
-from tests.rendering.materials import SLOPE, write_files
+from tests.rendering.materials import GLOSSY, SLOPE, painted, write_files
 
 SEEDS = 8
-GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
 SHINY = '<bsdf type="conductor"/>'
-
-
-def painted(color):
-    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
 
 
 def board(bsdf, *, x=1.0, y=0.5, size=0.3, angle=-90):
@@ -39,10 +34,6 @@ def floor(bsdf):
         f'<shape type="rectangle" id="floor">{bsdf}<transform name="to_world">'
         '<translate x="0.4" y="0.1" z="0"/></transform></shape>'
     )
-
-
-def hidden_image(shape, seed=0):
-    return np.random.default_rng(seed).random((*shape, 3))
 
 
 def predicted(seen, image, bounces, target=2e-3):
@@ -79,7 +70,7 @@ def traced(seen, image, bounces, samples=1024):
 def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, bounces, parts, target):
     shapes = [{"board": board, "floor": floor}[name](bsdf) for name, bsdf in parts.items()]
     seen = room.load(*shapes, monitor=room.monitor(room.lcd(2, 1), inside=painted(0.6)))
-    image = hidden_image(seen.hidden_shape)
+    image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
     found = list(predicted(seen, image, bounces, target))
     same_mean(list(traced(seen, image, bounces)), found)
     direct = np.mean(list(traced(seen, image, 1)), axis=0)
@@ -104,7 +95,7 @@ def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
         camera=room.camera((18, 20)),
         monitor=room.monitor(room.lcd(2, 1)),
     )
-    image = hidden_image(seen.hidden_shape)
+    image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
     same_mean(list(traced(seen, image, None, 256)), list(predicted(seen, image, None)))
 
 
@@ -181,7 +172,7 @@ def test_an_array_of_it_is_the_channels_mean_and_so_are_its_rows(room):
     assert done == sorted(done)
     channels = [A.mean + A.bounced.over_wall @ A.bounced.colour[c] for c in range(3)]
     np.testing.assert_allclose(np.mean(channels, axis=0), np.asarray(A), rtol=1e-5)
-    f = hidden_image(seen.hidden_shape).reshape(-1, 3)
+    f = np.random.default_rng(0).random((*seen.hidden_shape, 3)).reshape(-1, 3)
     by_channel = np.stack([channels[c] @ f[:, c] for c in range(3)], axis=1)
     np.testing.assert_allclose(A @ f, by_channel, rtol=1e-5)
     rows = [block for _, block in RenderedTransport(seen, bounced=A.bounced).row_blocks()]

@@ -5,13 +5,9 @@ import pytest
 
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from tests.rendering.materials import GLOSSY, painted
 
 SEEDS = 12
-GLOSSY = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
-
-
-def painted(color):
-    return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
 
 
 def predictions(seen, image, seeds=SEEDS):
@@ -26,10 +22,6 @@ def photographs(seen, image, seeds=SEEDS, samples=256):
         yield render_photograph(seen, image, samples=samples, bounces=1, seed=1000 + seed)
 
 
-def hidden_image(shape, seed=0):
-    return np.random.default_rng(seed).random((*shape, 3))
-
-
 @pytest.mark.parametrize(
     "name",
     [
@@ -40,7 +32,7 @@ def hidden_image(shape, seed=0):
 )
 def test_matrix_times_image_is_the_path_traced_photograph(shipped, same_mean, name):
     seen = shipped(name)
-    image = hidden_image(seen.hidden_shape)
+    image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
     same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
 
 
@@ -57,7 +49,7 @@ def test_matrix_times_image_is_the_photograph_in_any_room(room, same_mean, kind)
     }[kind]
     extra = [room.blocker()] if kind == "sphere" else []
     seen = room.load(*extra, hidden=(2, 3), **parts)
-    image = hidden_image((2, 3))
+    image = np.random.default_rng(0).random((2, 3, 3))
     same_mean(list(photographs(seen, image)), list(predictions(seen, image)))
 
 
@@ -70,5 +62,5 @@ def test_matrix_times_image_is_the_photograph_with_a_curved_monitor(
     monitor = room.curved_monitor(light, mirrored=mirrored)
     seen = room.load(room.blocker(), monitor=monitor, hidden=(2, 5))
     assert seen.mirrored == mirrored
-    image = hidden_image((2, 5))
+    image = np.random.default_rng(0).random((2, 5, 3))
     same_mean(list(photographs(seen, image)), list(predictions(seen, image)))

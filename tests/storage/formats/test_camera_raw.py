@@ -1,6 +1,5 @@
 """Camera raw files, written here as DNG: LibRaw reads them as it reads a camera's."""
 
-import struct
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -11,49 +10,18 @@ import tifffile
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_sensor_image
 from periscopy_sim.storage.tables import read_colour_matrix
+from tests.storage.formats.dng import WHITE, write_dng
 
 pytest.importorskip("rawpy")
 
 RNG = np.random.default_rng(4)
 MOSAIC = RNG.integers(700, 16000, (64, 96)).astype(np.uint16)
-WHITE = 16383
-CFA = 32803
-RGGB, GBRG = (0, 1, 1, 2), (1, 2, 0, 1)
-IDENTITY = 10000, 0, 0, 0, 10000, 0, 0, 0, 10000
-
-
-def write_dng(
-    path, mosaic=MOSAIC, black=(512,), pattern=RGGB, turn=1, photometric=CFA, colours=IDENTITY,
-    opcodes=(),
-):  # fmt: skip
-    """A DNG of version 1.4: the tags that its specification asks for, and no more."""
-    matrix = tuple(number for entry in colours for number in (entry, 10000))
-    tags = [
-        (50706, "B", 4, (1, 4, 0, 0), True),  # DNGVersion
-        (50708, "s", 0, "Test Camera", True),  # UniqueCameraModel
-        (274, "H", 1, turn, True),  # Orientation
-        (33421, "H", 2, (2, 2), True),  # CFARepeatPatternDim
-        (33422, "B", 4, pattern, True),  # CFAPattern
-        (50714, "H", len(black), black if len(black) > 1 else black[0], True),  # BlackLevel
-        (50717, "H", 1, WHITE, True),  # WhiteLevel
-        (50721, "2i", 9, matrix, True),  # ColorMatrix1
-        (50778, "H", 1, 21, True),  # CalibrationIlluminant1
-    ]
-    if photometric != CFA:
-        tags = [tag for tag in tags if tag[0] not in (33421, 33422)]
-    if len(black) > 1:
-        tags.append((50713, "H", 2, (2, 2), True))  # BlackLevelRepeatDim
-    for tag, numbers in opcodes:
-        content = struct.pack(">I", len(numbers))
-        content += b"".join(struct.pack(">4I", n, 0x01030000, 0, 4) + bytes(4) for n in numbers)
-        tags.append((tag, 7, len(content), content, True))
-    tifffile.imwrite(path, mosaic, photometric=photometric, extratags=tags, metadata=None)
-    return path
+GBRG = (1, 2, 0, 1)
 
 
 def test_corrections_that_are_not_applied_are_named_once(tmp_path):
     _, warnings = read_sensor_image(
-        write_dng(tmp_path / "y.dng", opcodes=[(51009, (9, 9)), (51022, (1, 3, 99))])
+        write_dng(tmp_path / "y.dng", MOSAIC, opcodes=[(51009, (9, 9)), (51022, (1, 3, 99))])
     )
     (line,) = warnings
     assert all(name in line for name in ("WarpRectilinear", "FixVignetteRadial", "opcode 99"))
@@ -66,7 +34,7 @@ def cells(mosaic):
 
 
 def test_counts_come_back_linear_above_black_without_interpolation(tmp_path):
-    exposure, warnings = read_sensor_image(write_dng(tmp_path / "y.dng"))
+    exposure, warnings = read_sensor_image(write_dng(tmp_path / "y.dng", MOSAIC))
     red, green, other, blue = (cell - 512 for cell in cells(MOSAIC))
     expected = np.stack([red, (green + other) / 2, blue], axis=-1)
     assert np.array_equal(exposure.values, expected) and warnings == ()
@@ -74,7 +42,7 @@ def test_counts_come_back_linear_above_black_without_interpolation(tmp_path):
 
 
 def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
-    path = write_dng(tmp_path / "y.dng", black=(500, 510, 520, 530), pattern=GBRG)
+    path = write_dng(tmp_path / "y.dng", MOSAIC, black=(500, 510, 520, 530), pattern=GBRG)
     exposure, _ = read_sensor_image(path)
     green, blue, red, other = (
         cell - black for cell, black in zip(cells(MOSAIC), (500, 510, 520, 530), strict=True)
@@ -83,7 +51,7 @@ def test_each_place_of_the_mosaic_has_its_own_black_level_and_colour(tmp_path):
 
 
 def test_a_monochrome_camera_gives_grey_at_full_size(tmp_path):
-    path = write_dng(tmp_path / "y.dng", photometric="minisblack")
+    path = write_dng(tmp_path / "y.dng", MOSAIC, photometric="minisblack")
     with tifffile.TiffFile(path, mode="r+b") as file:
         file.pages.first.tags["PhotometricInterpretation"].overwrite(34892)  # LinearRaw
     exposure, _ = read_sensor_image(path)
@@ -100,8 +68,8 @@ def test_a_full_pixel_saturates_its_cell(tmp_path):
 
 @pytest.mark.parametrize(("turn", "quarters"), [(3, 2), (6, 3), (8, 1)])
 def test_a_turned_camera_gives_an_upright_picture(tmp_path, turn, quarters):
-    upright, _ = read_sensor_image(write_dng(tmp_path / "y.dng"))
-    turned, _ = read_sensor_image(write_dng(tmp_path / "z.dng", turn=turn))
+    upright, _ = read_sensor_image(write_dng(tmp_path / "y.dng", MOSAIC))
+    turned, _ = read_sensor_image(write_dng(tmp_path / "z.dng", MOSAIC, turn=turn))
     assert np.array_equal(turned.values, np.rot90(upright.values, quarters))
 
 
@@ -123,7 +91,7 @@ def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path, monkeypatch
     camera = 8139, -2171, -663, -8747, 16541, 2295, -1925, 2008, 8093
     srgb = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
     expected = np.reshape(camera, (3, 3)) / 1e4 @ srgb
-    file = write_dng(tmp_path / "y.dng", colours=camera)
+    file = write_dng(tmp_path / "y.dng", MOSAIC, colours=camera)
     np.testing.assert_allclose(read_colour_matrix(file).matrix, expected, atol=1e-3)
     known = np.vstack([np.reshape(camera, (3, 3)) / 1e4, np.zeros((1, 3))])
     raw = SimpleNamespace(num_colors=3, rgb_xyz_matrix=known, color_matrix=np.zeros((3, 4)))
@@ -132,7 +100,7 @@ def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path, monkeypatch
 
 
 def test_a_file_cut_short_is_refused_by_one_line(tmp_path):
-    whole = write_dng(tmp_path / "y.dng").read_bytes()
+    whole = write_dng(tmp_path / "y.dng", MOSAIC).read_bytes()
     for kept in (len(whole) - 1, len(whole) // 2, 300, 9):
         (tmp_path / "z.dng").write_bytes(whole[:kept])
         with pytest.raises(PhotographError) as caught:

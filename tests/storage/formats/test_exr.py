@@ -15,7 +15,6 @@ from periscopy_sim.errors import OutputError, PhotographError
 from periscopy_sim.storage.formats.exr import decode_exr, read_exr, write_exr
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image, write_png
-from periscopy_sim.storage.sequences import open_frames
 
 RNG = np.random.default_rng(5)
 IMAGE = RNG.standard_normal((7, 11, 3)).astype(np.float32)
@@ -131,22 +130,6 @@ def test_exr(light, note):
 
 
 @few
-@given(
-    light=lights, order=st.sampled_from("CF"), dtype=st.sampled_from(["<f4", ">f4", "f8", ">f8"])
-)
-def test_npy_and_npz(light, order, dtype):
-    def again(path):
-        stored = np.array(light, dtype, order=order)
-        np.save(path, stored)
-        np.savez_compressed(path.with_suffix(".npz"), photograph=stored)
-        files = (path, path.with_suffix(".npz"))
-        return [read_photograph(file, light.shape[:2]).values for file in files]
-
-    for photograph in in_a_file("y.npy", again):
-        np.testing.assert_array_equal(photograph, light)
-
-
-@few
 @given(counts=arrays(np.uint16, sizes).filter(np.any), interlaced=st.booleans())
 def test_16_bit_png(counts, interlaced):
     def again(path):
@@ -175,19 +158,3 @@ def test_8_bit_png_of_a_hidden_image_is_within_half_a_code(image):
         return 255 * np.where(light <= 0.0031308, 12.92 * light, power)
 
     np.testing.assert_allclose(codes(found), codes(image), atol=0.5 + 1e-2)
-
-
-@few
-@given(
-    clip=arrays(np.float32, st.tuples(st.integers(1, 4), *[st.integers(1, 5)] * 2, st.just(3)),
-                elements=st.floats(0.5, 2, width=32))
-)  # fmt: skip
-def test_stacks(clip):
-    def again(path):
-        np.save(path, clip)
-        np.savez_compressed(path.with_suffix(".npz"), photograph=clip)
-        files = (path, path.with_suffix(".npz"))
-        return [[frame.values for frame in open_frames(f, clip.shape[1:3])] for f in files]
-
-    for frames in in_a_file("y.npy", again):
-        np.testing.assert_array_equal(frames, clip)

@@ -9,6 +9,7 @@ from PIL import Image
 from periscopy_sim.storage.formats.table import FORMATS
 from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
 from periscopy_sim.storage.sequences import open_frames
+from tests.storage.formats.dng import write_dng
 
 SHAPE = (24, 40)  # LibRaw reads nothing smaller than 22 pixels
 V, U = np.meshgrid(np.linspace(0, 1, SHAPE[0]), np.linspace(0, 1, SHAPE[1]), indexing="ij")
@@ -23,21 +24,16 @@ def write_exr(path):
         file.write(str(path))
 
 
-def write_dng(path):
+def write_cells(path):
     """Write a mosaic whose 2 x 2 cells, RGGB, hold one pixel each."""
     mosaic = np.zeros((2 * SHAPE[0], 2 * SHAPE[1]), np.uint16)
     for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
         mosaic[row::2, column::2] = DEEP[..., channel] // 4
-    identity = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
-    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Camera", True),
-            (33421, "H", 2, (2, 2), True), (33422, "B", 4, (0, 1, 1, 2), True),
-            (50714, "H", 1, 0, True), (50717, "H", 1, 16383, True),
-            (50721, "2i", 9, identity, True), (50778, "H", 1, 21, True)]  # fmt: skip
-    tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None)
+    write_dng(path, mosaic, black=(0,))
 
 
 WRITERS = {  # by format, and how far a value of 1 may be off
-    "camera raw": (write_dng, "y.dng", 1 / 16383),
+    "camera raw": (write_cells, "y.dng", 1 / 16383),
     "EXR": (write_exr, "y.exr", 0),
     "NPY": (lambda path: np.save(path, LIGHT), "y.npy", 0),
     "NPZ": (lambda path: np.savez(path, photograph=LIGHT), "y.npz", 0),
