@@ -77,7 +77,7 @@ def noise_level(photograph: Image, snr: float) -> float:
 
 
 def noise_to_signal(snr: float, sbr: float) -> float:
-    """Return the noise of a photograph over the mean of its signal, at an SNR in dB and an SBR."""
+    """Return the noise of an even photograph over the mean of its signal; the SNR is in dB."""
     return float(10 ** (-snr / 20) * (1 + 1 / sbr))
 
 

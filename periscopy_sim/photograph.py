@@ -47,7 +47,7 @@ class Photograph:
         name: str = "photograph",
         *,
         mask: Mask | None = None,
-        monitor_off: Mapping[str, ArrayLike] | None = None,
+        monitor_off: Mapping[str, ArrayLike] | Sequence[ArrayLike] | None = None,
         warnings: tuple[str, ...] = (),
     ) -> "Photograph":
         """Return a checked photograph from arrays, which are copied.
@@ -65,7 +65,7 @@ class Photograph:
         mask
             (rows, columns) bool, True where methods use the photograph; None for everywhere.
         monitor_off
-            Photographs with the monitor off, by name, of the same shape.
+            Photographs with the monitor off, of the same shape, by name or in a sequence.
         warnings
             Lines of the reader. One is added if most values are negative.
 
@@ -78,7 +78,9 @@ class Photograph:
         light = _checked(values, shape, name, mask)
         if np.mean(used_pixels(light, mask) < 0) > 0.5:
             warnings = (*warnings, f"{name}: most values are negative; check the dark frame")
-        off = monitor_off or {}
+        off = {} if monitor_off is None else monitor_off
+        if not isinstance(off, Mapping):
+            off = {f"monitor-off photograph {k}": each for k, each in enumerate(off, 1)}
         size = (light.shape[0], light.shape[1])
         return cls(light, mask, {k: _checked(v, size, k, mask) for k, v in off.items()}, warnings)
 
@@ -108,7 +110,7 @@ class Photograph:
         if self.mask is None and not self.monitor_off:
             return None
         digest = hashlib.sha256()
-        for each in (np.array(self.mask), *self.monitor_off.values()):
+        for each in (self.pixels, *self.monitor_off.values()):
             digest.update(each.tobytes())
         return digest.digest()
 
@@ -148,6 +150,10 @@ def _checked(
     if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
         raise PhotographError(
             f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
+        )
+    if mask is not None and not mask.any():
+        raise PhotographError(
+            f"{name}: the mask leaves out every pixel; it is True where the wall is"
         )
     broken = np.argwhere(blackened(~np.isfinite(light), mask))
     if len(broken):

@@ -31,6 +31,10 @@ SENTENCES = {
     ),
     "no_residual": "This method judges no scene: it does not use A.",
     "calibrate": "Run calibrate.",
+    "finer": (
+        "patches half as large explain the misfit as well: if the scene is right, pass --hidden "
+        "{rows}x{columns}"
+    ),
     "look": "Look at residual.png.",
     "pass": "Pass {options}.",
     "measure": "Measure it again.",

@@ -30,7 +30,7 @@ from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Report
+    from periscopy_sim.reconstruction.method import Note, Report
     from periscopy_sim.rendering.transport.kernel import Strata
 
 FINER = 0.75
@@ -331,7 +331,9 @@ class PhotoSession(WallSession):
     ) -> "tuple[Report, str]":
         """Return a report and its verdict, one line with a remedy; print the other warnings."""
         report = fitted.report(wall, solution)
-        line = verdict(report, self._remedy(report, fitted, wall, solution))
+        remedy, notes = self._remedy(report, fitted, wall, solution)
+        report = replace(report, notes=[*report.notes, *notes])
+        line = verdict(report, remedy)
         for note in report.warnings:
             if note.code == report.verdict.code:
                 self.warnings.append(f"{name}: {line}")
@@ -339,26 +341,30 @@ class PhotoSession(WallSession):
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
         return report, line
 
-    def _remedy(self, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any) -> str:
-        """Return the sentence of the likeliest remedy; empty where the scene fits."""
+    def _remedy(
+        self, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any
+    ) -> "tuple[str, list[Note]]":
+        """Return the sentence of the likeliest remedy, empty where the scene fits, and notes."""
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.calibration.scene_covariance import scene_covariance
+        from periscopy_sim.reconstruction.method import Note
 
         if report.verdict.code == "unexplained":
-            return sentence("default_method")
+            return sentence("default_method"), []
         if report.residual is None or report.verdict.code != "does_not_fit":
-            return ""
+            return "", []
         if better := self.better_transport(self.record, self.record.get("relative_noise")):
-            return sentence("pass", options=better)
-        if scene_covariance(self.scenario.document) is not None:
-            return sentence("look")
+            return sentence("pass", options=better), []
         if not has_areas(self.scenario):
-            return sentence("measure")
+            return sentence("measure"), []
+        remedy = "calibrate" if scene_covariance(self.scenario.document) is None else "look"
         rows, columns = (2 * size for size in self.scenario.hidden_shape)
         y = fitted.corrected(wall.values, solution)
         with progress("looking for the cause of the misfit"):
             finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
             is_direct = self.record["bounces"] == "direct"
             if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
-                return sentence("pass", options=f"--hidden {rows}x{columns}")
-        return sentence("calibrate")
+                if remedy == "look":
+                    return sentence("pass", options=f"--hidden {rows}x{columns}"), []
+                return sentence(remedy), [Note("finer", {"rows": rows, "columns": columns})]
+        return sentence(remedy), []

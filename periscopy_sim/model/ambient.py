@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics.precision import cast_columns, precision_of
 from periscopy_sim.numerics.validation import InputError
 
 RANK_TOLERANCE = 1e-10
@@ -49,6 +49,10 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     """
     if not 0 < rank_tolerance < 1:
         raise InputError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
+    cast = cast_columns(B)
+    if cast.any() and not cast.all():  # their rounding must not hide what the others resolve
+        Q = background_basis(B[:, ~cast], rank_tolerance)
+        return joined_basis(Q, B[:, cast])
     rank_tolerance = max(rank_tolerance, precision_of(B))
     B = np.asarray(B, np.float64)
     if not np.isfinite(B).all():

@@ -1,13 +1,14 @@
 """The precision of numbers, which every relative tolerance must know."""
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 SAMPLED = 64
 """Rows looked at, about: of numbers in double precision, one of 2^29 is exact in single."""
 
 
-@np.errstate(over="ignore")
 def precision_of(values: ArrayLike) -> float:
     """Return ε of the floating-point type that a matrix was computed or stored in.
 
@@ -20,9 +21,14 @@ def precision_of(values: ArrayLike) -> float:
     values = np.asarray(values)
     if values.dtype.kind != "f":
         return float(np.finfo(np.float64).eps)
-    if values.dtype == np.float64:
-        some = values[:: max(1, len(values) // SAMPLED)]
-        single, half = ((some == some.astype(t)).all(axis=0) for t in (np.float32, np.float16))
-        if (single & ~half).any():
-            return float(np.finfo(np.float32).eps)
-    return float(np.finfo(values.dtype).eps)
+    return float(np.finfo(np.float32 if cast_columns(values).any() else values.dtype).eps)
+
+
+@np.errstate(over="ignore")
+def cast_columns(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which columns of float64 are exact in single, not in half precision: cast from it."""
+    some = values[:: max(1, len(values) // SAMPLED)]
+    if values.dtype != np.float64:
+        return np.zeros(some.shape[1:], bool)
+    single, half = ((some == some.astype(t)).all(axis=0) for t in (np.float32, np.float16))
+    return np.asarray(single & ~half)

@@ -256,7 +256,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
 
         It uses the pixels that the masks of the method and of the photograph leave, and projects
         out the light of the monitor-off photographs of both. The latest such method is kept:
-        photographs that share them are fitted once. An array is for the method as it is.
+        photographs that share them are fitted once. A method keeps its A and B for that. An
+        array is for the method as it is.
 
         Raises
         ------
@@ -265,9 +266,10 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         """
         if not isinstance(photograph, Photograph) or (key := photograph.conditions) is None:
             return self
-        if self._latest is None or self._latest[0] != key:
-            self._latest = key, self._fitted_to_more(photograph)
-        return self._latest[1] or self
+        latest = self._latest  # another thread may replace it
+        if latest is None or latest[0] != key:
+            self._latest = latest = key, self._fitted_to_more(photograph)
+        return latest[1] or self
 
     def _fitted_to_more(self, photograph: Photograph) -> Self | None:
         """Return a method fitted to more than this one; None if a photograph has no more."""

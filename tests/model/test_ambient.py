@@ -121,3 +121,11 @@ def test_light_down_or_across_is_projected_out_and_the_image_stays():
         for method, light in ((ours, y), (ours, lit), (plain, lit))
     ]
     assert errors[0] < 0.01 and errors[1] < 2 * errors[0] and errors[2] > 0.1
+
+
+def test_a_column_in_single_precision_hides_nothing_of_the_others():
+    B = np.linalg.qr(np.random.default_rng(2).standard_normal((400, 30)))[0] * 0.3 ** np.arange(30)
+    B = B @ np.random.default_rng(3).standard_normal((30, 60))
+    photograph = np.random.default_rng(4).uniform(1, 2, (400, 1)).astype(np.float32)
+    rank = background_basis(B).shape[1]
+    assert background_basis(np.hstack([B, photograph.astype(float)])).shape[1] == rank + 1

@@ -80,6 +80,8 @@ def prepare(
         with progress("averaging its pixels"):
             used = None if mask is None else read_mask(mask)
             prepared = ps.prepare(light, session.scenario, marks=marks, mask=used)
+            # A black level above all light leaves none: readers reject such a photograph.
+            ps.Photograph.of(prepared.values, name=str(photos[0]), mask=prepared.mask)
         session.check_scene()
         for warning in prepared.warnings:
             warn(f"{photos[0]}: {warning}")

@@ -131,16 +131,20 @@ def transport_error(
 ) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
-    Two independent renderings of the rows of `PIXELS` pixels differ by √2 of it.
+    It compares the rows of `PIXELS` pixels with others by independent rays, averaged over the
+    pixels' areas: of as many wall points, both err alike; rows of the pixels' centres err more, by
+    the curvature of light, too.
     """
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
     rows.sort()
+    points = max(pixel_samples, points_across(scenario.photograph_shape) ** 2)
     first, second = (
-        RenderedTransport(scenario, samples, "jittered", pixel_samples, seed + shift).white(rows)
-        for shift in (1, 2)
+        RenderedTransport(scenario, samples, "jittered", each, seed + shift).white(rows)
+        for shift, each in enumerate((pixel_samples, points), 1)
     )
-    light = float(np.mean(first + second)) / 2
-    return float(np.sqrt(np.mean((first - second) ** 2) / 2) / light) if light > 0 else 0.0
+    variance = np.mean((first - second) ** 2) / (1 + pixel_samples / points)
+    light = float(np.mean(second))
+    return float(np.sqrt(variance)) / light if light > 0 else 0.0
 
 
 def transport(
