@@ -84,7 +84,7 @@ def zarr_stack(path: Path, size: Size = None) -> Any:
         check_budget(array.chunks, path)
         frames = len(files) * (array.shards or array.chunks)[0]  # at most, before chunks are listed
         is_whole = array.shape[0] <= frames and (
-            np.isnan(array.fill_value) or array.nchunks_initialized == array.nchunks
+            np.isnan(array.fill_value) or array.nchunks_initialized >= array.nchunks
         )
         if not is_whole:
             raise ValueError("chunks are missing; write all of them (write_empty_chunks)")
