@@ -42,7 +42,7 @@ counts = [5, 10, 20, 50, 100, 200, 500, 1000]
 by_count = [A.image(lsqr(A, y, atol=0, btol=0, conlim=0, iter_lim=n)[0]) for n in counts]
 scores = [ps.psnr(image, truth) for image in by_count]
 
-matrix = ps.render_transport(scene)
+matrix = ps.transport(scene)
 largest = np.linalg.norm(matrix, 2)
 differences = [
     pylops.FirstDerivative((*hidden, 3), axis=axis, kind="forward", dtype="float32")
