@@ -28,7 +28,7 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
         (Light(), "preconditioned", "rays", 16),
         (Light(model=Model.analytic), "preconditioned", "areas", None),
         (Light(samples=4), "noise-aware", "rays", 4),
-        (Light(model=Model.rendered), "noise-aware", "rays", 64),
+        (Light(model=Model.rendered), "noise-aware", "rays", 32),
     ],
 )
 def test_transport_has_its_closed_form_unless_rays_are_asked_for(
