@@ -59,6 +59,7 @@ class CalibrationSession(PhotoSession):
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
+        self.check_lights()
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask).values for file in self.photo[1:]]
         return {

@@ -111,6 +111,7 @@ def sweep(
     }
     check_scheduler(scheduler)
     with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
+        session.check_scene()
         noise = noise_to_signal(snr, max(ratios))
         plans = {name: light.plan(scenario, noise, seed, name) for name in names}
         each = dict.fromkeys(plans.values())

@@ -1,5 +1,6 @@
 """Make a data set: blocks that it lacks, on this machine or on Dask workers."""
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -88,8 +89,8 @@ def make_dataset(
     Warns
     -----
     RuntimeWarning
-        Light that bounces is not known well enough, see `render_bounced_light`. The archive's
-        `bounced_error` has the error of each geometry.
+        A scene has lights beside the monitor, or light that bounces is not known well enough, see
+        `render_bounced_light`. The archive's `bounced_error` has the error of each geometry.
     """
     out, report = Path(out), progress or (lambda *_: None)
     settings = configuration.located()
@@ -101,7 +102,11 @@ def make_dataset(
     first = scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
         # An error of any scene comes before anything is written.
-        _check_shape(draw.number, scenario_of(settings, draw), first.photograph_shape)
+        scenario = scenario_of(settings, draw)
+        _check_shape(draw.number, scenario, first.photograph_shape)
+        if scenario.lights:
+            what = f"{scenario.path}: no photograph has the light of {', '.join(scenario.lights)}"
+            warnings.warn(f"{what}; add it as ambient light", RuntimeWarning, stacklevel=2)
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
         settings.photograph_type, settings.keep_background,

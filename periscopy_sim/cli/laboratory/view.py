@@ -72,6 +72,7 @@ def view(
         ps.find_method(method)
         if image:
             session.hidden_image(image)
+        session.check_lights()
         wall = None if photo is None else session.wall(photo)
         light = None
         if ambient:
