@@ -247,7 +247,7 @@ def _first(
 
 
 def _parsed(path: Path) -> tuple[int, tuple[Tag, ...]]:
-    """Return the number of elements of an XML file, and those that `TAGS` tells of, in order."""
+    """Return the number of elements of an XML file, and those of `TAGS`, in order."""
     if not path.exists():
         raise SceneError(f"no scene file at '{path}'")
     try:

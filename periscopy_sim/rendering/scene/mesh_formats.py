@@ -27,7 +27,7 @@ FOREIGN = ("stl", "glb")
 """Formats, by the ending of a file's name, that Mitsuba does not read and trimesh does."""
 
 PLY_HEAD = 1 << 16
-"""Bytes of a PLY file in which its head is looked for: some hundred times as many as it has."""
+"""Bytes of a PLY file that may hold its head: some hundred times as many as heads have."""
 
 FORMATS = (*FOREIGN, "obj", "ply")
 
