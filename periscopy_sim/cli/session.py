@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 FINER = 0.75
 """Fraction of the misfit that a grid of twice the rows and columns explains where patches are too
 coarse: 0.88 to 1 of chairs with patches 1.5 to 3 times too coarse, 0.33 to 0.5 of a chair 10 to
-20 mm off. It also explains 0.95 of a chair 4 mm off, which looks alike."""
+20 mm off. It also explains 0.95 of a chair 4 mm off, and 0.75 or more of a plate 10 mm off
+(8 x 10 patches): both look alike, so the command only adds a note."""
 
 
 def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
@@ -231,6 +232,8 @@ class Session(options.OptionGroup):
         error = made["transport_error"]
         if error is None or noise is None or error <= max(noise, PRECISION):
             return ""
+        if made["model"] == "file":
+            return "a --transport of more rays"
         if has_areas(self.scenario):
             return "--model analytic"
         return f"--samples {4 * (made['samples'] or SAMPLES)}"

@@ -91,6 +91,8 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     assert {row["failure"] for row in rows if row["algorithm"] == "mine.py:Failing"} == {
         "KeyError: 'lost'"
     }
+    made = {(row["model"], row["samples"], float(row["transport_error"]) > 1e-4) for row in rows}
+    assert made == {("rendered", "4", True)}
     assert "mine.py:Failing failed on 32 of 32" in shown
     settings = json.loads((out / "settings.json").read_text())
     assert record["settings"] == settings

@@ -159,7 +159,7 @@ def transport(
     noise: float = NOISE,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> "NDArray[np.float32] | BouncedTransport":
+) -> NDArray[np.float32] | BouncedTransport:
     """Compute the light transport matrix A, by areas where the scene has them, else by rays.
 
     Parameters
@@ -204,5 +204,5 @@ def transport(
             RuntimeWarning,
             stacklevel=2,
         )
-    A: Any = plan.transport(scenario, seed=seed, progress=progress)
+    A = plan.transport(scenario, seed=seed, progress=progress)
     return A if bounces == DIRECT else add_bounces(scenario, A, bounces, seed=seed)
