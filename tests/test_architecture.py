@@ -38,7 +38,7 @@ FLOORS = [
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
-    {"photograph", "scenario", "shipped", "extras"},
+    {"photograph", "hidden", "scenario", "shipped", "extras"},
     {"numerics", "errors"},
 ]
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}
@@ -99,7 +99,7 @@ def broken_arrows(module, tree):
         else:
             allowed = FLOOR[other] <= FLOOR[own]
         if own in ("reconstruction", "model"):  # arrays in, arrays out
-            allowed = other in (own, "model", "photograph", "numerics")
+            allowed = other in (own, "model", "photograph", "hidden", "numerics")
             if module == LEARNED:  # but for what was learned: its own file, by an extra's libraries
                 allowed |= other in ("extras", "errors")
         if own == "analytic" and other == "rendering":  # twins that check each other

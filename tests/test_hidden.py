@@ -1,0 +1,65 @@
+"""Hidden surfaces: images and vectors, and the differences between patches."""
+
+import numpy as np
+import pytest
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.hidden import Hidden, Surface
+
+
+def curved(rows: int, columns: int) -> Surface:
+    """Return a quarter of a cylinder of radius 1 whose patches widen from left to right."""
+    angle = np.linspace(0, 1, columns) ** 2 * np.pi / 2
+    y, x = np.divmod(np.arange(rows * columns), columns)
+    centers = np.stack([np.sin(angle[x]), -y, np.cos(angle[x])], axis=1)
+    flat = Surface.flat((rows, columns))
+    return Surface(flat.shape, centers, flat.normals, flat.across, flat.up)
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (1, 6), (3, 1), (1, 1)])
+def test_flat_differences_are_numpys(shape: tuple[int, int]) -> None:
+    differences = Hidden.of(shape).differences
+    image = np.random.default_rng(0).normal(size=(*shape, 3))
+    steps = [np.diff(image, axis=k, append=np.take(image, [-1], k)) for k in (0, 1)]
+    f = image.reshape(-1, 3)
+    np.testing.assert_allclose(differences(f), np.reshape(steps, (2, -1, 3)), atol=1e-14)
+    np.testing.assert_allclose(differences.matrix @ f, np.reshape(steps, (-1, 3)), atol=1e-14)
+    norms = np.sqrt(np.sum(np.square(steps), axis=(0, 3))).ravel()
+    np.testing.assert_allclose(differences.norms(f), norms, atol=1e-14)
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)))
+    dark = [np.diff(padded[:, 1:-1], axis=0), np.diff(padded[1:-1], axis=1)]
+    energy = sum(float(np.sum(step**2)) for step in dark)
+    assert np.sum((differences.in_the_dark @ f) ** 2) == pytest.approx(energy, rel=1e-12)
+
+
+def test_differences_of_surfaces_do_not_meet_and_follow_distances() -> None:
+    hidden = Hidden({"screen": Surface.flat((3, 4)), "column": curved(2, 9)})
+    f = np.random.default_rng(1).normal(size=hidden.patches)
+    both = hidden.differences(f)
+    for name, part in hidden.split(np.moveaxis(both, 0, -1)).items():
+        alone = Hidden({name: hidden[name]})
+        expected = alone.differences(hidden.split(f)[name].ravel())
+        np.testing.assert_allclose(np.moveaxis(part, -1, 0).reshape(2, -1), expected, atol=1e-14)
+    # On the column, an image that grows evenly with the way along it has even derivatives.
+    steps = np.linalg.norm(np.diff(hidden["column"].centers[:9], axis=0), axis=1)
+    way = np.tile(np.append(0, np.cumsum(steps)), 2)
+    _, across = Hidden({"column": hidden["column"]}).differences(way)
+    np.testing.assert_allclose(across.reshape(2, 9)[:, :-1], steps.mean(), rtol=1e-12)
+
+
+def test_images_and_vectors() -> None:
+    hidden = Hidden.of({"screen": (3, 4), "card": (2, 1)})
+    f = np.random.default_rng(2).normal(size=(hidden.patches, 3))
+    images = hidden.image(f)
+    assert {name: each.shape for name, each in images.items()} == {
+        "screen": (3, 4, 3),
+        "card": (2, 1, 3),
+    }
+    np.testing.assert_array_equal(hidden.vector(images), f)
+    one = Hidden.of((3, 4))
+    np.testing.assert_array_equal(one.vector(one.image(f[:12])), f[:12])
+    for wrong in ({"screen": images["screen"]}, {**images, "card": images["screen"]}):
+        with pytest.raises(PeriscopyError, match="card"):
+            hidden.join(wrong)
+    with pytest.raises(PeriscopyError):
+        Hidden({})
