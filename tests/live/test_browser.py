@@ -7,17 +7,19 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered
+from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 pytest.importorskip("playwright")
 pytestmark = [
     pytest.mark.thorough,
     pytest.mark.skipif(not any(map(shutil.which, live.CHROMIUM)), reason="needs Chromium"),
 ]
 PATIENCE = live.PATIENCE
+HOSTILE = '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerror=f()> &lt;b&gt;'
+"""What an id, a name, a value or a message may hold."""
 
 
 @pytest.fixture(scope="module")
@@ -25,25 +27,21 @@ def session():
     offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
-    saved = []
+    shown, show = [], Page.show
 
-    def save(pictures):
-        saved.append(pictures)
-        return "saved it"
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append((time.monotonic(), pictures))
 
-    with LiveSession(
-        scenario, Choice({}, "mushroom", "lamp"), offered, save, lambda _: [], light=light
-    ) as opened:
-        opened.saved, opened.shown = saved, []
-        show = opened.page.show
-
-        def watched(pictures):
-            show(pictures)
-            opened.shown.append((time.monotonic(), pictures))
-
-        opened._laboratory._show = watched
-        with live.running(opened):
-            yield opened
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Page, "show", watched)
+        with LiveSession(
+            scenario, Choice({}, "mushroom", "lamp"), offered, lambda _: HOSTILE, lambda _: [],
+            light=light,
+        ) as opened:  # fmt: skip
+            opened.shown = shown
+            with live.running(opened):
+                yield opened
 
 
 @pytest.fixture(scope="module")
@@ -86,23 +84,28 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
 
 
 def test_what_is_chosen_changes_the_pictures(session, page):
-    page.get_by_label("Ambient light").or_(page.locator("input[value=lamp]")).first.click()
-    page.get_by_role("option", name="none").click()
+    page.get_by_label("Ambient light").select_option("none")
     wait_for_full(session, lambda each: not each.choice.place)
-    page.get_by_label("Ambient light").or_(page.locator("input[value=none]")).first.click()
-    page.get_by_role("option", name="lamp").click()
+    page.get_by_label("Ambient light").select_option("lamp")
     _, lit = wait_for_full(session, lambda each: each.choice.place)
     page.evaluate(live.COUNT)
-    page.locator("input[value='0.5']").first.click()
-    page.get_by_role("option", name="0.05", exact=True).click()
+    page.get_by_label("SBR").select_option("0.05")
     _, dim = wait_for_full(session, lambda each: each.choice.sbr == 0.05)
     assert dim.photograph.values.std() < 0.5 * lit.photograph.values.std()
     assert dim.psnr < lit.psnr
-    page.wait_for_function("window.pictures > 0")
+    assert page.evaluate("window.pictures") > 0
+    page.get_by_label("SNR (dB)").first.fill("10")  # steps of 1 dB from 20 dB
+    wait_for_full(session, lambda each: each.choice.snr == 30)
+
+
+def test_no_text_of_the_page_is_markup(page):
+    page.get_by_role("button", name="Write scene and pictures").click()
+    page.get_by_text(HOSTILE, exact=True).wait_for()
+    assert page.locator("iframe").count() == 0
 
 
 def test_no_request_leaves_the_machine(session, page):
     home = f"//127.0.0.1:{session.page.gate.port}"
     asked = [url for url in page.requests if url.startswith(("http", "ws"))]
-    assert len(asked) >= 2  # the client, in one file, and its websocket
+    assert len(asked) >= 3  # the page, its script and its websocket
     assert all(home in url for url in asked), asked

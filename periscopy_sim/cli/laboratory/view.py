@@ -59,7 +59,7 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    require("viser")
+    require("websockets")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     session = WallSession(scene, hidden, define, mask=mask)
