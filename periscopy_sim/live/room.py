@@ -5,6 +5,8 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+from PIL import Image
+from scipy.interpolate import NearestNDInterpolator
 
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
@@ -56,8 +58,6 @@ def things_in(pictures: LivePictures) -> dict[str, Any]:
 
 def as_source(pixels: Pixels, kind: str = "PNG", **options: int) -> str:
     """Return an image, (rows, columns, 3 or 4), as the address of an image in a page."""
-    from PIL import Image
-
     file = BytesIO()
     Image.fromarray(pixels).save(file, kind, **options)
     return f"data:image/{kind.lower()};base64,{b64encode(file.getvalue()).decode()}"
@@ -97,8 +97,6 @@ def on_rectangle(local: Array, pixels: Pixels) -> tuple[Pixels, Array, Array]:
     (rows, columns, 4), with opacity 0 where the camera sees nothing, and the rectangle's lower and
     upper corner, (2,) each.
     """
-    from scipy.interpolate import NearestNDInterpolator
-
     rows, columns, _ = pixels.shape
     low, high = local.min(axis=0), local.max(axis=0)
     half = (high - low) / np.maximum([columns - 1, rows - 1], 1) / 2

@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.live.laboratory import LiveLaboratory
 from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
@@ -62,8 +63,6 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
-        from threadpoolctl import threadpool_limits
-
         # Coarse pictures, full ones and the browser share the cores: products split among threads
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():
