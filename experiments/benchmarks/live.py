@@ -21,7 +21,7 @@ from experiments.benchmarks.scene import SMALL
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import GIZMO, Offered
+from periscopy_sim.live.page import GIZMO
 from periscopy_sim.live.session import LiveSession
 
 UPDATES, FULL = 5.0, 5.0
@@ -43,12 +43,12 @@ COUNT = """() => {
 def live(_: Setting) -> Section:
     """Drag the chair on the page, and count the pictures that come."""
     first = Choice({}, "mushroom")
-    offered = Offered(["mushroom"], ["noise-aware"])
+    offered = ["mushroom"], ["noise-aware"]
     before = os.getloadavg()[0]
     with (
         chromium() as browser,
         LiveSession(
-            ps.load_scenario("chair", SMALL), first, offered, lambda _: "", lambda _: []
+            ps.load_scenario("chair", SMALL), first, *offered, lambda _: "", lambda _: []
         ) as session,
         running(session),
     ):

@@ -24,11 +24,11 @@ import typer
 from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn, styled
-from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
 from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
+from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 BATCH = 16
@@ -128,7 +128,7 @@ def main(
     optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
     curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
-    state, samples_sha256 = out / f"{NETWORK}.pt", digest_of(sorted(samples.glob("*.npz")))
+    state, samples_sha256 = out / f"{NETWORK}.pt", sha256_of(sorted(samples.glob("*.npz")))
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:

@@ -23,20 +23,11 @@ from periscopy_sim.scenario import Scenario
 REST = {"slider": 0.3, "handle": 1.0}
 """Seconds after which a control counts as at rest; only a handle reports its release."""
 
+SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
+"""The signal-to-background ratios of the page's list."""
+
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
-
-
-@dataclass(frozen=True)
-class Offered:
-    """The hidden images, methods and SBRs among which a viewer can choose.
-
-    No images: the photograph is given, and only its method can be chosen.
-    """
-
-    images: Sequence[str]
-    methods: Sequence[str]
-    sbrs: Sequence[float] = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -55,7 +46,8 @@ class Control:
 class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
-    It calls `want` with each new choice and the seconds after which that counts as at rest, and
+    A viewer chooses among `images` and `methods`; no images: the photograph is given. The page
+    calls `want` with each new choice and the seconds after which that counts as at rest, and
     `save` when its button is pressed. `describe` returns a report's sentences. `gate` serves the
     page. A PeriscopyError says that the extra is not installed, or the port is taken.
     """
@@ -67,7 +59,8 @@ class Page:
         scenario: Scenario,
         movables: Sequence[Movable],
         handles: Sequence[Handle],
-        offered: Offered,
+        images: Sequence[str],
+        methods: Sequence[str],
         first: Choice,
         describe: Callable[[Report], Sequence[str]],
     ) -> None:
@@ -81,7 +74,7 @@ class Page:
         self.want: Callable[[Choice, float], None] = lambda *_: None
         self.save: Callable[[], None] = lambda: None
         self.handles = {each.name: each for each in handles}
-        self.controls = self._controls(offered, first)
+        self.controls = self._controls(images, methods, first)
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
             room=room_of(scenario), gizmo=GIZMO, trouble=["computing the first pictures"],
@@ -109,7 +102,9 @@ class Page:
 
     # -- controls ----------------------------------------------------------------------------------
 
-    def _controls(self, offered: Offered, first: Choice) -> dict[str, Control]:
+    def _controls(
+        self, images: Sequence[str], methods: Sequence[str], first: Choice
+    ) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
 
         def chosen(label: str, field: str, options: Mapping[str, Any]) -> Control:
@@ -141,11 +136,11 @@ class Page:
             look = {"kind": "button", "label": label}
             return Control(look, lambda value: value is True, lambda _: act())
 
-        methods = {name: name for name in (*offered.methods, first.method)}
-        controls = {"method": chosen("Method", "method", methods)}
-        if offered.images:
-            images = {name: name for name in (*offered.images, first.image)}
-            controls["image"] = chosen("Hidden image", "image", images)
+        named = {name: name for name in (*methods, first.method)}
+        controls = {"method": chosen("Method", "method", named)}
+        if images:
+            named = {name: name for name in (*images, first.image)}
+            controls["image"] = chosen("Hidden image", "image", named)
             controls["snr"] = slid(
                 Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
@@ -153,7 +148,7 @@ class Page:
         if first.place:
             places = {first.place: first.place, "none": ""}
             controls["place"] = chosen("Ambient light", "place", places)
-            controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in offered.sbrs})
+            controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in SBRS})
         placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
         for group, names in ("places", placing), ("other parameters", others):

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.live.laboratory import LiveLaboratory
 from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.live.page import Page
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Array, Scenario
@@ -22,7 +22,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
-    synthetic ones. The page's button calls `save` with the full pictures and shows the line that it
+    synthetic ones, which a viewer makes of `images`. The page's button calls `save` with the full pictures and shows the line that it
     returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
     port is taken, or nothing of the scene can be moved.
     """
@@ -31,7 +31,8 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         self,
         scenario: Scenario,
         first: Choice,
-        offered: Offered,
+        images: Sequence[str],
+        methods: Sequence[str],
         save: Callable[[LivePictures], str],
         describe: Callable[[Report], Sequence[str]],
         *,
@@ -50,8 +51,8 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         movables, handles = find_movables(given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
-            offered = replace(offered, images=())
-        self.page = Page(host, port, scenario, movables, handles, offered, first, describe)
+            images = ()
+        self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
         self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))

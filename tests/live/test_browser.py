@@ -7,7 +7,7 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.live.page import Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
@@ -24,7 +24,7 @@ HOSTILE = '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerr
 
 @pytest.fixture(scope="module")
 def session():
-    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
+    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
     shown, show = [], Page.show
@@ -36,7 +36,7 @@ def session():
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Page, "show", watched)
         with LiveSession(
-            scenario, Choice({}, "mushroom", "lamp"), offered, lambda _: HOSTILE, lambda _: [],
+            scenario, Choice({}, "mushroom", "lamp"), *offered, lambda _: HOSTILE, lambda _: [],
             light=light,
         ) as opened:  # fmt: skip
             opened.shown = shown

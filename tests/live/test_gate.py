@@ -15,7 +15,7 @@ import pytest
 
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.live.page import Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.live.conftest import HIDDEN, PHOTOGRAPH
@@ -73,7 +73,7 @@ def value_of(control, value):
 
 @pytest.fixture(scope="module")
 def target():
-    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
+    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
     saved, shown, show = [], [], Page.show
 
     def save(pictures):
@@ -88,7 +88,7 @@ def target():
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Page, "show", watched)
-        with LiveSession(scenario, first, offered, save, lambda _: [], light=light) as session:
+        with LiveSession(scenario, first, *offered, save, lambda _: [], light=light) as session:
             made = Target(session, shown, saved)
             with live.running(session):
                 made.until(lambda: made.shown)
