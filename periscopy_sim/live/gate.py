@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Lock, Thread
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -71,11 +71,10 @@ class Gate:
         self._address = ipaddress.ip_address(bound)
         self._state: dict[str, tuple[int, str]] = {}  # by name: when it changed, and as JSON
         self._changes, self._lock = 0, Lock()
-        self._serves, self._loop = Event(), asyncio.new_event_loop()
+        self._loop = asyncio.new_event_loop()
         self._changed, self._closed = asyncio.Event(), asyncio.Event()
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
-        self._serves.wait()
 
     @property
     def url(self) -> str:
@@ -123,7 +122,6 @@ class Gate:
                 self._attend, sock=self._socket, process_request=self._answer, max_size=LARGEST,
                 compression=None, logger=quiet,
             ):  # fmt: skip
-                self._serves.set()
                 await self._closed.wait()
 
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
@@ -138,8 +136,10 @@ class Gate:
         news = asyncio.create_task(self._send_news(viewer))
         try:
             async for message in viewer:
-                if fault := self._fault_of(message):
-                    self.reject(fault)
+                try:
+                    self._receive(json.loads(message))
+                except (ValueError, RecursionError) as error:
+                    self.reject(f"a message that no control sends: {error}")
         finally:
             news.cancel()
             self._leave()
@@ -194,16 +194,6 @@ class Gate:
             own = {"localhost", self._host.lower(), socket.gethostname().lower()}
             return name in own or bool(ipaddress.ip_address(name).packed)
         return False
-
-    def _fault_of(self, message: bytes | str) -> str:
-        """Do what a message asks for; return why not, empty if it was done."""
-        if isinstance(message, bytes):
-            return "a binary message"
-        try:
-            self._receive(json.loads(message))
-        except (ValueError, RecursionError) as error:
-            return f"a message that no control sends: {error}"
-        return ""
 
     def reject(self, fault: str) -> None:
         """Log a rejection, and how many others since the last line, which is a second old."""

@@ -6,7 +6,6 @@ sends, and sends what a person sets.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from threading import RLock
 from typing import Any
 
@@ -216,5 +215,5 @@ class Page:
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether a value is a finite number, as a slider or a handle has them."""
-    return type(value) in (int, float) and isfinite(value) and abs(value) <= 1e6
+    """Return whether a value is a number as a slider or a handle has them, and no truth value."""
+    return type(value) in (int, float) and abs(value) <= 1e6  # NaN is not

@@ -22,9 +22,9 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
-    synthetic ones, which a viewer makes of `images`. The page's button calls `save` with the full pictures and shows the line that it
-    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
-    port is taken, or nothing of the scene can be moved.
+    synthetic ones, which a viewer makes of `images`. The page's button calls `save` with the full
+    pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says that
+    the extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
