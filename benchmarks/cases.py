@@ -108,7 +108,7 @@ def ambient_light(place: str, scenario: Scenario, rendered: Path) -> Array:
     scene = f"ambient/{place}"
     depends = {
         "scene_sha256": scene_sha256(ps.find_scene(scene)),
-        "wall_sha256": hashlib.sha256(np.round(scenario.wall_points, 9).tobytes()).hexdigest(),
+        "wall_sha256": hashlib.sha256(np.round(scenario.view.centers, 9).tobytes()).hexdigest(),
         "package_sha256": package_sha256(),
     }
     render = partial(ps.render_background, scene, scenario, target=AMBIENT_ERROR, seed=0)

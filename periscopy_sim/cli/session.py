@@ -144,7 +144,7 @@ class Session(options.OptionGroup):
 
     def check_lights(self) -> None:
         """Name the lights that are not in A; one line."""
-        if lights := self.scenario.lights:
+        if lights := self.scenario.scene.lights:
             names = ", ".join(f"'{name}'" for name in lights)
             self.warn(sentence("other_lights", scene=self.scene, names=names))
 

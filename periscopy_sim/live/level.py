@@ -15,12 +15,13 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
+from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
 from periscopy_sim.rendering.transport.shadow_rays import require_light
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
 
@@ -136,7 +137,7 @@ class Level:
             path = find_image(choice.image)
             truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
-        B = kept("B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario))
+        B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         of_photograph = photograph.mask, photograph.monitor_off
         method = kept(
             "method", (choice.method, values, plan),

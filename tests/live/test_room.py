@@ -9,7 +9,7 @@ from periscopy_sim.live.room import _frame_of, on_rectangle, pose_of
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
     frame = _frame_of(scene)
-    local = (scene.wall_points - frame.center) @ np.stack([frame.across, frame.up]).T
+    local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
     pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
     image, low, high = on_rectangle(local, pixels)
     np.testing.assert_array_equal(image[..., :3], pixels)

@@ -130,7 +130,8 @@ class RenderedTransport:
         require_vectorized("the transport matrix by rays")
         entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
         chosen = np.arange(self.shape[0]) if pixels is None else pixels
-        numbers, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
+        numbers = mi.UInt32(self.scenario.view.numbers[chosen].astype(np.uint32))
+        patches = self.shape[1]
         work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
         height = max(1, LANES // work // patches)
         for start in range(0, len(chosen), height):

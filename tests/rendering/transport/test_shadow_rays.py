@@ -98,15 +98,17 @@ def brute_force(points, lights, triangles):
 def test_shadows_are_those_of_the_occluders_triangles(shipped, name):
     seen = shipped(name)
     A = render_transport(seen, strata="midpoint", samples=1)
-    triangles = np.concatenate([each.vertices[each.faces] for each in seen.occluders])
-    blocked = brute_force(seen.wall_points, seen.patch_centers, triangles)
+    triangles = np.concatenate([each.vertices[each.faces] for each in seen.scene.occluders])
+    blocked = brute_force(seen.view.centers, seen.hidden.centers, triangles)
     assert 0.03 < blocked.mean() < 0.5
     # A segment that grazes an edge may fall either way in single precision.
     assert np.mean((A == 0) != blocked) < 2e-4
-    ray = seen.wall_points[:, None] - seen.patch_centers
+    ray = seen.view.centers[:, None] - seen.hidden.centers
     distance = np.linalg.norm(ray, axis=2)
-    profile = seen.emission(*np.moveaxis(ray @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], 2, 0))
-    areas = np.linalg.norm(np.cross(seen.patch_across, seen.patch_up), axis=1)
+    profile = seen.scene.emission["monitor"](
+        *np.moveaxis(ray @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], 2, 0)
+    )
+    areas = np.linalg.norm(np.cross(seen.hidden.across, seen.hidden.up), axis=1)
     unblocked = 0.8 / np.pi * profile * ray[..., 1] ** 2 / distance**4 * areas
     np.testing.assert_allclose(A[A > 0], unblocked[A > 0], rtol=2e-5)
 
