@@ -72,7 +72,7 @@ def case(suite: Suite, number: int, rendered: Path = RENDERED) -> Case:
     drawn = geometry(suite, number)
     true = ps.load_scenario(suite.scene, suite.hidden, drawn.true)
     told = ps.load_scenario(suite.scene, suite.hidden, drawn.told)
-    transport = ps.render_transport(true, pixel_samples=4, seed=_TRUE_SEED)
+    transport = ps.render_transport(true.averaged(2), seed=_TRUE_SEED)
     truths, photographs, names = [], [], []
     for image, truth in hidden_images(suite, number):
         light = (transport @ truth.reshape(-1, 3)).reshape(*true.photograph_shape, 3)

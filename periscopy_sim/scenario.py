@@ -72,14 +72,21 @@ class Scenario:
         ValueError
             If the scenario was made of arrays, not of a file.
         """
-        scene, view = self.scene.at(**values), self.view
-        seen = View.of(scene, view.shape if view.is_cut else None, across=view.across)
-        seen = seen if view.pixels is None else seen.of_pixels(view.pixels)
-        return Scenario(seen, Hidden.of_scene(scene, self.hidden_shape))
+        scene = self.scene.at(**values)
+        return Scenario(
+            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden_shape)
+        )
 
     def averaged(self, across: int) -> "Scenario":
         """Return the scenario with each pixel averaged over so many points along each side."""
-        return replace(self, view=View.of(self.scene, self.view.shape, across=across))
+        if across == self.view.across:
+            return self
+        return replace(self, view=self._seen(self.scene, across))
+
+    def _seen(self, scene: Scene, across: int) -> View:
+        """Return the view of a scene in the same pixels."""
+        view = View.of(scene, self.view.shape if self.view.is_cut else None, across=across)
+        return view if self.view.pixels is None else view.of_pixels(self.view.pixels)
 
     def __repr__(self) -> str:
         """Return its file, sizes and parameters on one line."""

@@ -63,9 +63,7 @@ def check_photograph() -> dict[str, Any]:
         f = ps.read_hidden_image(ps.find_image("sunset"), HIDDEN)
         through_A = np.stack(
             [
-                _picture(
-                    ps.render_transport(scene, samples=4, pixel_samples=16, seed=seed), f, scene
-                )
+                _picture(ps.render_transport(scene.averaged(4), samples=4, seed=seed), f, scene)
                 for seed in range(4)
             ]
         )
@@ -90,7 +88,7 @@ def check_columns(count: int = 20) -> dict[str, Any]:
         scene = ps.load_scenario(ps.find_scene(name), HIDDEN)
         chosen = rng.choice(scene.transport_shape[1], count, replace=False)
         matrices = [
-            ps.render_transport(scene, samples=4, pixel_samples=16, seed=seed)[:, chosen]
+            ps.render_transport(scene.averaged(4), samples=4, seed=seed)[:, chosen]
             for seed in range(3)
         ]
         columns = []

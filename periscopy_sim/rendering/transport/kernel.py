@@ -26,9 +26,7 @@ SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
 
-def make_kernel(
-    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
-) -> Callable[[Any, Any, Any], Any]:
+def make_kernel(scenario: Scenario, samples: int, strata: Strata) -> Callable[[Any, Any, Any], Any]:
     """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
     scene = build_scene(scenario.scene)
     camera = camera_of(scene)
@@ -38,7 +36,7 @@ def make_kernel(
     wall, monitor = shape_of(scene, "wall"), shape_of(scene, name)
     bsdf, profile = wall.bsdf(), profile_of(monitor.emitter(), scenario.scene.emission[name])
     strata_down, strata_across = _factor(samples)
-    pixels_down, pixels_across = _factor(pixel_samples)
+    across = scenario.view.across
     jittered = strata == "jittered"
 
     def within(index: Any, down: int, across: int, key: Any = None) -> tuple[Any, Any]:
@@ -71,10 +69,10 @@ def make_kernel(
 
     def wall_point(pixel: Any, index: Any) -> Any:
         """Where the camera sees the wall, by the number of a sample of the pixel."""
-        if pixel_samples == 1:
+        if across == 1:
             return dr.gather(type(centres), centres, pixel)
         # Light is smooth within a pixel: middles err less than jitter adds noise.
-        return seen_at(pixel, *within(index, pixels_down, pixels_across))
+        return seen_at(pixel, *within(index, across, across))
 
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
@@ -108,8 +106,8 @@ def make_kernel(
             si = wall_point(pixel, p)
             return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
-        total = _sum(pixel_samples, at_wall_point)
-        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
+        total = _sum(across**2, at_wall_point)
+        return total / (samples * across**2 * hidden_rows * hidden_columns)
 
     return entries
 

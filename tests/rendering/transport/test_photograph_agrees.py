@@ -13,7 +13,7 @@ SEEDS = 12
 def predictions(seen, image, seeds=SEEDS):
     """A f of several seeds, in color."""
     for seed in range(seeds):
-        A = render_transport(seen, samples=16, pixel_samples=16, seed=seed)
+        A = render_transport(seen.averaged(4), samples=16, seed=seed)
         yield (A.astype(np.float64) @ image.reshape(-1, 3)) * seen.channel_gain
 
 
