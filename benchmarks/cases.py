@@ -72,7 +72,7 @@ def case(suite: Suite, number: int, rendered: Path = RENDERED) -> Case:
     drawn = geometry(suite, number)
     true = ps.load_scenario(suite.scene, suite.hidden, drawn.true)
     told = ps.load_scenario(suite.scene, suite.hidden, drawn.told)
-    transport = ps.render_transport(true, pixel_samples=4, seed=_TRUE_SEED)
+    transport = ps.render_transport(true.averaged(2), seed=_TRUE_SEED)
     truths, photographs, names = [], [], []
     for image, truth in hidden_images(suite, number):
         light = (transport @ truth.reshape(-1, 3)).reshape(*true.photograph_shape, 3)
@@ -108,7 +108,7 @@ def ambient_light(place: str, scenario: Scenario, rendered: Path) -> Array:
     scene = f"ambient/{place}"
     depends = {
         "scene_sha256": scene_sha256(ps.find_scene(scene)),
-        "wall_sha256": hashlib.sha256(np.round(scenario.wall_points, 9).tobytes()).hexdigest(),
+        "wall_sha256": hashlib.sha256(np.round(scenario.view.centers, 9).tobytes()).hexdigest(),
         "package_sha256": package_sha256(),
     }
     render = partial(ps.render_background, scene, scenario, target=AMBIENT_ERROR, seed=0)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from periscopy_sim.figures import style
 from periscopy_sim.figures.panels import displayable
-from periscopy_sim.scenario import Scenario, wall_frame
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.view import wall_frame
 
 COLUMN = 3.5
 """Width of a column, inches."""
@@ -113,8 +114,8 @@ def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
     They count from its centre and reach half a pixel beyond the outermost pixels' centres.
     """
     rows, columns = scenario.photograph_shape
-    frame = wall_frame(scenario.wall_points, scenario.wall_normals, (rows, columns))
-    offsets = 1e3 * (scenario.wall_points - frame.center)
+    frame = wall_frame(scenario.view.centers, scenario.view.center_normals, (rows, columns))
+    offsets = 1e3 * (scenario.view.centers - frame.center)
     x, z = offsets @ frame.across, offsets @ frame.up
     half_x, half_z = np.ptp(x) / (columns - 1) / 2, np.ptp(z) / (rows - 1) / 2
     return (

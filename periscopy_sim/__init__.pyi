@@ -25,6 +25,7 @@ from .evaluation.metrics import (
 )
 from .evaluation.sweep import Sweep, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
+from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
 from .model.colour_matrix import ColourMatrix
@@ -46,7 +47,7 @@ from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
-from .rendering.scene.load import load_scenario
+from .rendering.scene.load import load_scenario, load_scene
 from .rendering.transport.bounced import (
     BouncedLight,
     BouncedTransport,
@@ -57,12 +58,14 @@ from .rendering.transport.plan import transport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
 from .scenario import Scenario
+from .scene import Scene
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
 from .storage.published import fetch
 from .storage.sequences import open_frames
 from .storage.tables import read_colour_matrix, read_wall_points, read_wall_tags
+from .view import View
 
 __all__ = [
     "Background",
@@ -71,6 +74,7 @@ __all__ = [
     "Calibration",
     "ColourMatrix",
     "Differencing",
+    "Hidden",
     "IterativePeriscope",
     "IterativeReconstruction",
     "Learned",
@@ -84,14 +88,17 @@ __all__ = [
     "Prepared",
     "Reconstruction",
     "Scenario",
+    "Scene",
     "Sensor",
     "Silhouette",
+    "Surface",
     "Sweep",
     "TorchDataset",
     "TorchTransport",
     "TruncatedSVD",
     "UncertainTransport",
     "Video",
+    "View",
     "WallPoints",
     "WallTags",
     "add_bounces",
@@ -113,6 +120,7 @@ __all__ = [
     "gain_matched",
     "load_configuration",
     "load_scenario",
+    "load_scene",
     "make_dataset",
     "mean_squared_error",
     "open_dataset",

@@ -4,16 +4,16 @@ Arrays over all patches are row-major, surface after surface, with row 0 at a vi
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.scene import Scene
 
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
@@ -62,9 +62,32 @@ class Surface:
         across, up, normals = (np.tile(axis, (len(centers), 1)) for axis in np.eye(3))
         return cls(shape, centers, normals, across, up)
 
+    def moved(self, motion: Array) -> "Surface":
+        """Return the surface moved by a matrix, (4, 4)."""
+        linear = motion[:3, :3]
+        normals = self.normals @ np.linalg.inv(linear)
+        return replace(
+            self,
+            centers=self.centers @ linear.T + motion[:3, 3],
+            normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            across=self.across @ linear.T,
+            up=self.up @ linear.T,
+        )
+
 
 class Hidden(Mapping[str, Surface]):
-    """The N patches of hidden surfaces by their ids, in the order of A's columns."""
+    """The N patches of hidden surfaces by their ids, in the order of A's columns.
+
+    Parameters
+    ----------
+    surfaces
+        The surfaces by id, one at least.
+
+    Attributes
+    ----------
+    patches
+        N.
+    """
 
     def __init__(self, surfaces: Mapping[str, Surface]) -> None:
         if not surfaces:
@@ -76,6 +99,12 @@ class Hidden(Mapping[str, Surface]):
             for name, start, stop in zip(surfaces, ends[:-1], ends[1:], strict=True)
         }
         self.patches = int(ends[-1])
+
+    @classmethod
+    def of_scene(cls, scene: Scene, size: Size) -> "Hidden":
+        """Return a scene's hidden surfaces in (R, C) patches; a SceneError says why not."""
+        hidden: Hidden = scene.source.hidden(scene, size)
+        return hidden
 
     @classmethod
     def of(cls, hidden: "Hidden | Size | Mapping[str, Size]") -> "Hidden":
@@ -128,6 +157,19 @@ class Hidden(Mapping[str, Surface]):
     def up(self) -> Array:
         """(N, 3) edges of all patches along a viewer's up, in metres."""
         return np.concatenate([surface.up for surface in self.values()])
+
+    def moved(self, motions: Mapping[str, Array]) -> "Hidden":
+        """Return the surfaces moved by matrices, (4, 4), by their ids."""
+        if not self.keys() & motions.keys():
+            return self
+        return Hidden({n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()})
+
+    def shifted(self, across: float = 0.0, up: float = 0.0) -> "Hidden":
+        """Return the surfaces moved within themselves, by so many patches across and up."""
+        return Hidden({
+            name: replace(each, centers=each.centers + across * each.across + up * each.up)
+            for name, each in self.items()
+        })  # fmt: skip
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
@@ -214,6 +256,8 @@ class Differences:
     @cached_property
     def matrix(self) -> Any:
         """∇ as a sparse matrix, (2 N, N): differences down first."""
+        from scipy import sparse
+
         N = self.weights.shape[1]
         rows, weights = np.arange(2 * N), self.weights.ravel()
         ahead = sparse.csr_array((weights, (rows, self.following.ravel())), (2 * N, N))
@@ -223,6 +267,8 @@ class Differences:
     @cached_property
     def in_the_dark(self) -> Any:
         """∇ of images that are dark beyond the borders, sparse (2 N + borders, N)."""
+        from scipy import sparse
+
         borders = sparse.vstack([sparse.diags_array(each) for each in self.borders], format="csr")
         return sparse.vstack([self.matrix, borders[self.borders.ravel() > 0]], format="csr")
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import camera_of, load_scenario, shape_of
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.variant import (
     OVERRIDE,
     examine_variants,
@@ -136,7 +137,7 @@ def test_camera_sees_the_wall_points_of_the_chair_scene(name: str) -> None:
     chair = load_scenario(find_scene("chair"), (2, 3), {"resolution": PIXELS})
     points, on_wall = meet_wall(name, grid(PIXELS, 0.5 / PIXELS))
     assert on_wall.all()
-    np.testing.assert_allclose(points, chair.wall_points, atol=2e-6)
+    np.testing.assert_allclose(points, chair.view.centers, atol=2e-6)
 
 
 @pytest.mark.thorough

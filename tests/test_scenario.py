@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from periscopy_sim.scenario import EmissionProfile, rises, wall_frame
+from periscopy_sim.scene import EmissionProfile
+from periscopy_sim.view import rises, wall_frame
 
 
 def hemisphere(count, seed=0):

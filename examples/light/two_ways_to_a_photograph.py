@@ -17,7 +17,7 @@ scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 image = ps.read_hidden_image(ps.find_image("still_life"), hidden)
 
 closed_form = (ps.analytic_transport(scene) @ image.reshape(-1, 3)).reshape(63, 63, 3)
-shadow_rays = ps.render_transport(scene, samples=64, pixel_samples=9) @ image.reshape(-1, 3)
+shadow_rays = ps.render_transport(scene.averaged(3), samples=64) @ image.reshape(-1, 3)
 shadow_rays = shadow_rays.reshape(63, 63, 3)
 
 # %%

@@ -25,7 +25,7 @@ from experiments.report import Claim, Picture, Section, Table, Verdict
 from experiments.setting import package_sha256
 from periscopy_sim.evaluation.metrics import registered
 from periscopy_sim.figures.style import mpl
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.outputs.staging import staged_file
 
 TRUE, TRUE_OFF = "true scene, even wall", "the same, monitor off"

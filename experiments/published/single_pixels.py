@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 LIT = 0.5
 """Part of the brightest patch from which on a patch of the ground truth counts as lit."""
 
-PIXEL_SAMPLES = 4
+ACROSS = 2
 """Points of each pixel that a column is averaged over: its shadows have edges sharper than that."""
 
 FALLOFFS = ((18.0, 1.0), (20.0, 0.0), (0.0, 0.0))
@@ -102,7 +102,7 @@ _TITLE = "Single screen pixels beside the columns of A"
 def compare(scene: FittedScene, captures: Sequence[Capture]) -> list[Block]:
     """Compare captures of a lit block with the columns of a scene's A."""
     Q = background_basis(scene.B)
-    A = ps.render_transport(scene.scenario, seed=scene.seed, pixel_samples=PIXEL_SAMPLES)
+    A = ps.render_transport(scene.scenario.averaged(ACROSS), seed=scene.seed)
     shadows = A - Q @ (Q.T @ A)
     return [_block(capture, A, shadows, Q, scene.hidden) for capture in captures]
 

@@ -63,9 +63,7 @@ def check_photograph() -> dict[str, Any]:
         f = ps.read_hidden_image(ps.find_image("sunset"), HIDDEN)
         through_A = np.stack(
             [
-                _picture(
-                    ps.render_transport(scene, samples=4, pixel_samples=16, seed=seed), f, scene
-                )
+                _picture(ps.render_transport(scene.averaged(4), samples=4, seed=seed), f, scene)
                 for seed in range(4)
             ]
         )
@@ -90,7 +88,7 @@ def check_columns(count: int = 20) -> dict[str, Any]:
         scene = ps.load_scenario(ps.find_scene(name), HIDDEN)
         chosen = rng.choice(scene.transport_shape[1], count, replace=False)
         matrices = [
-            ps.render_transport(scene, samples=4, pixel_samples=16, seed=seed)[:, chosen]
+            ps.render_transport(scene.averaged(4), samples=4, seed=seed)[:, chosen]
             for seed in range(3)
         ]
         columns = []
@@ -120,7 +118,7 @@ def check_columns(count: int = 20) -> dict[str, Any]:
 def check_point_light() -> dict[str, Any]:
     """Compare a point emitter on a diffuse wall, seen orthographically, with Eq. 4."""
     scene = ps.load_scenario(ps.find_scene("chair"), HIDDEN)
-    center = scene.wall_points.mean(axis=0)
+    center = scene.view.centers.mean(axis=0)
     lights = center + ps.paper_grid()[np.random.default_rng(2).choice(512, 8)] * [1, -1, 1]
     worst = 0.0
     for light in lights:
@@ -157,7 +155,8 @@ def check_point_light() -> dict[str, Any]:
             }
         )
         rendered = path_trace(lit, 2, samples=256, seed=0).mean(axis=2).ravel()
-        ψ = ps.point_light_response(light[None], scene.wall_points, scene.wall_normals)[:, 0]
+        view = scene.view
+        ψ = ps.point_light_response(light[None], view.centers, view.center_normals)[:, 0]
         worst = max(worst, float(np.abs(rendered / ψ - 1).max()))
     return {"lights": len(lights), "largest relative difference": within(worst, 2e-4)}
 

@@ -19,8 +19,8 @@ from periscopy_sim.analytic.outline import (
     outline_of,
 )
 from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, shadow_within
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.scenario import Array
 
 PART = float(np.cbrt(np.finfo(np.float64).eps))
 """Of a parameter's move by which light within a border is differenced, in double precision."""

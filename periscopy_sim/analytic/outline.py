@@ -22,8 +22,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.scenario import Array
 
 Indices = NDArray[np.int64]
 

@@ -21,8 +21,8 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled, compiled_reordered
-from periscopy_sim.scenario import Array
 
 GAUSS = 0.5 / np.sqrt(3.0)
 """From a cell's middle to either of Gauss and Legendre's two points, in cells."""

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import View
 
 FIELD_OF_VIEW = 0.401
 """Side of the paper's field of view, in metres."""
@@ -65,13 +67,14 @@ def paper_grid(step: float = 0.75) -> Array:
     return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
-def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Array:
+def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) -> Array:
     """Return B: one column for each point light of a grid around the field of view (Sec. 3.1).
 
     Parameters
     ----------
-    scenario
-        The scene; only its wall and camera matter, and the wall may stand in any orientation.
+    seen
+        What the camera sees of the wall, or a scenario with it; the wall may stand in any
+        orientation.
     grid
         (L, 3) lights in metres, as (across, distance from the wall, up) about the centre of the
         field of view; None for the paper's, stretched as the field of view is over the paper's, so
@@ -80,28 +83,30 @@ def point_light_backgrounds(scenario: Scenario, grid: Array | None = None) -> Ar
     Returns
     -------
     ndarray
-        B, (M, L) float64 in 1/m².
+        B, (M, L) float64 in 1/m², averaged over the points of each pixel.
 
     Raises
     ------
     ValueError
         If the grid is not (L, 3), or a light is not in front of the wall.
     """
-    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
-    offsets = _stretched_grid(scenario, frame) if grid is None else np.asarray(grid, np.float64)
+    view = seen if isinstance(seen, View) else seen.view
+    frame = view.frame
+    offsets = _stretched_grid(view) if grid is None else np.asarray(grid, np.float64)
     if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
         raise InputError(
             f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "
             "coordinate above 0)"
         )
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
-    return point_light_response(lights, scenario.wall_points, scenario.wall_normals)
+    B = point_light_response(lights, view.points.reshape(-1, 3), view.normals.reshape(-1, 3))
+    return np.asarray(B.reshape(*view.points.shape[:2], -1).mean(axis=1))
 
 
-def _stretched_grid(scenario: Scenario, frame: WallFrame) -> Array:
+def _stretched_grid(view: View) -> Array:
     """Return the paper's grid for a field of view of another size; as it is for a lone pixel."""
-    seen = (scenario.wall_points - frame.center) @ np.stack([frame.up, frame.across]).T
-    count = np.array(scenario.photograph_shape)
+    frame, count = view.frame, np.array(view.shape)
+    seen = (view.centers - frame.center) @ np.stack([frame.up, frame.across]).T
     sides = (np.ptp(seen, axis=0) * count / np.maximum(count - 1, 1))[count > 1]
     # Rounded: the wall's points are of single precision.
     return paper_grid() * float(f"{np.prod(sides / FIELD_OF_VIEW) ** (1 / max(len(sides), 1)):.4g}")

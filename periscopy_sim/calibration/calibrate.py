@@ -23,11 +23,10 @@ from periscopy_sim.calibration.trust import doubts, is_significant, learned, mis
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.observation import Backgrounds, named
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, blackened, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
-from periscopy_sim.scenario import Array
 
 WEIGHTS = 0.4, 1, 1, 1, 2
 """Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all

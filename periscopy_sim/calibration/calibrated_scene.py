@@ -7,7 +7,7 @@ from xml.parsers.expat import ExpatError
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import comment, literal, read_document
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scene import SceneDocument
 
 
 def write_copy(

@@ -12,7 +12,7 @@ from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
 from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 DEGREE, SPREAD = 2, 0.07
 """Of the gain over the wall: the degree of its polynomial, the deviation of each coefficient."""

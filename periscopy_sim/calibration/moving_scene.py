@@ -1,20 +1,20 @@
 """A scene whose parameters move: its A by areas, A's derivatives, and what errors do to light."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, require_areas
-from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.prior import check_error, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import View
 
 Matrix = NDArray[np.float32]
 
@@ -36,43 +36,30 @@ class MovingScene:
     Attributes
     ----------
     scenario
-        The scene as it was loaded, with `finer` times the rows and columns of the photograph.
+        The scene as it was loaded, with the pixels used.
     names, errors
         (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
         Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
-    pixels
-        (rows, columns) which pixels of the photograph are used.
-    finer
-        Wall points along each side of a pixel, over which A is averaged.
     """
 
     scenario: Scenario
     names: tuple[str, ...]
     errors: Array
-    pixels: NDArray[np.bool_]
-    finer: int
+
+    @property
+    def pixels(self) -> Mask:
+        """(rows, columns) which pixels of the photograph are used."""
+        view = self.scenario.view
+        return np.ones(view.shape, bool) if view.pixels is None else view.pixels
 
     def at(self, values: Array) -> Scenario:
-        """Return the scene at some values, (P,), with the wall points of the pixels used alone.
+        """Return the scene at some values, (P,).
 
         A SceneError says that the values make no scene.
         """
         count = len(self.names)
         moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
-        across, up = values[count:] if len(values) > count else (0.0, 0.0)
-        return replace(
-            moved,
-            patch_centers=moved.patch_centers + across * moved.patch_across + up * moved.patch_up,
-            wall_points=self._of_pixels(moved.wall_points),
-            wall_normals=self._of_pixels(moved.wall_normals),
-            photograph_shape=(self.finer * int(self.pixels.sum()), self.finer),
-        )
-
-    def _of_pixels(self, values: Array) -> Array:
-        """Return the wall points' values in the pixels used, (M finer², 3), pixel after pixel."""
-        (rows, columns), n = self.pixels.shape, self.finer
-        blocks = values.reshape(rows, n, columns, n, 3).transpose(0, 2, 1, 3, 4)
-        return np.ascontiguousarray(blocks[self.pixels]).reshape(-1, 3)
+        return Scenario(moved.view, moved.hidden.shifted(*values[count:]))
 
     def is_physical(self, values: Array) -> bool:
         """Return whether some values make a scene."""
@@ -84,14 +71,14 @@ class MovingScene:
 
     def transport(self, values: Array) -> Matrix:
         """Return A, (M, N); a SceneError says that the values make no scene with a closed form."""
-        return area_transport(self.at(values), self.finer)
+        return area_transport(self.at(values))
 
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
         sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
-        A = area_transport(scenario, self.finer)
-        return A, area_derivatives(scenario, sides, self.finer, A)
+        A = area_transport(scenario)
+        return A, area_derivatives(scenario, sides, A)
 
     def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
         """Return the scene with a parameter moved a little to either side, and how far."""
@@ -100,18 +87,11 @@ class MovingScene:
             moved[k] += step
             try:
                 beside = self.at(moved)
-                require_areas(beside, self.finer)
+                require_areas(beside)
                 return beside, step
             except SceneError as error:
                 unphysical = error
         raise unphysical
-
-    def point_lights(self, values: Array) -> Array:
-        """Return B of the point lights, (M, L), whose grid all of the photograph places."""
-        moved = self.scenario.at(**dict(zip(self.names, values.tolist(), strict=True)))
-        (rows, columns), n = self.pixels.shape, self.finer
-        B = np.asarray(point_light_backgrounds(moved), np.float64)
-        return np.asarray(B.reshape(rows, n, columns, n, -1).mean(axis=(1, 3))[self.pixels])
 
 
 def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
@@ -157,11 +137,7 @@ def uncertain_transport(
     require_areas(scenario)
     shape = scenario.photograph_shape
     coarse = fitted(shape, max(LONGEST, *scenario.hidden_shape))
-    movable = load_scenario(
-        scenario.path, scenario.hidden_shape, scenario.parameters, photograph=coarse
-    )
-    deviations = np.sqrt(np.sum(directions**2, axis=1))
-    scene = MovingScene(movable, names, deviations, np.ones(coarse, bool), 1)
+    deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
@@ -169,7 +145,8 @@ def uncertain_transport(
         for band in bands:
             pixels = np.zeros(coarse, bool)
             pixels[band] = True
-            parts.append(replace(scene, pixels=pixels).linearized(values)[1] @ f)
+            part = Scenario(view.of_pixels(pixels), scenario.hidden)
+            parts.append(MovingScene(part, names, deviations).linearized(values)[1] @ f)
         light = np.concatenate(parts, axis=1).reshape(-1, *coarse, 3)
         finer = 1, *np.divide(shape, coarse), 1
         smooth = ndimage.zoom(light, finer, order=1, mode="nearest", grid_mode=True)

@@ -7,8 +7,9 @@ import numpy as np
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
-from periscopy_sim.scenario import RULER_ERROR, Array, SceneDocument
+from periscopy_sim.scene import RULER_ERROR, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
 """Names of free parameters, or names with the errors of their measured values."""

@@ -8,19 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
+from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.level import Group, ResolutionLevel
 from periscopy_sim.calibration.moving_scene import MovingScene, fitted
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
+from periscopy_sim.view import View
 
 LARGEST = 126
 """Rows and columns to which photographs are averaged, and wall points along them, at least."""
@@ -106,12 +108,12 @@ class CalibrationProblem:
         pixels = np.zeros_like(first.pixels)
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
         pixels &= first.pixels
-        finer = -(-LARGEST // max(pixels.shape))
-        path, parameters = self.scenario.path, self.scenario.parameters
-        shape = finer * pixels.shape[0], finer * pixels.shape[1]
-        scenario = load_scenario(path, self._hidden, parameters, photograph=shape)
-        scene = MovingScene(scenario, self.names, self.errors, pixels, finer)
-        Q = background_basis(scene.point_lights(self.centers))
+        shape = pixels.shape[0], pixels.shape[1]
+        world = self.scenario.scene
+        view = View.of(world, shape, across=-(-LARGEST // max(shape)))
+        part = Scenario(view.of_pixels(pixels), Hidden.of_scene(world, self._hidden))
+        scene = MovingScene(part, self.names, self.errors)
+        Q = background_basis(point_light_backgrounds(view)[pixels.ravel()])
         off = [each[pixels] for each in first.monitor_off.values()]
         Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
         if len(Q) <= 2 * Q.shape[1]:

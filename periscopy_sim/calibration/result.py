@@ -8,7 +8,7 @@ import numpy as np
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.model.residual import percentages
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of
-from periscopy_sim.scenario import CALIBRATED, Array, SceneDocument
+from periscopy_sim.scene import CALIBRATED, SceneDocument
 
 SAME = 1e-6
 """Fraction of a parameter's standard error, or of its size, within which a value is as written."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real

@@ -22,8 +22,8 @@ from scipy import linalg
 
 from periscopy_sim.calibration.evidence import ROUNDING, Explanation, Matrix
 from periscopy_sim.model.uncertainty import curvature_of_total_variation
+from periscopy_sim.numerics import Array
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.scenario import Array
 
 ROUNDS, TOLERANCE = 4, 1e-4
 """How often σ and λ are updated, and the tolerance of each image: the slope then agrees with

@@ -6,7 +6,7 @@ import numpy as np
 
 from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.problem import CalibrationProblem
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 MARGIN = 1.3
 """Of standard errors over those of the linear theory: valleys of the evidence are curved."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.result import LEARNED
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 FARTHEST = 3.0
 """Standard deviations within which a ruler errs: all but 3 of 1000 times."""

@@ -14,7 +14,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import CALIBRATED
+from periscopy_sim.scene import CALIBRATED
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration

@@ -14,7 +14,7 @@ import typer
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scene import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"

@@ -144,7 +144,7 @@ class Session(options.OptionGroup):
 
     def check_lights(self) -> None:
         """Name the lights that are not in A; one line."""
-        if lights := self.scenario.lights:
+        if lights := self.scenario.scene.lights:
             names = ", ".join(f"'{name}'" for name in lights)
             self.warn(sentence("other_lights", scene=self.scene, names=names))
 
@@ -364,7 +364,8 @@ class PhotoSession(WallSession):
         rows, columns = (2 * size for size in self.scenario.hidden_shape)
         y = fitted.corrected(wall.values, solution)
         with progress("looking for the cause of the misfit"):
-            finer = ps.load_scenario(self.path, (rows, columns), self.definitions)
+            patches = ps.Hidden.of_scene(self.scenario.scene, (rows, columns))
+            finer = ps.Scenario(self.scenario.view, patches)
             is_direct = self.record["bounces"] == "direct"
             if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
                 if remedy == "look":

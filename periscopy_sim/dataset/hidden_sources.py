@@ -14,7 +14,7 @@ from pydantic import Field
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.pictures import read_hidden_image

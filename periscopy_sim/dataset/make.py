@@ -104,8 +104,8 @@ def make_dataset(
         # An error of any scene comes before anything is written.
         scenario = scenario_of(settings, draw)
         _check_shape(draw.number, scenario, first.photograph_shape)
-        if scenario.lights:
-            what = f"{scenario.path}: no photograph has the light of {', '.join(scenario.lights)}"
+        if lights := ", ".join(scenario.scene.lights):
+            what = f"{scenario.path}: no photograph has the light of {lights}"
             warnings.warn(f"{what}; add it as ambient light", RuntimeWarning, stacklevel=2)
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,

@@ -30,14 +30,16 @@ from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
 from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.view import WallFrame
 
 GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
 """Streams of random numbers."""
@@ -170,7 +172,7 @@ def make_samples(
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     hidden = np.concatenate([clip.hidden for clip in clips])
     signals = _signals(geometry, hidden)
-    frame = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    frame = scenario.view.frame
     photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
     scales = np.empty(len(hidden))
@@ -243,7 +245,7 @@ def _background(
     if ambient.lamps is not None:
         places, powers = ambient.lamps
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
-        light = lamp_light(lights, powers, scenario.wall_points, scenario.wall_normals)
+        light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
         return (light * scenario.channel_gain).reshape(shape)
     if not ambient.mixture:
         return None
@@ -339,8 +341,9 @@ def backgrounds_of(
     Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
     """
     gain, light = scenario.channel_gain, {}
-    if scenario.wall_reflectance is not None:
-        scenario = replace(scenario, wall_reflectance=scenario.wall_reflectance / gain)
+    view = scenario.view
+    if view.reflectance is not None:
+        scenario = replace(scenario, view=replace(view, reflectance=view.reflectance / gain))
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Conditions):
             pictures = ambient_photographs(

@@ -11,7 +11,7 @@ from periscopy_sim.calibration.result import DeterminedBy
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import OKABE_ITO, drawn
 from periscopy_sim.model.residual import percentages, with_error
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration

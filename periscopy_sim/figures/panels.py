@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
-from periscopy_sim.numerics import Image
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 

@@ -23,8 +23,8 @@ from periscopy_sim.laboratory.document import (
     exactly,
 )
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import literal
-from periscopy_sim.scenario import Array
 
 
 def corners_seen(camera: PerspectiveCamera | RectifiedCamera, distance: float) -> Array:

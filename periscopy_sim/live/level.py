@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.area_transport import area_transport, has_areas
+from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
+from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
-from periscopy_sim.rendering.transport.shadow_rays import require_light
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
 
@@ -130,13 +130,13 @@ class Level:
         scenario = kept("scenario", values, lambda: self.scenario(self._given | given))
         noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
-        A = kept("A", (values, plan), lambda: self._transport(scenario, plan, unless_overtaken))
+        A = kept("A", (values, plan), lambda: plan.transport(scenario, progress=unless_overtaken))
         truth = None
         if choice.image:
             path = find_image(choice.image)
             truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
-        B = kept("B", scenario.wall_points.tobytes(), lambda: point_light_backgrounds(scenario))
+        B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         of_photograph = photograph.mask, photograph.monitor_off
         method = kept(
             "method", (choice.method, values, plan),
@@ -168,15 +168,6 @@ class Level:
         if self.is_coarse:
             return TransportPlan(None if has_areas(scenario) else FEWEST)
         return plan_transport(scenario, noise, budget=BUDGET)
-
-    def _transport(
-        self, scenario: Scenario, plan: TransportPlan, progress: Callable[[float], None]
-    ) -> NDArray[np.float32]:
-        if self.is_coarse and plan.by == "areas":
-            A = area_transport(scenario)  # from the pixels' centres
-            require_light(A, scenario)
-            return A
-        return plan.transport(scenario, progress=progress)
 
     def _expose(
         self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any

@@ -10,7 +10,9 @@ import numpy as np
 
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import CALIBRATED, Array, Scenario
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import CALIBRATED
 
 SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
@@ -109,8 +111,9 @@ def find_movables(
 
 def _parts(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
-    shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in scenario.occluders}
-    parts = {"camera": scenario.wall_points, "monitor": scenario.patch_centers, **shapes}
+    occluders = scenario.scene.occluders
+    shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in occluders}
+    parts = {"camera": scenario.view.centers, "monitor": scenario.hidden.centers, **shapes}
     return {name: points for name, points in parts.items() if points is not None}
 
 

@@ -10,7 +10,10 @@ from scipy.interpolate import NearestNDInterpolator
 
 from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
-from periscopy_sim.scenario import Array, Occluder, Scenario, WallFrame, wall_frame
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Occluder
+from periscopy_sim.view import WallFrame
 
 COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222)}
 
@@ -43,16 +46,16 @@ def things_in(pictures: LivePictures) -> dict[str, Any]:
     """Return a scene's occluders, the photograph on its wall and the image on its monitor."""
     scenario = pictures.scenario
     frame = _frame_of(scenario)
-    local = _on_wall(scenario.wall_points, frame)
+    local = _on_wall(scenario.view.centers, frame)
     shown, low, high = on_rectangle(local, photograph_pixels(pictures))
     rows, columns = scenario.hidden_shape
     return {
         "photograph": _on_wall_image(shown, low, high, frame, 0.002),
         "monitor": _image(
-            monitor_pixels(pictures), scenario.patch_centers.mean(axis=0),
-            columns * scenario.patch_across.mean(axis=0), rows * scenario.patch_up.mean(axis=0),
+            monitor_pixels(pictures), scenario.hidden.centers.mean(axis=0),
+            columns * scenario.hidden.across.mean(axis=0), rows * scenario.hidden.up.mean(axis=0),
         ),
-        "occluders": [_mesh(each) for each in scenario.occluders],
+        "occluders": [_mesh(each) for each in scenario.scene.occluders],
     }  # fmt: skip
 
 
@@ -111,7 +114,7 @@ def on_rectangle(local: Array, pixels: Pixels) -> tuple[Pixels, Array, Array]:
 
 
 def _frame_of(scenario: Scenario) -> WallFrame:
-    return wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
+    return scenario.view.frame
 
 
 def _on_wall(points: Array, frame: WallFrame) -> Array:
@@ -121,8 +124,8 @@ def _on_wall(points: Array, frame: WallFrame) -> Array:
 
 def _everything(scenario: Scenario) -> Array:
     """Return the points, (n, 3), of all but far surroundings."""
-    both = np.concatenate([scenario.patch_centers, scenario.wall_points])
+    both = np.concatenate([scenario.hidden.centers, scenario.view.centers])
     reach = float(np.linalg.norm(np.ptp(both, axis=0)))
-    shapes = [o.bounds if o.vertices is None else o.vertices for o in scenario.occluders]
+    shapes = [o.bounds if o.vertices is None else o.vertices for o in scenario.scene.occluders]
     near = [p for p in shapes if p is not None and np.linalg.norm(np.ptp(p, axis=0)) < reach]
     return np.concatenate([both, *near])

@@ -12,9 +12,10 @@ from periscopy_sim.live.laboratory import LiveLaboratory
 from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
+from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 
 
 class LiveSession(AbstractContextManager["LiveSession"]):

@@ -9,7 +9,7 @@ from PIL import Image
 from periscopy_sim.figures.panels import displayable, residual_map
 from periscopy_sim.figures.style import mpl
 from periscopy_sim.live.level import LivePictures
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 
 Pixels = NDArray[np.uint8]

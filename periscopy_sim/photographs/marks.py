@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.extras import require
+from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.wall_view import fit_homography, project
-from periscopy_sim.scenario import Array
 
 FAMILIES = (
     "APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "APRILTAG_36h10", "4X4_1000", "5X5_1000",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Mask
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
@@ -14,7 +15,7 @@ from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_ta
 from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
 from periscopy_sim.photographs.view_fit import FittedView, fit_view
 from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 
 PAPER = 1.5
 """Side of the paper around a tag over the tag's own; the film's pixels on it are not used."""

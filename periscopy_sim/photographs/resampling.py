@@ -10,9 +10,9 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
 from periscopy_sim.numerics.machine import in_parallel, ranges
-from periscopy_sim.scenario import Array
 
 SLIVER = 1e-6
 """Fraction of a new pixel's area that does not count: rounding of its corners."""

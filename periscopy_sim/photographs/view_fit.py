@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.marks import Marks
 from periscopy_sim.photographs.wall_view import WallView, fit_homography, project, similarity
-from periscopy_sim.scenario import Array
 
 SIGNIFICANCE = 0.01
 """Rate at which a lens without distortion gets a coefficient, and right marks a bad one."""

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import Array, Scenario, WallFrame, wall_frame
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import WallFrame
 
 FLATNESS = 1e-3
 """Distance of wall points from a plane, over a film pixel's size, that counts as flat."""
@@ -120,8 +122,8 @@ def wall_plane(scenario: Scenario) -> WallPlane:
     where = f"scene '{scenario.path}'"
     if min(shape) < 2:
         raise SceneError(f"{where}: the film has {shape[0]}x{shape[1]} pixels; give it 2x2")
-    points = scenario.wall_points
-    plane = WallPlane(wall_frame(points, scenario.wall_normals, shape), shape, np.eye(3))
+    points = scenario.view.centers
+    plane = WallPlane(scenario.view.frame, shape, np.eye(3))
     across, up, ahead = plane.coordinates(points).T
     on_wall = np.stack([across, up], axis=1)
     pixel = np.linalg.norm(np.diff(on_wall.reshape(*shape, 2), axis=1), axis=2).mean()

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.rendering.scene.load import build_scene, camera_of
+from periscopy_sim.rendering.scene.load import build_scene
+from periscopy_sim.rendering.scene.wall import camera_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
@@ -64,7 +66,8 @@ def render_photograph(
         raise InputError("the hidden image's radiance must be finite and not negative")
     if samples < 1 or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")
-    scene = build_scene(scenario, image, only_monitor=only_monitor)
+    (surface,) = scenario.hidden.values()
+    scene = build_scene(scenario.scene, image, surface.mirrored, only_monitor=only_monitor)
     depth = -1 if bounces is None else bounces + 1
     return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
 

@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene.load import build_scene, camera_of
-from periscopy_sim.rendering.scene.wall import map_points
+from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.load import build_scene
+from periscopy_sim.rendering.scene.wall import camera_of, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.scenario import Array, Occluder, Scenario, corners
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Occluder, corners
 
 EDGE = 1e-4
 """Fraction of the picture's size by which its corners are looked at within it: rounding must not
@@ -50,7 +52,7 @@ class Survey:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scene = build_scene(scenario)
+        self._scene = build_scene(scenario.scene)
         camera = camera_of(self._scene)
         film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
 
@@ -63,15 +65,16 @@ class Survey:
         # Mitsuba's rays begin at the near clipping plane.
         eye = np.ravel(camera.world_transform().translation())
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
-        across, up = scenario.patch_across / 2, scenario.patch_up / 2
+        hidden = scenario.hidden
+        across, up = hidden.across / 2, hidden.up / 2
         sides = [sign * across for sign in (-1, 1)]
         self.monitor_points: Array = np.concatenate(
-            [scenario.patch_centers + side + sign * up for side in sides for sign in (-1, 1)]
+            [hidden.centers + side + sign * up for side in sides for sign in (-1, 1)]
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
-            for each in scenario.occluders
+            for each in scenario.scene.occluders
         )
 
     def lit_share(self, points: Array, targets: Array) -> Array:
@@ -111,9 +114,9 @@ def hidden_fraction(scenario: Scenario) -> float:
     rng = np.random.default_rng(0)
     pixel, patch = (rng.integers(size, size=RAYS) for size in scenario.transport_shape)
     across, up = rng.uniform(-0.5, 0.5, (2, RAYS, 1))
-    places = scenario.patch_centers[patch]
-    places = places + across * scenario.patch_across[patch] + up * scenario.patch_up[patch]
-    return float(np.mean(Survey(scenario).blocked(scenario.wall_points[pixel], places)))
+    hidden = scenario.hidden
+    places = hidden.centers[patch] + across * hidden.across[patch] + up * hidden.up[patch]
+    return float(np.mean(Survey(scenario).blocked(scenario.view.centers[pixel], places)))
 
 
 def shadow_doubt(scenario: Scenario) -> str:
@@ -123,7 +126,7 @@ def shadow_doubt(scenario: Scenario) -> str:
         return ""
     if hidden == 1:
         return "occluders hide all of the monitor from what the camera sees of the wall"
-    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.occluders[:3])
+    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.scene.occluders[:3])
     return (
         "no occluder casts a shadow of the monitor into what the camera sees of the wall "
         f"({names or 'the scene has none'}): check their places, and that their numbers are metres"

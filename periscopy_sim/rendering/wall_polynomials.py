@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 REPLICAS = 8
 """Independent estimates of a field; their scatter gives its error to a quarter, 1 / sqrt(14)."""

@@ -7,9 +7,9 @@ import numpy as np
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import read_json, read_regular
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.scenario import Array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
 from periscopy_sim.storage.formats.table import format_of

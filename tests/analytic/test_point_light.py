@@ -69,7 +69,7 @@ def test_lights_stand_about_the_centre_of_the_field_of_view():
     scenario = make_scenario(film=FILM)
     np.testing.assert_allclose(
         point_light_backgrounds(scenario, GRID),
-        loop_response(LIGHTS, scenario.wall_points, scenario.wall_normals),
+        loop_response(LIGHTS, scenario.view.centers, scenario.view.center_normals),
         rtol=1e-12,
     )
 
@@ -78,10 +78,11 @@ def test_lights_stand_about_the_centre_of_the_field_of_view():
 def test_turning_and_moving_the_room_leaves_the_backgrounds_unchanged(angles):
     room, turn = make_scenario(film=FILM), Rotation.from_euler("xyz", angles, degrees=True)
     shift = np.array([3.0, -5.0, 2.0])
+    points, normals = room.view.centers, room.view.center_normals
     turned = replace(
-        room,
-        wall_points=turn.apply(room.wall_points) + shift,
-        wall_normals=turn.apply(room.wall_normals),
+        room.view,
+        points=turn.apply(points)[:, None] + shift,
+        normals=turn.apply(normals)[:, None],
     )
     np.testing.assert_allclose(
         point_light_backgrounds(turned), point_light_backgrounds(room), rtol=1e-12

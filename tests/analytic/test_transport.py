@@ -7,14 +7,15 @@ from scipy.spatial.transform import Rotation
 
 from periscopy_sim.analytic.area_transport import analytic_transport
 from periscopy_sim.errors import SceneError
-from periscopy_sim.scenario import EmissionProfile, Occluder, Scenario, SceneDocument
+from periscopy_sim.hidden import Hidden, Surface
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import EmissionProfile, Occluder, Scene, SceneDocument
+from periscopy_sim.view import View
 from tests.irradiance import polygon_irradiance
 
 D = 1.03
 LCD = EmissionProfile(18, 1)
 LAMBERTIAN = EmissionProfile(0, 0)
-PLACES = ("wall_points", "patch_centers")
-DIRECTIONS = ("wall_normals", "patch_normals", "patch_across", "patch_up")
 # Corner number 4x + 2y + z of a unit box; outward quadrilaterals.
 BOX_QUADS = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -32,33 +33,54 @@ def make_scenario(occluders=(), *, film=(9, 11), hidden=(2, 3), emission=LCD, si
     wall = np.array([0.74, D, 0.26]) + size * grid(*film) @ [[1, 0, 0], [0, 0, 1]]
     monitor = np.array([[-0.4, 0, 0], [0, 0, 0.3]])
     patches = np.prod(hidden)
-    return Scenario(
+    scene = Scene(
         document=SceneDocument(Path("room.xml")),
-        photograph_shape=film,
-        hidden_shape=hidden,
-        wall_points=wall,
-        wall_normals=np.tile([0.0, -1.0, 0.0], (len(wall), 1)),
-        wall_reflectance=np.full(3, 0.8),
-        channel_gain=np.ones(3),
-        patch_centers=np.array([0.23, 0, 0.29]) + grid(*hidden) @ monitor,
-        patch_normals=np.tile([0.0, 1.0, 0.0], (patches, 1)),
-        patch_across=np.tile(monitor[0] / hidden[1], (patches, 1)),
-        patch_up=np.tile(monitor[1] / hidden[0], (patches, 1)),
-        mirrored=False,
-        emission=emission,
+        places={},
+        plugins={},
+        boxes={},
         occluders=tuple(occluders),
+        emission={"monitor": emission},
     )
+    ends = wall[[0, film[1] - 1, -1, -film[1]]]
+    view = View(
+        scene=scene,
+        shape=film,
+        points=wall[:, None],
+        normals=np.tile([0.0, -1.0, 0.0], (len(wall), 1, 1)),
+        rays=np.zeros((2, len(wall), 3)),
+        corners=np.stack([ends, ends]),
+        reflectance=np.full(3, 0.8),
+        channel_gain=np.ones(3),
+    )
+    surface = Surface(
+        shape=hidden,
+        centers=np.array([0.23, 0, 0.29]) + grid(*hidden) @ monitor,
+        normals=np.tile([0.0, 1.0, 0.0], (patches, 1)),
+        across=np.tile(monitor[0] / hidden[1], (patches, 1)),
+        up=np.tile(monitor[1] / hidden[0], (patches, 1)),
+    )
+    return Scenario(view, Hidden({"monitor": surface}))
+
+
+def changed(scenario, *, scene=None, view=None, monitor=None):
+    """The scenario with other fields of its scene, its view or its monitor."""
+    world = replace(scenario.scene, **(scene or {}))
+    surface = replace(scenario.hidden["monitor"], **(monitor or {}))
+    seen = replace(scenario.view, **{"scene": world, **(view or {})})
+    return Scenario(seen, Hidden({"monitor": surface}))
 
 
 def move(scenario, linear, shift):
     """Apply an orthogonal map and a shift to the whole scene."""
-    turned = {name: getattr(scenario, name) @ linear.T for name in DIRECTIONS}
-    moved = {name: getattr(scenario, name) @ linear.T + shift for name in PLACES}
-    occluders = tuple(
-        replace(occluder, vertices=occluder.vertices @ linear.T + shift)
-        for occluder in scenario.occluders
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = linear, shift
+    view, occluders = scenario.view, scenario.scene.occluders
+    moved = [replace(each, vertices=each.vertices @ linear.T + shift) for each in occluders]
+    return changed(
+        Scenario(view, scenario.hidden.moved({"monitor": motion})),
+        scene={"occluders": tuple(moved)},
+        view={"points": view.points @ linear.T + shift, "normals": view.normals @ linear.T},
     )
-    return replace(scenario, occluders=occluders, **turned, **moved)
 
 
 class Box:
@@ -104,52 +126,48 @@ def welded(occluder):
 
 def oracle(scenario, strata, boxes=()):
     """The matrix by explicit angles, sample by sample, shadows by clipping segments."""
-    A = np.zeros((len(scenario.wall_points), len(scenario.patch_centers)))
+    A = np.zeros((len(scenario.view.centers), len(scenario.hidden.centers)))
     down, across = strata
-    for j, center in enumerate(scenario.patch_centers):
-        e_across, e_up = scenario.patch_across[j], scenario.patch_up[j]
+    for j, center in enumerate(scenario.hidden.centers):
+        e_across, e_up = scenario.hidden.across[j], scenario.hidden.up[j]
         for row in range(down):
             for column in range(across):
                 q = center + ((column + 0.5) / across - 0.5) * e_across
                 q = q - ((row + 0.5) / down - 0.5) * e_up
-                d = scenario.wall_points - q
+                d = scenario.view.centers - q
                 r = np.linalg.norm(d, axis=1)
-                ahead = d @ scenario.patch_normals[j]
+                ahead = d @ scenario.hidden.normals[j]
                 horizontal = np.arctan2(d @ e_across / np.linalg.norm(e_across), ahead)
                 vertical = np.arctan2(d @ e_up / np.linalg.norm(e_up), ahead)
-                value = np.cos(horizontal) ** scenario.emission.horizontal
-                value *= np.cos(vertical) ** scenario.emission.vertical
-                value *= ahead / r * -np.sum(d * scenario.wall_normals, axis=1) / r / r**2
+                value = np.cos(horizontal) ** scenario.scene.emission["monitor"].horizontal
+                value *= np.cos(vertical) ** scenario.scene.emission["monitor"].vertical
+                value *= ahead / r * -np.sum(d * scenario.view.center_normals, axis=1) / r / r**2
                 value[ahead <= 0] = 0
                 for box in boxes:
-                    value[box.blocks(q, scenario.wall_points)] = 0
+                    value[box.blocks(q, scenario.view.centers)] = 0
                 A[:, j] += value
-    area = np.linalg.norm(np.cross(scenario.patch_across, scenario.patch_up), axis=1)
-    return A * scenario.wall_reflectance.mean() / np.pi * area / (down * across)
+    area = np.linalg.norm(np.cross(scenario.hidden.across, scenario.hidden.up), axis=1)
+    return A * scenario.view.reflectance.mean() / np.pi * area / (down * across)
 
 
 def tilt_monitor(scenario, degrees):
     """Turn the monitor about a vertical axis through its middle."""
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix().T
-    middle = scenario.patch_centers.mean(axis=0)
-    return replace(
-        scenario,
-        patch_centers=(scenario.patch_centers - middle) @ turn + middle,
-        patch_normals=scenario.patch_normals @ turn,
-        patch_across=scenario.patch_across @ turn,
-        patch_up=scenario.patch_up @ turn,
-    )
+    middle = scenario.hidden.centers.mean(axis=0)
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turn.T, middle - turn.T @ middle
+    return Scenario(scenario.view, scenario.hidden.moved({"monitor": motion}))
 
 
 @pytest.mark.parametrize("degrees", [0, 25])
 def test_an_unoccluded_lambertian_monitor_matches_lamberts_contour_formula(degrees):
     scenario = tilt_monitor(make_scenario(film=(3, 4), emission=LAMBERTIAN), degrees)
     A = analytic_transport(scenario)
-    for i, point in enumerate(scenario.wall_points):
-        for j, center in enumerate(scenario.patch_centers):
-            across, up = scenario.patch_across[j] / 2, scenario.patch_up[j] / 2
+    for i, point in enumerate(scenario.view.centers):
+        for j, center in enumerate(scenario.hidden.centers):
+            across, up = scenario.hidden.across[j] / 2, scenario.hidden.up[j] / 2
             corners = center + np.array([-across - up, across - up, across + up, up - across])
-            irradiance = polygon_irradiance(point, scenario.wall_normals[i], corners)
+            irradiance = polygon_irradiance(point, scenario.view.center_normals[i], corners)
             assert A[i, j] == pytest.approx(0.8 / np.pi * irradiance, rel=1e-4)
 
 
@@ -176,22 +194,22 @@ def at(y):
 SCENE = make_scenario(at(0.5))  # which the model can treat
 NOT_A_GRID = "'monitor' is not a planar grid of equal parallelograms"
 REFUSALS = [
-    ("wall_reflectance", None, "'wall' is not diffuse"),
-    ("wall_points", bent(SCENE.wall_points), "'wall' is not one plane"),
-    ("wall_normals", bent(SCENE.wall_normals), "'wall' is not one plane"),
-    ("emission", None, "'monitor' has no closed angular profile"),
-    ("patch_centers", bent(SCENE.patch_centers), NOT_A_GRID),
-    ("patch_normals", bent(SCENE.patch_normals), NOT_A_GRID),
-    ("patch_up", SCENE.patch_up * np.linspace(0.9, 1, 6)[:, None], NOT_A_GRID),
-    ("occluders", (Occluder("ball", None, None),), "'ball' has no triangles"),
-    ("occluders", at(1.0), "'stool' reaches the wall's nearest"),
-    ("occluders", at(0.05), "'stool' reaches the monitor's plane"),
+    ({"view": {"reflectance": None}}, "'wall' is not diffuse"),
+    ({"view": {"points": bent(SCENE.view.centers)[:, None]}}, "'wall' is not one plane"),
+    ({"view": {"normals": bent(SCENE.view.center_normals)[:, None]}}, "'wall' is not one plane"),
+    ({"scene": {"emission": {"monitor": None}}}, "'monitor' has no closed angular profile"),
+    ({"monitor": {"centers": bent(SCENE.hidden.centers)}}, NOT_A_GRID),
+    ({"monitor": {"normals": bent(SCENE.hidden.normals)}}, NOT_A_GRID),
+    ({"monitor": {"up": SCENE.hidden.up * np.linspace(0.9, 1, 6)[:, None]}}, NOT_A_GRID),
+    ({"scene": {"occluders": (Occluder("ball", None, None),)}}, "'ball' has no triangles"),
+    ({"scene": {"occluders": at(1.0)}}, "'stool' reaches the wall's nearest"),
+    ({"scene": {"occluders": at(0.05)}}, "'stool' reaches the monitor's plane"),
 ]
 
 
-@pytest.mark.parametrize(("field", "value", "words"), REFUSALS)
-def test_what_the_model_cannot_treat_is_refused_by_name(field, value, words):
+@pytest.mark.parametrize(("change", "words"), REFUSALS)
+def test_what_the_model_cannot_treat_is_refused_by_name(change, words):
     with pytest.raises(SceneError, match=words) as refusal:
-        analytic_transport(replace(SCENE, **{field: value}))
+        analytic_transport(changed(SCENE, **change))
     assert "room.xml" in str(refusal.value)
     assert "render_transport" in str(refusal.value)

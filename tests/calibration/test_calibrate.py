@@ -12,7 +12,7 @@ from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.scenario import CALIBRATED
+from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import ERRORS, HIDDEN, SIDE, SIZE, TRUTH, Array, Small
 

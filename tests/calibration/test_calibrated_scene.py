@@ -8,7 +8,7 @@ from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scene import SceneDocument
 from periscopy_sim.shipped import find_scene
 
 SCENE = """<!-- <default name="dx" value="not this"/> -->
@@ -122,5 +122,7 @@ def test_the_copy_of_a_shipped_scene_is_the_scene_at_those_values(tmp_path: Path
     write_copy(read_document(find_scene("chair")), values, copied, "a---b-->\x01$width")
     ours, theirs = load_scenario(copied, (4, 5)), load_scenario("chair", (4, 5), values)
     assert ours.photograph_shape == (20, 20)
-    np.testing.assert_array_equal(ours.patch_centers, theirs.patch_centers)
-    np.testing.assert_array_equal(ours.occluders[0].vertices, theirs.occluders[0].vertices)
+    np.testing.assert_array_equal(ours.hidden.centers, theirs.hidden.centers)
+    np.testing.assert_array_equal(
+        ours.scene.occluders[0].vertices, theirs.scene.occluders[0].vertices
+    )

@@ -5,6 +5,10 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.rendering.scene.load import load_scene
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import View
 from tests.calibration.conftest import ERRORS, HIDDEN, SIDE
 
 FINER = 2
@@ -15,12 +19,15 @@ VALUES = np.array([0.003, -0.002, 0.4])
 def scene() -> MovingScene:
     size = SIDE // FINER
     pixels = np.random.default_rng(0).random((size, size)) < 0.3
-    scenario = ps.load_scenario("chair", HIDDEN, {"resolution": str(SIDE)})
-    return MovingScene(scenario, tuple(ERRORS), np.array(list(ERRORS.values())), pixels, FINER)
+    world = load_scene("chair")
+    view = View.of(world, (size, size), across=FINER)
+    part = Scenario(view.of_pixels(pixels), Hidden.of_scene(world, HIDDEN))
+    return MovingScene(part, tuple(ERRORS), np.array(list(ERRORS.values())))
 
 
 def test_pixels_have_the_rows_of_the_whole_matrix(scene: MovingScene) -> None:
-    moved = scene.scenario.at(**dict(zip(scene.names, VALUES.tolist(), strict=True)))
+    given = {"resolution": SIDE, **dict(zip(scene.names, VALUES.tolist(), strict=True))}
+    moved = ps.load_scenario("chair", HIDDEN, given)
     whole = area_transport(moved).astype(float)
     size = SIDE // FINER
     pixels = whole.reshape(size, FINER, size, FINER, -1).mean(axis=(1, 3))[scene.pixels]
@@ -39,7 +46,7 @@ def test_derivatives_are_those_of_differences(scene: MovingScene) -> None:
 
 
 def test_a_chair_in_the_wall_is_no_scene(scene: MovingScene) -> None:
-    wall = MovingScene(scene.scenario, ("occluder_dy",), np.ones(1), scene.pixels, FINER)
+    wall = MovingScene(scene.scenario, ("occluder_dy",), np.ones(1))
     for values in (np.array([0.8]), np.array([3.0])):
         with pytest.raises(SceneError):
             wall.transport(values)

@@ -13,7 +13,7 @@ from periscopy_sim.calibration.prior import (
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import CALIBRATED, SceneDocument
+from periscopy_sim.scene import CALIBRATED, SceneDocument
 from periscopy_sim.shipped import find_scene
 
 CHAIR = find_scene("chair")

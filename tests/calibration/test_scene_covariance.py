@@ -10,7 +10,7 @@ from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import CALIBRATED
+from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
 from tests.calibration.conftest import calibration
 

@@ -68,7 +68,7 @@ def test_a_calibrated_scene_s_covariance_counts(chair: Scenario) -> None:
 def test_an_error_of_the_monitor_s_place_displaces_the_image_as_far() -> None:
     hidden = (12, 15)
     chair = ps.load_scenario("chair", hidden, GIVEN)
-    pitch = float(np.linalg.norm(chair.patch_across[0]))
+    pitch = float(np.linalg.norm(chair.hidden.across[0]))
     A = ps.analytic_transport(chair)
     y, x = np.mgrid[:12, :15]
     blob = np.exp(-((y - 5.5) ** 2 + (x - 7) ** 2) / 8)[..., None] * np.array([1, 0.8, 0.5])

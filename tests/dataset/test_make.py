@@ -123,7 +123,7 @@ def rendered(monkeypatch):
     def render(path, scenario, *, seed, **_):
         calls.append(path.stem)
         picture = np.random.default_rng(seed).random((*scenario.photograph_shape, 3)) + 1
-        return ambient.Background(picture * scenario.wall_reflectance, 0.0, 0.0)
+        return ambient.Background(picture * scenario.view.reflectance, 0.0, 0.0)
 
     monkeypatch.setattr(ambient, "render_background", render)
     return calls

@@ -12,7 +12,7 @@ from tests.live.test_level import never
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
     frame = _frame_of(scene)
-    local = (scene.wall_points - frame.center) @ np.stack([frame.across, frame.up]).T
+    local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
     pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
     image, low, high = on_rectangle(local, pixels)
     np.testing.assert_array_equal(image[..., :3], pixels)
@@ -35,14 +35,14 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
     pictures = level().pictures(choice, never)
     scene, things = pictures.scenario, things_in(pictures)
     corners = np.array(things["monitor"]["corners"])  # lower left and right, upper left and right
-    centers = scene.patch_centers.reshape(*scene.hidden_shape, 3)
+    centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
     expected = centers[-1, 0], centers[-1, -1], centers[0, 0], centers[0, -1]
-    half = np.linalg.norm(scene.patch_across[0] + scene.patch_up[0]) / 2
+    half = np.linalg.norm(scene.hidden.across[0] + scene.hidden.up[0]) / 2
     np.testing.assert_allclose(np.linalg.norm(corners - expected, axis=1), half, rtol=1e-5)
     np.testing.assert_allclose(
-        np.mean(things["photograph"]["corners"], axis=0), scene.wall_points.mean(axis=0), atol=0.01
+        np.mean(things["photograph"]["corners"], axis=0), scene.view.centers.mean(axis=0), atol=0.01
     )
-    for shown, occluder in zip(things["occluders"], scene.occluders, strict=True):
+    for shown, occluder in zip(things["occluders"], scene.scene.occluders, strict=True):
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1
@@ -51,7 +51,7 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
 def test_the_first_view_sees_the_wall_from_its_front():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
     view = room_of(scene)["view"]
-    assert (np.subtract(view["eye"], scene.wall_points) @ _frame_of(scene).normal > 0).all()
+    assert (np.subtract(view["eye"], scene.view.centers) @ _frame_of(scene).normal > 0).all()
 
 
 def test_a_source_holds_the_image():

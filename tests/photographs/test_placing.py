@@ -23,7 +23,7 @@ def points(scenario):
     """Where the photograph shows pixels of the film, in a lattice."""
     row, column = np.indices(scenario.photograph_shape)[:, 2::7, 1::7].reshape(2, -1)
     on_film = np.stack([column, row], axis=1) + 0.5
-    positions = scenario.wall_points.reshape(*scenario.photograph_shape, 3)[row, column]
+    positions = scenario.view.centers.reshape(*scenario.photograph_shape, 3)[row, column]
     return WallPoints(SIDE * on_film + MARGIN, positions)
 
 

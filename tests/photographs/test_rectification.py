@@ -104,7 +104,7 @@ def photograph():
 def checkerboard(scenario):
     """The board averaged over the film's pixels in closed form, (rows, columns)."""
     rows, columns = scenario.photograph_shape
-    grid = scenario.wall_points.reshape(rows, columns, 3)
+    grid = scenario.view.centers.reshape(rows, columns, 3)
     across, up = grid[0, :, 0] - WALL[0] + WIDTH / 2, grid[:, 0, 2] - WALL[2] + HEIGHT / 2
     side = abs(across[1] - across[0])
 
@@ -171,8 +171,8 @@ def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(s
         points = clicked(20, seed, noise=0.3)
         on_wall = plane.coordinates(points.positions)[:, :2]
         view = fit_view(Marks.of_points(points.pixels, on_wall, [""] * 20), SIZE)
-        expected = seen(scenario.wall_points)
-        found = view.view.pixels_of(plane.coordinates(scenario.wall_points)[:, :2])
+        expected = seen(scenario.view.centers)
+        found = view.view.pixels_of(plane.coordinates(scenario.view.centers)[:, :2])
         off.append(np.sqrt(np.mean((found - expected) ** 2)))
     assert np.median(off) < 0.15
 
@@ -197,7 +197,7 @@ def test_saturated_light_and_what_a_mask_leaves_out_are_not_measured(photograph,
     assert masked.any() and not (found.mask & (masked | saturated)).any()
     assert np.isnan(found.values[~found.mask]).all() and np.isfinite(found.values[found.mask]).all()
     rows, columns = np.nonzero(found.mask)
-    on_film = scenario.wall_points.reshape(80, 120, 3)[rows, columns]
+    on_film = scenario.view.centers.reshape(80, 120, 3)[rows, columns]
     assert seen(on_film)[:, 0].min() > 250
 
 

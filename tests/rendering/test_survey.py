@@ -34,7 +34,7 @@ def test_share_of_the_monitor_is_that_of_rays_that_miss_the_box(room):
     scenario = room.load(room.cube(*CUBE), hidden=(9, 12), camera=room.camera((12, 12)))
     survey = Survey(scenario)
     points = np.array([(x, 1 - 1e-4, z) for x in (0.5, 0.65, 0.72, 1.3) for z in (0.2, 0.31, 0.5)])
-    targets = scenario.patch_centers
+    targets = scenario.hidden.centers
     expected = []
     for point in points:
         path = targets - point

@@ -174,7 +174,7 @@ import mitsuba  # which chooses no variant by itself
 import pickle, sys
 from pathlib import Path
 scene = pickle.loads(Path(sys.argv[1]).read_bytes())
-print(scene.at(occluder_dx=0.01).occluders[0].bounds[0, 0])
+print(scene.at(occluder_dx=0.01).scene.occluders[0].bounds[0, 0])
 """
 
 CHANGE_VARIANTS = """
@@ -197,7 +197,7 @@ def test_closed_forms_need_no_rays_and_rays_say_what_they_need(room, scalar):
 def test_unpickled_scene_moves_in_a_fresh_process(scalar, tmp_path):
     scene = ps.load_scenario("plate", (1, 1), {"resolution": 4})
     (tmp_path / "scene").write_bytes(pickle.dumps(scene))
-    moved = scene.at(occluder_dx=0.01).occluders[0].bounds[0, 0]
+    moved = scene.at(occluder_dx=0.01).scene.occluders[0].bounds[0, 0]
     assert float(scalar(MOVE_UNPICKLED, tmp_path / "scene")) == pytest.approx(moved)
 
 

@@ -21,7 +21,7 @@ from periscopy_sim.calibration.evidence import Matrix, SmoothImages
 from periscopy_sim.calibration.level import DEGREE, SPREAD
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.model.wall_gain import polynomials
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 OUTLINE = 1.0
 """Of half the evidence, a side of a cell: at Ising's critical 0.88 islands of any size are as

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
-from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.scenario import Array, Scenario, wall_frame
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
 
 Cells = NDArray[np.bool_]
 
@@ -36,8 +36,8 @@ class MaskPlane:
 
         A SceneError says that there can be no mask.
         """
-        wall = wall_frame(scenario.wall_points, scenario.wall_normals, scenario.photograph_shape)
-        points, monitor = _points(scenario, name), scenario.patch_centers.mean(axis=0)
+        wall, hidden = scenario.view.frame, scenario.hidden
+        points, monitor = _points(scenario, name), hidden.centers.mean(axis=0)
         ahead = (monitor - wall.center) / np.linalg.norm(monitor - wall.center)
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         normal = axes[2] * np.sign(axes[2] @ ahead)
@@ -50,7 +50,7 @@ class MaskPlane:
         plane = cls(corner, size[0] * axes[0], size[1] * axes[1])
         ends = plane.points(CORNERS)
         from_wall = (ends - wall.center) @ wall.normal
-        from_monitor = (ends - monitor) @ scenario.patch_normals.mean(axis=0)
+        from_monitor = (ends - monitor) @ hidden.normals.mean(axis=0)
         flat = sizes[2] <= SLENDER * sizes[1] and normal @ ahead > SLENDER
         if not (flat and min(*size[:2], *from_wall, *from_monitor) > 0):
             raise SceneError(
@@ -79,7 +79,7 @@ class MaskPlane:
         normal = np.cross(self.across, self.down)
         wall, monitor = (
             float((points.mean(axis=0) - self.corner) @ normal)
-            for points in (scenario.wall_points, scenario.patch_centers)
+            for points in (scenario.view.centers, scenario.hidden.centers)
         )
         return wall / (wall - monitor)
 
@@ -98,7 +98,7 @@ class MaskPlane:
 
         A SceneError says that there are fewer than two cells, or less than a pixel in each.
         """
-        grid = scenario.wall_points.reshape(*scenario.photograph_shape, 3)
+        grid = scenario.view.centers.reshape(*scenario.photograph_shape, 3)
         steps = [np.linalg.norm(np.diff(grid, axis=k), axis=2) for k in (0, 1) if grid.shape[k] > 1]
         pixel = (1 - self.fraction(scenario)) * max(float(step.mean()) for step in steps)
         if min(cells) < 1 or max(cells) < 2:
@@ -115,7 +115,7 @@ class MaskPlane:
 
 def _points(scenario: Scenario, name: str) -> Array:
     """Return points, (n, 3), about which the rectangle is drawn."""
-    occluders = {occluder.name: occluder for occluder in scenario.occluders}
+    occluders = {occluder.name: occluder for occluder in scenario.scene.occluders}
     if name not in occluders:
         listed = "the occluders are " + (", ".join(f"'{each}'" for each in occluders) or "none")
         hint = did_you_mean(name, occluders) or listed
@@ -123,9 +123,7 @@ def _points(scenario: Scenario, name: str) -> Array:
     vertices = occluders[name].vertices
     if vertices is not None:
         return vertices
-    nodes = SceneNodes(scenario.path, dict(scenario.parameters))
-    layout = nodes.layout()
-    plugin, to_world = layout.plugins[name], layout.places[name]
+    plugin, to_world = scenario.scene.plugins[name], scenario.scene.places[name]
     if plugin not in ("rectangle", "disk"):
         raise SceneError(f"scene '{scenario.path}': '{name}' is a {plugin}; make it a rectangle")
     return np.asarray((2 * CORNERS - 1) @ to_world[:3, :2].T + to_world[:3, 3])

@@ -9,7 +9,6 @@ circle, if the image has one colour and is as bright as dark.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +27,15 @@ from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import STARTS, UnknownImage, search
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.observation import Backgrounds, named
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, unwrapped
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
+from periscopy_sim.view import View
 
 FEW = 8
 """Cells of first descents along the longer side, at most: a letter F of 16 x 16 is found from 8 x
@@ -183,14 +184,12 @@ def _masked(
     hidden: tuple[int, int],
 ) -> tuple[Mask, Array]:
     """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
-    used = photograph.pixels
-    rows, columns = used.shape
-    finer = -(-LARGEST // max(rows, columns))
-    load = partial(load_scenario, scenario.path, hidden, scenario.parameters)
-    view, fine = (load(photograph=(n * rows, n * columns)) for n in (1, finer))
-    others = tuple(each for each in fine.occluders if each.name != name)
-    A = area_transport(replace(fine, occluders=others), finer)[used.ravel()]
-    shadows = CellShadows.of(A, view, plane, cells, used)
+    used, scene = photograph.pixels, scenario.scene
+    view, patches = View.of(scene, photograph.shape), Hidden.of_scene(scene, hidden)
+    fine = View.of(scene, photograph.shape, across=-(-LARGEST // max(photograph.shape)))
+    without = replace(fine.of_pixels(used), scene=scene.without(name))
+    A = area_transport(Scenario(without, patches))
+    shadows = CellShadows.of(A, Scenario(view, patches), plane, cells, used)
     if not shadows.light.any():
         raise SceneError(
             f"scene '{scenario.path}': occluder '{name}' casts no shadow of the monitor into what "

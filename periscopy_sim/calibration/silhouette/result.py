@@ -6,7 +6,7 @@ import numpy as np
 
 from periscopy_sim.calibration.silhouette.mask import opaque, usual_opacity
 from periscopy_sim.calibration.silhouette.plane import Cells, MaskPlane
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 UNDECIDED, DECIDED = (0.2, 0.8), 0.9
 """Opacities, over the usual one, between which a cell is neither opaque nor open, and the fraction

@@ -19,7 +19,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import literal
 from periscopy_sim.rendering.scene.mesh_formats import TriangleMesh, write_ply
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.scenario import CALIBRATED, SceneDocument
+from periscopy_sim.scene import CALIBRATED, SceneDocument
 
 _OWN = ("string", "float", "integer", "boolean", "point", "vector", "rgb", "spectrum")
 """Tags that are a shape's numbers; its place and its material are others."""

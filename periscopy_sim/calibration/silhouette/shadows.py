@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.scenario import Array, Scenario, pixel_edges
+from periscopy_sim.scenario import Scenario
 
 STEPS = 5.0
 """Rays that cross a cell, side by side, from the strata of a pixel or of a patch alone."""
@@ -44,12 +45,9 @@ class CellShadows:
         rows, offsets = plane.rows_of_projection()
         scale = np.array([cells[1], cells[0], 1.0])
         rows, offsets = scale[:, None] * rows, scale * offsets
-        points, shape = scenario.wall_points, scenario.photograph_shape
-        edges = pixel_edges(points, scenario.wall_normals, shape)
-        wall = np.concatenate([points[:, None], edges], axis=1)[used.ravel()]
-        monitor = np.stack(
-            [scenario.patch_centers, scenario.patch_across, scenario.patch_up], axis=1
-        )
+        view, hidden = scenario.view, scenario.hidden
+        wall = np.concatenate([view.centers[:, None], view.edges], axis=1)[used.ravel()]
+        monitor = np.stack([hidden.centers, hidden.across, hidden.up], axis=1)
         pixels, patches = wall @ rows.T, monitor @ rows.T
         pixels[:, 0] += offsets
         patches[:, 0] += offsets

@@ -29,7 +29,7 @@ from periscopy_sim.calibration.silhouette.mask import (
     opaque,
     usual_opacity,
 )
-from periscopy_sim.scenario import Array
+from periscopy_sim.numerics import Array
 
 ALLOWANCES, STEPS = (1e-1, 1e-2, 0.0), 30
 """Fractions τ of a descent, one after the other, and how many steps are taken with each. On two

@@ -8,8 +8,9 @@ from textwrap import wrap
 import numpy as np
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.survey import Solid, Survey
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 
 FARTHEST = 4.0
 """Times the size of camera, monitor and view, from their middle, up to which occluders that are
@@ -36,7 +37,7 @@ class RoomPlan:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.survey = scenario, Survey(scenario)
         survey = self.survey
-        normal = scenario.wall_normals.mean(axis=0)
+        normal = scenario.view.center_normals.mean(axis=0)
         self.normal: Array = normal / np.linalg.norm(normal)
         self.middle, self.eye = survey.view_points[4], survey.view_origins[4]
         depth = int(np.argmax(np.abs(normal[:2])))
@@ -105,10 +106,10 @@ def facts(layout: RoomPlan) -> list[str]:
         where = f"{in_words(away)} from the wall along its line of sight"
         aim = f" ({turn_and_tilt(-sight, -normal)})"
     rows, columns = scenario.hidden_shape
-    across = columns * np.linalg.norm(scenario.patch_across, axis=1).mean()
-    up = rows * np.linalg.norm(scenario.patch_up, axis=1).mean()
-    before = float((scenario.patch_centers.mean(axis=0) - layout.middle) @ normal)
-    facing = turn_and_tilt(scenario.patch_normals.mean(axis=0), -normal)
+    across = columns * np.linalg.norm(scenario.hidden.across, axis=1).mean()
+    up = rows * np.linalg.norm(scenario.hidden.up, axis=1).mean()
+    before = float((scenario.hidden.centers.mean(axis=0) - layout.middle) @ normal)
+    facing = turn_and_tilt(scenario.hidden.normals.mean(axis=0), -normal)
     lines = [
         f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees "
         f"{in_words((sides[0] + sides[2]) / 2)} x {in_words((sides[1] + sides[3]) / 2)} of it.",

@@ -15,7 +15,8 @@ from periscopy_sim.figures.laboratory.geometry import (
     hull,
 )
 from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
 
 if TYPE_CHECKING:
     from periscopy_sim.figures.style import Figure
@@ -167,7 +168,7 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     ax.add_patch(Polygon(monitor, facecolor=MONITOR, edgecolor=MONITOR, linewidth=2.4, zorder=6))
     labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.sum(labels.high - labels.low))
-    screen, facing = scenario.patch_centers.mean(axis=0), scenario.patch_normals.mean(axis=0)
+    screen, facing = scenario.hidden.centers.mean(axis=0), scenario.hidden.normals.mean(axis=0)
     shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
     for start, direction, colour in (
         (screen, size * facing, MONITOR), (middle, size * normal, "0.45"), (eye, shortened, VIEWED)
@@ -206,7 +207,7 @@ def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
     slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
     grid[..., d] = middle[d] - slope / normal[d]  # (point - middle)·normal = 0
     points = grid.reshape(-1, 3) + 1e-4 * normal  # metres ahead, so that the wall hides nothing
-    share = layout.survey.lit_share(points, layout.scenario.patch_centers)
+    share = layout.survey.lit_share(points, layout.scenario.hidden.centers)
     return share.reshape(len(z), len(x))
 
 

@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
-from periscopy_sim.rendering.scene.load import camera_of, shape_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_media
-from periscopy_sim.rendering.scene.wall import map_points
+from periscopy_sim.rendering.scene.wall import camera_of, map_points, shape_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
-from periscopy_sim.scenario import LIFT, Array, Scenario, WallFrame, pixel_edges, rises, wall_frame
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
+from periscopy_sim.view import LIFT, View, WallFrame, pixel_edges, rises, wall_frame
 
 RAYS = 256
 """Rays from each of them in a round."""
@@ -118,14 +119,15 @@ def render_background(
         The target was not reached within `max_rounds`.
     """
     require_vectorized("ambient light")
-    if scenario.wall_reflectance is None:
+    view = scenario.view
+    if view.reflectance is None:
         raise SceneError(
             f"scene '{scenario.path}': ambient light needs a diffuse wall; give the wall a BSDF of "
             "type diffuse"
         )
     path = find_scene(path)
-    scene, points, normals = placed_in(path, scenario, parameters)
-    parts = _parts(scene, points, normals, scenario.photograph_shape)
+    scene, points, normals = placed_in(path, view, parameters)
+    parts = _parts(scene, points, normals, view.shape)
     states = (np.random.SeedSequence([seed, k]).generate_state(1) for k in itertools.count())
     seeds = (int(state[0]) for state in states)
     with threadpool_limits(1):  # the last bits follow the number of threads
@@ -142,8 +144,8 @@ def render_background(
             RuntimeWarning,
             stacklevel=2,
         )
-    picture = irradiance * scenario.wall_reflectance / np.pi
-    return Background(picture.reshape(*scenario.photograph_shape, 3), *errors)
+    picture = irradiance * view.reflectance / np.pi
+    return Background(picture.reshape(*view.shape, 3), *errors)
 
 
 @dataclass(eq=False)
@@ -243,9 +245,9 @@ def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]
 
 
 def placed_in(
-    path: Path, scenario: Scenario, parameters: Mapping[str, str] | None
+    path: Path, seen: View, parameters: Mapping[str, str] | None
 ) -> tuple[Any, Array, Array]:
-    """Return an ambient scene, and a scenario's wall points and normals, (M, 3), moved into it.
+    """Return an ambient scene, and a view's points and normals, (M, 3), moved into it.
 
     A SceneError says that it has no light or a medium, or its camera does not see its wall.
     """
@@ -256,15 +258,14 @@ def placed_in(
     if not scene.emitters():
         raise SceneError(f"scene '{path}' has no emitter; give it light")
     view, lift, half = _view_of(scene, path)
-    points, normals, shape = scenario.wall_points, scenario.wall_normals, scenario.photograph_shape
-    own = wall_frame(points, normals, shape)
+    points, normals, own = seen.centers, seen.center_normals, seen.frame
     offsets, sides = points - own.center, np.stack([own.across, own.up], axis=1)
-    edges = pixel_edges(points, normals, shape) @ sides
+    edges = seen.edges @ sides
     reach = (np.abs(offsets @ sides) + np.abs(edges).sum(axis=1) / 2).max(axis=0)
     scale = float(f"{(half / reach).min():.4g}")  # rounded: the points are of single precision
     axes, axes_there = ([each.across, each.normal, each.up] for each in (own, view))
     turn = np.transpose(axes) @ np.array(axes_there)
-    height = np.maximum(lift, scale * rises(points, normals, shape))
+    height = np.maximum(lift, scale * rises(points, normals, seen.shape))
     # A wall that bends lies on the place's wall by its lowest point.
     lowest = lift * np.round(scale * (offsets @ own.normal).min() / lift)
     lifted = scale * offsets - lowest * own.normal + height[:, np.newaxis] * normals

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.variant import dr, mi
-from periscopy_sim.scenario import Array
 
 SPLIT = 4
 """Paths that go on from what a ray first meets: in a room with windows nine tenths of what a path

@@ -23,7 +23,7 @@ from periscopy_sim.errors import SceneError, printable
 from periscopy_sim.numerics.limits import MOST_PIXELS, SMALLEST, number_of, read_regular
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.rendering.variant import one_line
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scene import SceneDocument
 
 TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat",
         "scale", "float", "shape", "sensor")  # fmt: skip

@@ -1,9 +1,8 @@
-"""A Mitsuba scene as a Scenario, or what it lacks for that."""
+"""A Mitsuba scene as a `Scene`, what its camera sees and its hidden surfaces, or what it lacks."""
 
 import operator
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.motion import LoadedScene
+from periscopy_sim.hidden import FLAT, Hidden, Size, Surface
+from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.motion import motions_between, moved_occluder
 from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
-from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
-from periscopy_sim.rendering.variant import without_warnings
-from periscopy_sim.scenario import Array, Occluder, Scenario, corners
+from periscopy_sim.rendering.scene.wall import (
+    camera_of,
+    map_points,
+    seen_wall,
+    shape_of,
+    surface_at,
+)
+from periscopy_sim.rendering.variant import mi, without_warnings
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
-
-FARTHEST = 1e3
-"""Distance from the origin over the longer side of what the camera sees of the wall: there single
-precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograph."""
+from periscopy_sim.view import View, moved_points
 
 MOST_PIXELS = 1 << 22
 """Of a photograph: each is a row of A, and takes some 200 bytes before that."""
@@ -42,7 +47,7 @@ def load_scenario(
 ) -> Scenario:
     """Return the scenario of a scene that keeps the id contract.
 
-    It has shapes ``wall`` and ``monitor`` and a sensor ``camera``. The wall points are where the
+    It has shapes ``wall`` and ``monitor`` and a sensor ``camera``. The view's points are where the
     camera's own rays through the pixels' centres meet the wall, so any sensor serves; the patches
     are an R x C grid in the monitor's UV square, so any shape with a UV parametrization serves.
 
@@ -75,90 +80,163 @@ def load_scenario(
         monitor faces away or shines outside of its UV square, a shape lets light through or holds a
         participating medium, or the hidden size is not possible.
     """
-    values = {name: str(value) for name, value in (parameters or {}).items()}
     rows, columns = map(operator.index, hidden)
-    return _load(SceneNodes(find_scene(path), values), (rows, columns), photograph)
+    scene = load_scene(path, parameters)
+    view = View.of(scene, photograph)
+    if min(rows, columns) < 1 or rows * columns > len(view.points):
+        size = "{}x{}".format(*view.shape)
+        raise SceneError(
+            f"{rows}x{columns} hidden patches: give from 1x1 to as many as the film's {size} "
+            "pixels, or give the scene's film more pixels"
+        )
+    return Scenario(view, Hidden.of_scene(scene, (rows, columns)))
 
 
-def _load(
-    nodes: SceneNodes, hidden: tuple[int, int], photograph: tuple[int, int] | None
-) -> Scenario:
-    """Return the scenario of a scene's nodes; see `load_scenario`."""
-    path, layout = nodes.path, nodes.layout()
-    nodes.show(None)
-    nodes.average_pixels()
-    check_nodes(nodes)
-    # Instantiating consumes the nodes.
-    emission, material = nodes.emission_profile(), nodes.wall_material()
-    lights = nodes.other_lights()
-    scene = nodes.instantiate()
-    shapes = {shape.id(): shape for shape in scene.shapes()}
-    pixels = _photograph_size(scene, photograph, hidden, path)
-    where = f"scene '{path}'"
-    wall, *rays = seen_wall(scene, camera_of(scene), shapes["wall"], pixels, where, material)
-    patches = _patches(shapes["monitor"], hidden, path)
-    boxes = {name: _box(shape, path) for name, shape in shapes.items()}
-    bodies = {name: _occluder(shape, layout, boxes[name]) for name, shape in shapes.items()}
-    ends, vertices = corners(boxes.pop("wall")), bodies["wall"].vertices
-    ends = ends if vertices is None else vertices
-    ahead = (ends - wall["wall_points"].mean(axis=0)) @ wall["wall_normals"].mean(axis=0)
-    scenario = Scenario(
-        document=nodes.document,
-        photograph_shape=pixels,
-        hidden_shape=hidden,
-        **wall,
-        **patches,
-        emission=emission,
-        occluders=tuple(body for name, body in bodies.items() if name not in ("wall", "monitor")),
-        wall_relief=float(max(0.0, ahead.max())),
-        lights=lights,
-    )
-    _check_places(scenario)
-    origins, directions = (each.astype(np.float32) for each in rays)
-    loaded = LoadedScene(scenario, layout, origins, directions, boxes)
-    return replace(scenario, loader=partial(_at, loaded, photograph))
+def load_scene(path: str | Path, parameters: Mapping[str, str | float] | None = None) -> Scene:
+    """Return the scene of a file that keeps the id contract; see `load_scenario`."""
+    values = {name: str(value) for name, value in (parameters or {}).items()}
+    return SceneLoader(SceneNodes(find_scene(path), values)).scene
 
 
-def _at(
-    loaded: LoadedScene, photograph: tuple[int, int] | None, values: Mapping[str, str]
-) -> Scenario:
-    """Return a loaded scene's scenario at other values, loaded anew where that takes rays."""
-    nodes = SceneNodes(loaded.scenario.path, values)
-    moved = loaded.at(nodes)
-    if moved is None:
-        return _load(nodes, loaded.scenario.hidden_shape, photograph)
-    _check_places(moved)
-    return replace(moved, loader=partial(_at, loaded, photograph))
+class SceneLoader:
+    """A scene file that was loaded, once: what Mitsuba knows of it.
+
+    Views and hidden surfaces of a scene at other values are those of the loaded one, moved.
+    """
+
+    def __init__(self, nodes: SceneNodes) -> None:
+        self.layout, self._path = nodes.layout(), nodes.path
+        nodes.show(None)
+        nodes.average_pixels()
+        check_nodes(nodes)
+        # Instantiating consumes the nodes.
+        emission, lights = {FLAT: nodes.emission_profile()}, nodes.other_lights()
+        self._material = nodes.wall_material()
+        self._built = mi.variant(), nodes.instantiate()
+        shapes = {shape.id(): shape for shape in self._built[1].shapes()}
+        boxes = {name: _box(shape, nodes.path) for name, shape in shapes.items()}
+        bodies = {n: _occluder(shape, self.layout, boxes[n]) for n, shape in shapes.items()}
+        wall = bodies.pop("wall").vertices
+        self._wall = corners(boxes["wall"]) if wall is None else wall
+        self._views: dict[tuple[Size | None, int], View] = {}
+        self._hidden: dict[Size, Hidden] = {}
+        self.scene = Scene(
+            document=nodes.document,
+            places=self.layout.places,
+            plugins=self.layout.plugins,
+            boxes={name: corners(box) for name, box in boxes.items() if name != "wall"},
+            occluders=tuple(body for name, body in bodies.items() if name not in emission),
+            emission=emission,
+            lights=lights,
+            source=self,
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out Mitsuba's objects, which cannot be pickled: a copy loads the file anew."""
+        return self.__dict__ | {"layout": SceneLayout({}, {}, []), "_built": (None, None)}
+
+    def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
+        """Return a scene at other values, moved where that suffices, else loaded anew."""
+        nodes = SceneNodes(self._path, values)
+        layout = nodes.layout()
+        motions = motions_between(self.layout, layout, scene.occluders)
+        if motions is None:
+            return SceneLoader(nodes).scene
+        boxes = {n: _moved(box, motions.get(n)) for n, box in self.scene.boxes.items()}
+        return replace(
+            self.scene,
+            document=nodes.document,
+            places=layout.places,
+            boxes=boxes,
+            occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
+            emission={FLAT: nodes.emission_profile()},
+        )
+
+    def view(self, scene: Scene, shape: Size | None, across: int) -> View:
+        """Return what a scene's camera sees of its wall; see `View.of`."""
+        key = shape, across
+        if key not in self._views:
+            self._views[key] = self._seen(*key)
+        moved = self._views[key].moved(scene, self._motions(scene))
+        if moved is not None:
+            return moved
+        return View.of(load_scene(self._path, scene.parameters), shape, across=across)
+
+    def hidden(self, scene: Scene, size: Size) -> Hidden:
+        """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
+        if size not in self._hidden:
+            monitor = shape_of(self.built(self.scene), FLAT)
+            self._hidden[size] = Hidden({FLAT: _surface(monitor, size, self._path)})
+        return self._hidden[size].moved(self._motions(scene))
+
+    def built(self, scene: Scene) -> Any:
+        """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
+        variant, built = self._built
+        if variant == mi.variant() and scene.parameters == self.scene.parameters:
+            return built
+        return _instantiated(scene)
+
+    def _seen(self, shape: Size | None, across: int) -> View:
+        built, where = self.built(self.scene), f"scene '{self._path}'"
+        columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
+        if not 1 <= rows * columns <= MOST_PIXELS:
+            raise SceneError(
+                f"{where}: the camera's film has {rows}x{columns} pixels; give it "
+                f"from 1 to {MOST_PIXELS}"
+            )
+        seen = seen_wall(built, (rows, columns), across, where, self._material)
+        # How far the wall's shape reaches ahead of the plane that is seen.
+        points, normals = (seen[name].reshape(-1, 3) for name in ("points", "normals"))
+        ahead = (self._wall - points.mean(axis=0)) @ normals.mean(axis=0)
+        relief = float(max(0.0, ahead.max()))
+        return View(self.scene, (rows, columns), **seen, relief=relief, is_cut=shape is not None)
+
+    def _motions(self, scene: Scene) -> dict[str, Array]:
+        """Return the motions, (4, 4), from the loaded scene to another of its values, by id."""
+        before = self.scene.places
+        return {
+            name: place @ np.linalg.inv(before[name])
+            for name, place in scene.places.items()
+            if not np.array_equal(place, before[name])
+        }
+
+
+def _moved(points: Array, motion: Array | None) -> Array:
+    return points if motion is None else moved_points(points, motion)
 
 
 def build_scene(
-    scenario: Scenario,
+    scene: Scene,
     image: NDArray[np.floating[Any]] | None = None,
+    mirrored: bool = False,
     *,
     only_monitor: bool = False,
 ) -> Any:
-    """Instantiate the Mitsuba scene of a scenario whose monitor shows an image, or white.
+    """Return the Mitsuba scene of a scene whose monitor shows an image, or white.
 
-    The image is (R, C, 3) linear radiance along the normal, of any R and C. `only_monitor` removes
-    every other emitter. Pixels are averaged over their own area (box filter).
+    The image is (R, C, 3) linear radiance along the normal, of any R and C; `mirrored` as that of
+    the `Surface`. `only_monitor` removes every other emitter. Pixels are averaged over their own
+    area (box filter).
     """
-    nodes = SceneNodes(scenario.path, dict(scenario.parameters))
-    nodes.show(image, scenario.mirrored)
+    if image is None and not only_monitor and scene.source is not None:
+        return scene.source.built(scene)
+    return _instantiated(scene, image, mirrored, only_monitor=only_monitor)
+
+
+def _instantiated(
+    scene: Scene,
+    image: NDArray[np.floating[Any]] | None = None,
+    mirrored: bool = False,
+    *,
+    only_monitor: bool = False,
+) -> Any:
+    nodes = SceneNodes(scene.path, dict(scene.parameters))
+    nodes.show(image, mirrored)
     nodes.average_pixels()
     if only_monitor:
         nodes.darken()
-    with without_warnings():  # which came when the scenario was loaded
+    with without_warnings():  # which came when the scene was loaded
         return nodes.instantiate()
-
-
-def camera_of(scene: Any) -> Any:
-    """Return the sensor ``camera`` of a Mitsuba scene."""
-    return next(sensor for sensor in scene.sensors() if sensor.id() == "camera")
-
-
-def shape_of(scene: Any, name: str) -> Any:
-    """Return a shape of a Mitsuba scene by its id."""
-    return next(shape for shape in scene.shapes() if shape.id() == name)
 
 
 def patch_uv(
@@ -175,27 +253,9 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _photograph_size(
-    scene: Any, asked: tuple[int, int] | None, hidden: tuple[int, int], path: Path
-) -> tuple[int, int]:
-    """Return (rows, columns) as asked, or else of the film; reject too many, or too few."""
-    columns, rows = map(int, asked[::-1] if asked else camera_of(scene).film().crop_size())
-    if not 1 <= rows * columns <= MOST_PIXELS:
-        raise SceneError(
-            f"scene '{path}': the camera's film has {rows}x{columns} pixels; give it "
-            f"from 1 to {MOST_PIXELS}"
-        )
-    if min(hidden) < 1 or hidden[0] * hidden[1] > rows * columns:
-        raise SceneError(
-            f"{hidden[0]}x{hidden[1]} hidden patches: give from 1x1 to as many as the film's "
-            f"{rows}x{columns} pixels, or give the scene's film more pixels"
-        )
-    return rows, columns
-
-
-def _patches(monitor: Any, hidden: tuple[int, int], path: Path) -> dict[str, Any]:
-    """Return what a `Scenario` has of its patches, by the names of its fields."""
-    rows, columns = hidden
+def _surface(monitor: Any, size: Size, path: Path) -> Surface:
+    """Return a hidden surface in patches, (R, C)."""
+    rows, columns = size
 
     def locate(uv: Any) -> tuple[Any, ...]:
         si = surface_at(monitor, uv)
@@ -214,41 +274,14 @@ def _patches(monitor: Any, hidden: tuple[int, int], path: Path) -> dict[str, Any
     check_monitor(monitor, path)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
-    u, v = patch_uv(row, column, hidden, mirrored, (0.5, 0.5))
+    u, v = patch_uv(row, column, size, mirrored, (0.5, 0.5))
     centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
     if not valid.all():
         raise SceneError(
             f"scene '{path}': the monitor's UV coordinates do not cover the unit square"
         )
-    return {
-        "patch_centers": centers,
-        "patch_normals": normals,
-        "patch_across": (-du if mirrored else du) / columns,
-        "patch_up": dv / rows,
-        "mirrored": mirrored,
-    }
-
-
-def _check_places(scenario: Scenario) -> None:
-    """Check that single precision resolves the scene, and that some patch and some pixel face."""
-    points, normals = scenario.wall_points, scenario.wall_normals
-    grid = points.reshape(*scenario.photograph_shape, 3)
-    sides = [np.ptp(grid, axis=axis).max() for axis in (0, 1) if grid.shape[axis] > 1]
-    far = np.abs(np.concatenate([points, scenario.patch_centers])).max()
-    if sides and (far > FARTHEST * max(sides) or 0 in sides):
-        raise SceneError(
-            f"scene '{scenario.path}': wall or monitor are {far:.3g} from the origin, and the "
-            f"camera sees {max(sides):.3g} of the wall, which single precision does not resolve; "
-            "move all to the origin, or widen the camera's view"
-        )
-    for center, normal in zip(scenario.patch_centers, scenario.patch_normals, strict=True):
-        way = center - points
-        if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():
-            return
-    raise SceneError(
-        f"scene '{scenario.path}': the monitor faces away from the wall, or is behind it; turn it "
-        "round, flip its normals (flip_normals), or move it"
-    )
+    across = (-du if mirrored else du) / columns
+    return Surface(size, centers, normals, across, dv / rows, mirrored)
 
 
 def _box(shape: Any, path: Path) -> Array:

@@ -1,141 +1,48 @@
-"""A loaded scene at other values of its parameters, as far as no ray is needed to know it.
+"""How the shapes and sensors of a scene moved with its parameters, where all else stayed.
 
 Most parameters move, turn or stretch: they change the ``to_world`` matrices of shapes and of the
-camera from M to M'. The arrays of the loaded scene then move by M' M^-1, and the camera's rays meet
-the wall's plane elsewhere. This is exact while the wall is a plain rectangle and no shape comes
-near the camera's view of it.
+camera from M to M'. The arrays of the loaded scene then move by M' M^-1.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
-from periscopy_sim.scenario import Array, Occluder, Scenario, corners
+from periscopy_sim.hidden import FLAT
+from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.nodes import SceneLayout
+from periscopy_sim.scene import Occluder
+from periscopy_sim.view import moved_points
 
 CAMERAS = "orthographic", "perspective"
 """Sensors whose rays through the picture's corners enclose all others."""
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedScene:
-    """A scenario, and what else Mitsuba knew of its scene when it was loaded."""
-
-    scenario: Scenario
-    layout: SceneLayout
-    origins: NDArray[np.float32]  # (M, 3) of the rays through the pixels' centres
-    directions: NDArray[np.float32]  # (M, 3)
-    boxes: Mapping[str, Array]  # (2, 3) lower and upper corner about each shape but the wall
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's nodes, which cannot be pickled: a copy traces rays."""
-        return self.__dict__ | {"layout": SceneLayout({}, {}, [])}
-
-    def at(self, nodes: SceneNodes) -> Scenario | None:
-        """Return the scenario of the same file's nodes at other values; None if that takes rays."""
-        layout = nodes.layout()
-        motions = self._motions(layout)
-        if motions is None:
-            return None
-        moved = replace(
-            self.scenario,
-            document=nodes.document,
-            emission=nodes.emission_profile(),
-            occluders=tuple(
-                _moved_occluder(each, motions[each.name]) if each.name in motions else each
-                for each in self.scenario.occluders
-            ),
-        )
-        if "monitor" in motions:
-            moved = _with_moved_monitor(moved, motions["monitor"])
-        if motions.keys() & {"camera", "wall"}:
-            met = self._met_wall(layout.places["wall"], motions.get("camera", np.eye(4)))
-            if met is None:
+def motions_between(
+    before: SceneLayout, after: SceneLayout, occluders: Collection[Occluder]
+) -> dict[str, Array] | None:
+    """Return the motion, (4, 4), of each thing that moved; None if more than these differs."""
+    if after.rest != before.rest or after.places.keys() != before.places.keys():
+        return None
+    motions = {}
+    for name, place in after.places.items():
+        if not np.array_equal(place, before.places[name]):
+            if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
                 return None
-            moved = replace(moved, wall_points=met[0], wall_normals=met[1])
-        return moved if not motions or self._is_wall_in_view(moved.wall_points, motions) else None
-
-    def _motions(self, layout: SceneLayout) -> dict[str, Array] | None:
-        """Return the motion, (4, 4), of each thing that moved; None if more than these differs."""
-        before, plugins = self.layout, layout.plugins
-        if layout.rest != before.rest or layout.places.keys() != before.places.keys():
-            return None
-        motions = {}
-        for name, place in layout.places.items():
-            if not np.array_equal(place, before.places[name]):
-                if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
-                    return None
-                motions[name] = place @ np.linalg.inv(before.places[name])
-        movable = {each.name for each in self.scenario.occluders if each.vertices is not None}
-        movable.add("monitor")
-        if plugins["wall"] == "rectangle":
-            movable |= {"camera", "wall"}
-        if motions and not (plugins["camera"] in CAMERAS and motions.keys() <= movable):
-            return None
-        return motions
-
-    def _met_wall(self, place: Array, camera: Array) -> tuple[Array, Array] | None:
-        """Return the points, (M, 3), where a moved camera sees a moved wall, and its normals there.
-
-        None if a ray misses the wall or meets its other side.
-        """
-        origins, directions = _moved(self.origins, camera), self.directions @ camera[:3, :3].T
-        normal, before = _front(place), _front(self.layout.places["wall"])
-        ahead = directions @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (place[:3, 3] - origins) @ normal / ahead
-            points = origins + distance[:, None] * directions
-            to_square = np.asarray(np.linalg.inv(place), np.float64)
-            inside = np.abs(_moved(points, to_square)[:, :2]) <= 1
-        if not (
-            inside.all() and (distance > 0).all() and (ahead * (self.directions @ before) > 0).all()
-        ):
-            return None
-        return points, -np.sign(ahead)[:, None] * normal
-
-    def _is_wall_in_view(self, points: Array, motions: Mapping[str, Array]) -> bool:
-        """Return whether planes separate all boxes from the camera's view of the wall."""
-        rows, columns = self.scenario.photograph_shape
-        ends = [0, columns - 1, rows * columns - 1, (rows - 1) * columns]
-        seen = points[ends]
-        eyes = _moved(self.origins[ends], motions.get("camera", np.eye(4)))
-        sides = np.cross(np.roll(seen, -1, axis=0) - seen, eyes - seen)
-        planes = np.concatenate([np.eye(3), sides, [(seen - eyes).sum(axis=0)]]).T
-        view = np.concatenate([seen, eyes]) @ planes
-        moved = [_moved(corners(b), motions.get(name, np.eye(4))) for name, b in self.boxes.items()]
-        boxes = np.stack(moved) @ planes
-        beside = (boxes.min(axis=1) > view.max(axis=0)) | (boxes.max(axis=1) < view.min(axis=0))
-        return bool(beside.any(axis=1).all())
+            motions[name] = place @ np.linalg.inv(before.places[name])
+    movable = {each.name for each in occluders if each.vertices is not None} | {FLAT}
+    if after.plugins["wall"] == "rectangle":
+        movable |= {"camera", "wall"}
+    if motions and not (after.plugins["camera"] in CAMERAS and motions.keys() <= movable):
+        return None
+    return motions
 
 
-def _moved(points: NDArray[np.floating[Any]], motion: Array) -> Array:
-    """Return points, (n, 3), moved by a matrix, (4, 4)."""
-    return points @ motion[:3, :3].T + motion[:3, 3]
-
-
-def _front(place: Array) -> Array:
-    """Return the unit normal of a rectangle."""
-    normal = np.cross(place[:3, 0], place[:3, 1])
-    return normal / np.linalg.norm(normal)
-
-
-def _moved_occluder(occluder: Occluder, motion: Array) -> Occluder:
-    assert occluder.vertices is not None
-    vertices = _moved(occluder.vertices, motion)
+def moved_occluder(occluder: Occluder, motions: Mapping[str, Array]) -> Occluder:
+    """Return an occluder, moved if there is a motion of its name."""
+    if occluder.name not in motions or occluder.vertices is None:
+        return occluder
+    vertices = moved_points(occluder.vertices, motions[occluder.name])
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     return replace(occluder, vertices=vertices, bounds=bounds)
-
-
-def _with_moved_monitor(scenario: Scenario, motion: Array) -> Scenario:
-    linear = motion[:3, :3]
-    normals = scenario.patch_normals @ np.linalg.inv(linear)
-    return replace(
-        scenario,
-        patch_centers=_moved(scenario.patch_centers, motion),
-        patch_normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        patch_across=scenario.patch_across @ linear.T,
-        patch_up=scenario.patch_up @ linear.T,
-    )

@@ -21,7 +21,7 @@ from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import file_of, read_document
 from periscopy_sim.rendering.variant import mi, one_line
-from periscopy_sim.scenario import EmissionProfile, SceneDocument
+from periscopy_sim.scene import EmissionProfile, SceneDocument
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""

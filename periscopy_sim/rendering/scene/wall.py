@@ -5,10 +5,11 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.variant import dr, is_vectorized, mi, one_line
-from periscopy_sim.scenario import Array
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 """Directions about the wall's normal in which its colour is looked at, too."""
@@ -19,41 +20,45 @@ single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 
 def seen_wall(
-    scene: Any, camera: Any, wall: Any, pixels: tuple[int, int], where: str, material: str
-) -> tuple[dict[str, Any], Array, Array]:
-    """Return what a `Scenario` has of the wall that its camera sees, by the names of its fields.
+    scene: Any, shape: tuple[int, int], across: int, where: str, material: str
+) -> dict[str, Any]:
+    """Return what a `View` has of the wall that its camera sees, by the names of its fields.
 
-    Then the origins and directions, (M, 3), of the rays by which the pixels see it. `where` and
-    `material` are for messages: a wall that cannot be treated is a SceneError.
+    `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
     """
+    camera, wall, what = (
+        camera_of(scene),
+        shape_of(scene, "wall"),
+        f"{where}: the wall ({material})",
+    )
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
-            f"{where}: the wall ({material}) reflects as a mirror does, in part or "
-            "entirely; use a rough material, such as diffuse or roughplastic"
+            f"{what} reflects as a mirror does, in part or entirely; use a rough material, such "
+            "as diffuse or roughplastic"
         )
     if camera.needs_aperture_sample():
         raise SceneError(
             f"{where}: the camera has a lens that blurs; give one in focus, of type perspective"
         )
-    rows, columns = pixels
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    film = np.stack([(column + 0.5) / columns, (row + 0.5) / rows], axis=1)
+    rows, columns = shape
+    film = pixel_places(np.arange(rows * columns), shape, across).reshape(-1, 2)
     meet = _meet(scene, camera, wall)
     try:
         origins, directions, points, normals, shading, hit, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
         raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
     if not hit.all():
-        first = int(np.flatnonzero(~hit[:, 0].astype(bool))[0])
+        missed = ~hit.reshape(rows * columns, -1).astype(bool).all(axis=1)
+        first = int(np.flatnonzero(missed)[0])
         raise SceneError(
-            f"{where}: {int((hit == 0).sum())} of {hit.size} camera pixels miss the wall, the first"
+            f"{where}: {missed.sum()} of {missed.size} camera pixels miss the wall, the first"
             f" at row {first // columns}, column {first % columns}; move the camera, its film or "
             "what stands between it and the wall"
         )
     # At the pixels' centres alone a wallpaper could look plain.
-    aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows)
+    aside = np.random.default_rng(0).uniform(-0.5, 0.5, film.shape) / (columns, rows) / across
     hit_aside, color_aside = map_points(lambda at: itemgetter(5, 7)(meet(at)), film + aside)
-    _check_reflection(colors, color_aside[hit_aside[:, 0] != 0], where, material)
+    _check_reflection(colors, color_aside[hit_aside[:, 0] != 0], what)
     albedo = colors[1].mean(axis=0)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
@@ -62,14 +67,39 @@ def seen_wall(
     # By the cosine law, of a diffuse wall, a slope's cosine is all that it reflects less.
     cosine = SLOPES[0][2]
     fall = np.abs(np.array(colors[2:]) / cosine - colors[1]).max()
-    reflectance = np.pi * albedo if fall <= UNIFORM * colors[1].max() else None
-    seen = {
-        "wall_points": points,
-        "wall_normals": normals,
-        "wall_reflectance": reflectance,
+    diffuse = fall <= UNIFORM * colors[1].max()
+    outer = np.array([0, across - 1, across**2 - 1, across**2 - across])
+    ends = np.array([0, columns - 1, rows * columns - 1, (rows - 1) * columns]) * across**2 + outer
+    return {
+        "points": points.reshape(rows * columns, -1, 3),
+        "normals": normals.reshape(rows * columns, -1, 3),
+        "rays": np.stack([origins, directions]),
+        "corners": np.stack([origins[ends], points[ends]]),
+        "reflectance": np.pi * albedo if diffuse else None,
         "channel_gain": albedo / albedo.mean(),
     }
-    return seen, origins, directions
+
+
+def camera_of(scene: Any) -> Any:
+    """Return the sensor ``camera`` of a Mitsuba scene."""
+    return next(sensor for sensor in scene.sensors() if sensor.id() == "camera")
+
+
+def shape_of(scene: Any, name: str) -> Any:
+    """Return a shape of a Mitsuba scene by its id."""
+    return next(shape for shape in scene.shapes() if shape.id() == name)
+
+
+def pixel_places(
+    pixels: NDArray[np.integer[Any]], shape: tuple[int, int], across: int
+) -> NDArray[np.float64]:
+    """Return places on the film, (P, across², 2), x and y from 0 to 1, of the points in pixels.
+
+    They are the middles of strata, and the pixels (P,) row-major numbers.
+    """
+    within = np.indices((across, across)).reshape(2, -1) + 0.5
+    down, along = np.stack(np.divmod(pixels, shape[1]))[..., None] + within[:, None] / across
+    return np.stack([along / shape[1], down / shape[0]], axis=-1)
 
 
 def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
@@ -93,13 +123,13 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
     return meet
 
 
-def _check_reflection(colors: list[Array], aside: Array, where: str, material: str) -> None:
+def _check_reflection(colors: list[Array], aside: Array, what: str) -> None:
     """Reject a wall without reflection, or whose colour changes with direction or place."""
     facing, color, *tilted = colors
     if not (np.isfinite(facing + color).all() and facing.any()):
         raise SceneError(
-            f"{where}: the wall ({material}) reflects nothing to the camera, or no finite number; "
-            "turn its front to the camera or make it two-sided"
+            f"{what} reflects nothing to the camera, or no finite number; turn its front to the "
+            "camera or make it two-sided"
         )
     # What the wall reflects sideways, over what it reflects along the normal, is one number.
     slanted = np.array(tilted)
@@ -108,8 +138,8 @@ def _check_reflection(colors: list[Array], aside: Array, where: str, material: s
         np.ptp(np.concatenate([color, aside]), axis=0) > UNIFORM * color.max()
     ).any():
         raise SceneError(
-            f"{where}: the wall's reflection ({material}) changes from place to place, or its "
-            "colour with direction; give it one material without a texture"
+            f"{what} reflects differently from place to place, or in another colour with "
+            "direction; give it one material without a texture"
         )
 
 

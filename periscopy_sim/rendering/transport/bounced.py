@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
-from periscopy_sim.rendering.scene.load import build_scene, camera_of, shape_of
+from periscopy_sim.rendering.scene.load import build_scene
+from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
-from periscopy_sim.scenario import Array, Scenario
+from periscopy_sim.scenario import Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
@@ -258,10 +260,11 @@ def make_tracer(
     radiance. `bounces` is the most reflections of a path, 2 or more; None for any number.
     """
     # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
-    scene = build_scene(scenario, np.ones((2, 2, 3)), only_monitor=True)
+    scene = build_scene(scenario.scene, np.ones((2, 2, 3)), only_monitor=True)
     camera, wall = camera_of(scene), shape_of(scene, "wall")
     rows, columns = scenario.photograph_shape
-    R, C = scenario.hidden_shape
+    (surface,) = scenario.hidden.values()
+    R, C = surface.shape
     lanes = len(sites) * PATHS
     path_numbers = PathNumbers(len(sites), (PATHS,))
 
@@ -277,19 +280,19 @@ def make_tracer(
         active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
         # Colour is left to the channels' gain.
         where = mi.Point2f(numbers(5), numbers(6))
-        if scenario.wall_reflectance is None:
+        if scenario.view.reflectance is None:
             context, gain = mi.BSDFContext(), mi.Color3f(*map(float, scenario.channel_gain))
             sample, weight = wall.bsdf().sample(context, si, numbers(4), where, active)
             direction, throughput = sample.wo, weight / gain
         else:
             direction = mi.warp.square_to_cosine_hemisphere(where)
             direction.z = dr.mulsign(direction.z, si.wi.z)
-            throughput = mi.Color3f(float(np.mean(scenario.wall_reflectance)))
+            throughput = mi.Color3f(float(np.mean(scenario.view.reflectance)))
         sums = dr.zeros(mi.Int64, len(sites) * R * C * 3)
 
         def splat(light: Any, uv: Any, radiance: Any, active: Any) -> Any:
             """Add radiance, (3,), to what comes from a patch."""
-            across = 1 - uv.x if scenario.mirrored else uv.x
+            across = 1 - uv.x if surface.mirrored else uv.x
             row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
             column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
             at = (site * (R * C) + row * C + column) * 3

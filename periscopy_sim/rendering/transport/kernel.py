@@ -11,10 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 from periscopy_sim.rendering.emitters.lcd import falloff_about
-from periscopy_sim.rendering.scene.load import build_scene, camera_of, patch_uv, shape_of
-from periscopy_sim.rendering.scene.wall import surface_at
+from periscopy_sim.rendering.scene.load import build_scene, patch_uv
+from periscopy_sim.rendering.scene.wall import camera_of, shape_of, surface_at
 from periscopy_sim.rendering.variant import dr, mi
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import EmissionProfile
 
 Strata = Literal["midpoint", "gauss", "jittered"]
 
@@ -25,18 +26,17 @@ SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
 
-def make_kernel(
-    scenario: Scenario, samples: int, strata: Strata, pixel_samples: int
-) -> Callable[[Any, Any, Any], Any]:
+def make_kernel(scenario: Scenario, samples: int, strata: Strata) -> Callable[[Any, Any, Any], Any]:
     """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
-    scene = build_scene(scenario)
+    scene = build_scene(scenario.scene)
     camera = camera_of(scene)
-    wall, monitor = shape_of(scene, "wall"), shape_of(scene, "monitor")
-    bsdf, profile = wall.bsdf(), monitor_profile(scenario, monitor.emitter())
-    rows, columns = scenario.photograph_shape
-    hidden_rows, hidden_columns = scenario.hidden_shape
+    rows, columns = scenario.view.shape
+    ((name, surface),) = scenario.hidden.items()
+    hidden_rows, hidden_columns = surface.shape
+    wall, monitor = shape_of(scene, "wall"), shape_of(scene, name)
+    bsdf, profile = wall.bsdf(), profile_of(monitor.emitter(), scenario.scene.emission[name])
     strata_down, strata_across = _factor(samples)
-    pixels_down, pixels_across = _factor(pixel_samples)
+    across = scenario.view.across
     jittered = strata == "jittered"
 
     def within(index: Any, down: int, across: int, key: Any = None) -> tuple[Any, Any]:
@@ -69,16 +69,16 @@ def make_kernel(
 
     def wall_point(pixel: Any, index: Any) -> Any:
         """Where the camera sees the wall, by the number of a sample of the pixel."""
-        if pixel_samples == 1:
+        if across == 1:
             return dr.gather(type(centres), centres, pixel)
         # Light is smooth within a pixel: middles err less than jitter adds noise.
-        return seen_at(pixel, *within(index, pixels_down, pixels_across))
+        return seen_at(pixel, *within(index, across, across))
 
     def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
         """Integrand at one sample of the patch, per unit of the monitor's UV square."""
         offset = within(index, strata_down, strata_across, key)
         row, column = patch // hidden_columns, patch % hidden_columns
-        uv = patch_uv(row, column, scenario.hidden_shape, scenario.mirrored, offset)
+        uv = patch_uv(row, column, surface.shape, surface.mirrored, offset)
         light = surface_at(monitor, mi.Point2f(*uv))
         to_light = light.p - si.p
         squared_distance = dr.squared_norm(to_light)
@@ -106,8 +106,8 @@ def make_kernel(
             si = wall_point(pixel, p)
             return _sum(samples, lambda k: transfer(si, patch, k, point_key))
 
-        total = _sum(pixel_samples, at_wall_point)
-        return total / (samples * pixel_samples * hidden_rows * hidden_columns)
+        total = _sum(across**2, at_wall_point)
+        return total / (samples * across**2 * hidden_rows * hidden_columns)
 
     return entries
 
@@ -124,8 +124,11 @@ def _sum(count: int, term: Callable[[Any], Any]) -> Any:
     return total
 
 
-def monitor_profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], Any]:
-    """Return the radiance of a point of the monitor in a direction, relative to the normal's."""
+def profile_of(emitter: Any, known: EmissionProfile | None) -> Callable[[Any, Any], Any]:
+    """Return the radiance of a point of an emitter in a direction, relative to the normal's.
+
+    Its closed form is taken where it is known.
+    """
 
     def evaluated(light: Any, direction: Any) -> Any:
         # eval_parameterization leaves the tangents unnormalized.
@@ -136,9 +139,9 @@ def monitor_profile(scenario: Scenario, emitter: Any) -> Callable[[Any, Any], An
         light.wi = mi.Vector3f(0, 0, 1)
         return towards / emitter.eval(light).x
 
-    if scenario.emission is None:
+    if known is None:
         return evaluated
-    exponents = scenario.emission.vertical, scenario.emission.horizontal
+    exponents = known.vertical, known.horizontal
     return lambda light, direction: falloff_about(light, direction, exponents)
 
 

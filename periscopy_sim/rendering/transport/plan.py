@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import (
+    area_transport,
     has_areas,
-    pixel_transport,
     points_across,
     require_areas,
 )
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
@@ -27,6 +28,7 @@ from periscopy_sim.rendering.transport.shadow_rays import (
     require_light,
 )
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import View
 
 By = Literal["areas", "rays"]
 
@@ -55,14 +57,14 @@ class TransportPlan:
     ----------
     samples
         Rays from each wall point to each patch; None for A by areas.
-    pixel_samples
-        Wall points in each pixel that rays average over.
+    across
+        Wall points along each side of a pixel, that A is averaged over.
     error
         Standard deviation of a white hidden image's light that A gets wrong, over its mean.
     """
 
     samples: int | None = None
-    pixel_samples: int = 1
+    across: int = 1
     error: float = PRECISION
 
     @property
@@ -76,7 +78,7 @@ class TransportPlan:
         return {
             "model": "analytic" if self.by == "areas" else "rendered",
             "samples": self.samples,
-            "pixel_samples": self.pixel_samples,
+            "pixel_samples": self.across**2,
             "transport_error": self.error,
         }
 
@@ -85,13 +87,12 @@ class TransportPlan:
 
         A SceneError says that no light of the monitor reaches the wall.
         """
-        if self.samples is None:
-            A = pixel_transport(scenario)
-            require_light(A, scenario)
-            return A
-        return render_transport(
-            scenario, samples=self.samples, pixel_samples=self.pixel_samples, **of_rays
-        )
+        scenario = scenario.averaged(self.across)
+        if self.samples is not None:
+            return render_transport(scenario, samples=self.samples, **of_rays)
+        A = area_transport(scenario)
+        require_light(A, scenario)
+        return A
 
 
 def plan_transport(
@@ -114,25 +115,23 @@ def plan_transport(
     """
     if by == "areas":
         require_areas(scenario)
+    across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
-        return TransportPlan()
+        return TransportPlan(None, across)
     if samples is not None:
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
-    samples, points = FEWEST, points_across(scenario.photograph_shape) ** 2
-    rays = points * int(np.prod(scenario.transport_shape))
+    samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
     most = (BUDGET if budget is None else budget) / rays
-    while (error := transport_error(scenario, samples, points, seed=seed)) > SMALL * noise:
+    while (error := transport_error(scenario, samples, across, seed=seed)) > SMALL * noise:
         # The error falls as samples^-0.75 at edges of shadows, as samples^-1 where light is smooth.
         wanted = samples * max(2.0, error / (SMALL * noise))
         samples, fewer = 2 ** int(np.log2(max(min(2 * wanted - 1, most), samples))), samples
         if samples == fewer:
             break
-    return TransportPlan(samples, points, error)
+    return TransportPlan(samples, across, error)
 
 
-def transport_error(
-    scenario: Scenario, samples: int, pixel_samples: int = 1, *, seed: int = 0
-) -> float:
+def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
     It compares the rows of `PIXELS` pixels with others by independent rays, averaged over the
@@ -141,18 +140,19 @@ def transport_error(
     """
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
     rows.sort()
-    points = max(pixel_samples, points_across(scenario.photograph_shape) ** 2)
+    most = max(across, points_across(scenario.photograph_shape))
     first, second = (
-        RenderedTransport(scenario, samples, "jittered", each, seed + shift).white(rows)
-        for shift, each in enumerate((pixel_samples, points), 1)
+        RenderedTransport(scenario.averaged(each), samples, "jittered", seed + shift).white(rows)
+        for shift, each in enumerate((across, most), 1)
     )
-    variance = np.mean((first - second) ** 2) / (1 + pixel_samples / points)
+    variance = np.mean((first - second) ** 2) / (1 + (across / most) ** 2)
     light = float(np.mean(second))
     return float(np.sqrt(variance)) / light if light > 0 else 0.0
 
 
 def transport(
-    scenario: Scenario,
+    seen: Scenario | View,
+    hidden: Hidden | None = None,
     *,
     by: By | None = None,
     bounces: int | None = DIRECT,
@@ -164,8 +164,10 @@ def transport(
 
     Parameters
     ----------
-    scenario
-        The scene.
+    seen
+        A scenario, or what a camera sees of the wall.
+    hidden
+        The hidden surfaces in patches, beside a view.
     by
         ``"areas"``, the closed form of `analytic_transport` averaged over each pixel, or
         ``"rays"``, see `render_transport`; None takes areas where the scene has them.
@@ -196,7 +198,11 @@ def transport(
     RuntimeWarning
         The error of A exceeds the noise: the budget is too small.
     """
-    plan = plan_transport(scenario, noise, by=by, seed=seed)
+    if isinstance(seen, View):
+        if hidden is None:
+            raise TypeError("give the hidden surfaces beside a view")
+        seen = Scenario(seen, hidden)
+    plan = plan_transport(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         warnings.warn(
             f"A by {plan.samples} rays errs by {plan.error:.2g} of its mean, more than the noise "
@@ -204,5 +210,5 @@ def transport(
             RuntimeWarning,
             stacklevel=2,
         )
-    A = plan.transport(scenario, seed=seed, progress=progress)
-    return A if bounces == DIRECT else add_bounces(scenario, A, bounces, seed=seed)
+    A = plan.transport(seen, seed=seed, progress=progress)
+    return A if bounces == DIRECT else add_bounces(seen, A, bounces, seed=seed)

@@ -25,7 +25,6 @@ def render_transport(
     *,
     samples: int = 16,
     strata: Strata = "jittered",
-    pixel_samples: int = 1,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> NDArray[np.float32]:
@@ -34,7 +33,7 @@ def render_transport(
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
     each. Light that bounces is added by `add_bounces`.
 
-    A pixel is its centre, or with more `pixel_samples` the mean over its area; the film's own
+    A pixel is its centre, or the mean over the points of `Scenario.averaged`; the film's own
     reconstruction filter is not used.
 
     Parameters
@@ -48,9 +47,6 @@ def render_transport(
         or, without noise but with penumbrae in steps, ``"midpoint"`` or ``"gauss"``: Gauss and
         Legendre's two points of each pair of strata along an axis, exact for cubic integrands; of
         an odd number the middles.
-    pixel_samples
-        Wall points of a pixel: 1 is its centre; more are the middles of strata of its area, and
-        averaged.
     seed
         Seed of the jitter. The same seed and variant give the same bytes.
     progress
@@ -67,11 +63,11 @@ def render_transport(
     SceneError
         If no light of the monitor reaches the wall.
     ValueError
-        If a number of samples is below 1, or `strata` is none of these.
+        If the samples are below 1, or `strata` is none of these.
     VariantError
         In scalar variants.
     """
-    rendered = RenderedTransport(scenario, samples, strata, pixel_samples, seed)
+    rendered = RenderedTransport(scenario, samples, strata, seed)
     A = np.empty(rendered.shape, np.float32)
     for rows, block in rendered.row_blocks():
         A[rows] = block
@@ -103,15 +99,12 @@ class RenderedTransport:
     scenario: Scenario
     samples: int = 16
     strata: Strata = "jittered"
-    pixel_samples: int = 1
     seed: int = 0
     bounced: Any = None  # a BouncedLight, whose module imports this one
 
     def __post_init__(self) -> None:
-        if self.samples < 1 or self.pixel_samples < 1:
-            raise ValueError(
-                f"{self.samples} samples, {self.pixel_samples} pixel samples: both must be positive"
-            )
+        if self.samples < 1:
+            raise ValueError(f"{self.samples} samples: give a positive number")
         if self.strata not in get_args(Strata):
             raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
 
@@ -128,10 +121,11 @@ class RenderedTransport:
         Scalar variants raise a `VariantError`.
         """
         require_vectorized("the transport matrix by rays")
-        entries = make_kernel(self.scenario, self.samples, self.strata, self.pixel_samples)
+        entries = make_kernel(self.scenario, self.samples, self.strata)
         chosen = np.arange(self.shape[0]) if pixels is None else pixels
-        numbers, patches = mi.UInt32(chosen.astype(np.uint32)), self.shape[1]
-        work = max(1, self.samples * self.pixel_samples // RenderedTransport.samples)
+        numbers = mi.UInt32(self.scenario.view.numbers[chosen].astype(np.uint32))
+        patches = self.shape[1]
+        work = max(1, self.samples * self.scenario.view.across**2 // RenderedTransport.samples)
         height = max(1, LANES // work // patches)
         for start in range(0, len(chosen), height):
             rows = slice(start, min(start + height, len(chosen)))

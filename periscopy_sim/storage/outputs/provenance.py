@@ -10,7 +10,7 @@ from pathlib import Path
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import SceneDocument
+from periscopy_sim.scene import SceneDocument
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 

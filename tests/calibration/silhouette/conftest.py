@@ -11,6 +11,7 @@ from periscopy_sim.calibration.silhouette.scene import write_masked_scene
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import Scenario
 
 SCENE = """<scene version="3.0.0">
     <default name="shift" value="0"/>
@@ -94,7 +95,8 @@ def plane(scenario):
 @pytest.fixture(scope="session")
 def empty(scenario):
     """The scenario without the card."""
-    return replace(scenario, occluders=())
+    view = replace(scenario.view, scene=scenario.scene.without("card"))
+    return Scenario(view, scenario.hidden)
 
 
 def silhouette(plane, opaque):

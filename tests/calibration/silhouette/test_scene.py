@@ -30,7 +30,7 @@ def test_a_shape_of_an_included_file_raises(tmp_path):
 
 def corners_of(path, values):
     scenario = load_scenario(path, HIDDEN, values)
-    vertices = next(o.vertices for o in scenario.occluders if o.name == "card")
+    vertices = next(o.vertices for o in scenario.scene.occluders if o.name == "card")
     return vertices[np.lexsort(vertices.round(6).T)]
 
 

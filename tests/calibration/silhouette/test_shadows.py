@@ -16,7 +16,7 @@ def shadows(empty, plane):
 
 def averaged(path):
     """A of a scene, by areas, averaged over the pixels that the cells' shadows are of."""
-    return area_transport(load_scenario(path, HIDDEN, photograph=(120, 120)), 3)
+    return area_transport(load_scenario(path, HIDDEN).averaged(3))
 
 
 def test_opaque_cells_cast_the_shadows_of_a_mesh_of_them(shadows, flagged):

@@ -16,7 +16,7 @@ def test_example_is_printed_as_it_stands_and_makes_a_scene(succeeds, tmp_path):
     succeeds("lab", "mine.yaml", "--out", "deep/lab.xml")
     assert {path.name for path in (tmp_path / "deep").iterdir()} == {"lab.xml", "lab_cylinder.ply"}
     scenario = load_scenario(tmp_path / "deep" / "lab.xml", (2, 3), {"stem_radius": "0.03"})
-    assert len(scenario.occluders) == 7
+    assert len(scenario.scene.occluders) == 7
     declared = read_document(tmp_path / "deep" / "lab.xml").defaults
     assert {name.removesuffix("_error") for name in declared if name.endswith("_error")} == {
         *("target_x", "target_z", "monitor_x", "monitor_z", "monitor_turn"),

@@ -8,7 +8,7 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import CALIBRATED
+from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")

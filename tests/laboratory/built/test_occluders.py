@@ -29,14 +29,14 @@ from tests.laboratory.built.conftest import (
 @pytest.mark.parametrize(("kind", "deep"), [("box", "depth"), ("plate", "thickness")])
 def test_box_has_its_size_about_its_anchor(built, kind, deep, anchor, low):
     sizes = f"width: 6 cm, {deep}: 2 cm, height: 10 cm, anchor: {anchor}"
-    (thing,) = built(WALL, CAMERA, MONITOR, occluders(kind, sizes)).occluders
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders(kind, sizes)).scene.occluders
     expected = turned(corners_of(low, np.add(low, (0.06, 0.02, 0.1))), -15, 25) + POSITION
     same_points(thing.vertices, expected)
 
 
 def test_frame_is_four_bars_about_its_opening(built):
     sizes = "width: 6 cm, height: 10 cm, bar: 1 cm, thickness: 2 cm"
-    bars = built(WALL, CAMERA, MONITOR, occluders("frame", sizes)).occluders
+    bars = built(WALL, CAMERA, MONITOR, occluders("frame", sizes)).scene.occluders
     expected = {
         "thing_left": [(-0.03, -0.01, 0), (-0.02, 0.01, 0.1)],
         "thing_right": [(0.02, -0.01, 0), (0.03, 0.01, 0.1)],
@@ -51,7 +51,7 @@ def test_frame_is_four_bars_about_its_opening(built):
 @pytest.mark.parametrize(("anchor", "low"), [("base", 0.0), ("center", -0.05)])
 def test_cylinder_is_round_and_closed(built, anchor, low):
     sizes = f"diameter: 6 cm, height: 10 cm, anchor: {anchor}"
-    (thing,) = built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).occluders
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).scene.occluders
     upright = (thing.vertices - POSITION) @ turned(np.eye(3), -15, 25).T
     radius = np.hypot(upright[:, 0], upright[:, 1])
     rim = radius > 0.001
@@ -69,7 +69,7 @@ def test_rod_lies_between_its_ends(built):
     rod = """occluders: [{kind: rod, name: rod, start: [20 cm, 40 cm, 15 cm],
              end: [30 cm, 50 cm, 35 cm], diameter: 4 cm}]
 """
-    (found,) = built(WALL, CAMERA, MONITOR, rod).occluders
+    (found,) = built(WALL, CAMERA, MONITOR, rod).scene.occluders
     start, end = np.array([0.2, 0.4, 0.15]), np.array([0.3, 0.5, 0.35])
     length = np.linalg.norm(end - start)
     along = (found.vertices - start) @ (end - start) / length
@@ -96,7 +96,7 @@ def test_every_kind_of_part_has_areas_that_its_numbers_move(built, tmp_path):
         value = 1.01 * float(scenario.document.defaults[name]) + 0.001
         moved = scenario.at(**{name: value})
         anew = load_scenario(scenario.path, HIDDEN, {name: value})
-        for here, there in zip(moved.occluders, anew.occluders, strict=True):
+        for here, there in zip(moved.scene.occluders, anew.scene.occluders, strict=True):
             np.testing.assert_allclose(here.vertices, there.vertices, atol=1e-6)
             np.testing.assert_allclose(here.bounds, there.bounds, atol=1e-4)
         assert np.any(area_transport(moved) != areas), name
@@ -119,7 +119,8 @@ def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path)
     ends = turned([(0, 0, 0.05), (0.02, 0.01, 0.15)], -15, 25) + POSITION
     start, end = (", ".join(f"{x:.12f} m" for x in each) for each in ends)
     found = {
-        each.name: each for each in built(WALL, CAMERA, MONITOR, BORNE % (start, end)).occluders
+        each.name: each
+        for each in built(WALL, CAMERA, MONITOR, BORNE % (start, end)).scene.occluders
     }
     neck = turned(corners_of((-0.01, -0.005, 0), (0.01, 0.005, 0.03)), 0, 10) + np.array(
         [0.01, 0, 0.05]
@@ -140,7 +141,7 @@ def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path)
     assert {"bottle_x_error", "bottle_turn_error", "straw_radius_error"} <= errors
     assert not {name for name in errors if name.startswith("straw_start")}
     moved = built(WALL, CAMERA, MONITOR, BORNE % (start, end), parameters={"bottle_x": "0.23"})
-    for each in moved.occluders:
+    for each in moved.scene.occluders:
         there = 0.0 if each.name == "twin" else 0.03
         np.testing.assert_allclose(
             each.bounds - found[each.name].bounds, [(there, 0, 0)] * 2, atol=1e-6
@@ -174,7 +175,7 @@ def test_mesh_stands_in_metres_upright_at_its_anchor(built, up, axes, anchor):
         "base": np.array([*(low + high)[:2] / 2, low[2]]),
     }[anchor]
     more = f"file: tent.stl, unit: mm, up: {up}, anchor: {anchor}"
-    (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).occluders
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).scene.occluders
     same_points(thing.vertices, turned(own - middle, -15, 25) + POSITION)
 
 
@@ -182,7 +183,7 @@ def test_base_of_a_mesh_is_the_middle_of_its_lowest_face(built, tmp_path):
     pot, leaf = trimesh.creation.box((2, 4, 6)), trimesh.creation.box((9, 1, 1))
     trimesh.util.concatenate(pot, leaf.apply_translation((7, 5, 5))).export(tmp_path / "pot.stl")
     more = "file: pot.stl, unit: cm, anchor: base"
-    (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).occluders
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).scene.occluders
     upright = turned(turned(thing.vertices - POSITION, 0, -25), 15, 0)
     np.testing.assert_allclose(upright.min(axis=0), [-0.01, -0.02, 0], atol=1e-6)
     np.testing.assert_allclose(upright.max(axis=0), [0.115, 0.055, 0.085], atol=1e-6)

@@ -74,12 +74,18 @@ def test_laboratory_of_the_chair_experiment_has_its_transport(built):
     theirs, plate = (
         load_scenario(find_scene(name), (8, 10), {"resolution": 63}) for name in ("chair", "plate")
     )
-    np.testing.assert_allclose(ours.wall_points, theirs.wall_points, atol=3e-6)
-    for name in ("patch_centers", "patch_normals", "patch_across", "patch_up"):
+    np.testing.assert_allclose(ours.view.centers, theirs.view.centers, atol=3e-6)
+    for name in ("centers", "normals", "across", "up"):
         for other in (theirs, plate):
-            np.testing.assert_allclose(getattr(ours, name), getattr(other, name), atol=1e-7)
-    assert ours.emission == theirs.emission == plate.emission
-    for mine, other in zip(ours.occluders, theirs.occluders, strict=True):
+            np.testing.assert_allclose(
+                getattr(ours.hidden, name), getattr(other.hidden, name), atol=1e-7
+            )
+    assert (
+        ours.scene.emission["monitor"]
+        == theirs.scene.emission["monitor"]
+        == plate.scene.emission["monitor"]
+    )
+    for mine, other in zip(ours.scene.occluders, theirs.scene.occluders, strict=True):
         np.testing.assert_allclose(mine.bounds, other.bounds, atol=1e-7)
     A, expected = (render_transport(scenario, samples=16) for scenario in (ours, theirs))
     assert np.linalg.norm(A - expected) < 2e-3 * np.linalg.norm(expected)
@@ -135,11 +141,11 @@ def test_monitor_stands_where_it_was_measured(built, place, across, up, turn, ti
     height = np.repeat([0.075, -0.075], 3) + 0.15 * up
     flat = np.stack([-viewers_right, np.zeros(6), height], axis=1)
     expected = turned(flat, tilt, turn) + np.array([0.05, 0.01, 0.31])
-    np.testing.assert_allclose(scenario.patch_centers, expected, atol=3e-6)
+    np.testing.assert_allclose(scenario.hidden.centers, expected, atol=3e-6)
     normal = turned([(0, 1, 0)], tilt, turn)[0]
-    np.testing.assert_allclose(scenario.patch_normals, np.tile(normal, (6, 1)), atol=3e-6)
+    np.testing.assert_allclose(scenario.hidden.normals, np.tile(normal, (6, 1)), atol=3e-6)
     np.testing.assert_allclose(
-        scenario.patch_across, np.tile(turned([(-0.4 / 3, 0, 0)], tilt, turn), (6, 1)), atol=3e-6
+        scenario.hidden.across, np.tile(turned([(-0.4 / 3, 0, 0)], tilt, turn), (6, 1)), atol=3e-6
     )
     assert (normal[2] > 0) == (tilt > 0)  # tilted, it looks up
 
@@ -148,12 +154,18 @@ def test_falloff_is_the_monitors(built):
     plain, lcd = (built(WALL, CAMERA, MONITOR.replace("}", more)) for more in (
         "}", ", falloff: {vertical: 17 +- 2, horizontal: 1.5}}"
     ))  # fmt: skip
-    assert (plain.emission.vertical, plain.emission.horizontal) == (0, 0)
-    assert (lcd.emission.vertical, lcd.emission.horizontal) == (17, 1.5)
+    assert (
+        plain.scene.emission["monitor"].vertical,
+        plain.scene.emission["monitor"].horizontal,
+    ) == (0, 0)
+    assert (lcd.scene.emission["monitor"].vertical, lcd.scene.emission["monitor"].horizontal) == (
+        17,
+        1.5,
+    )
 
 
 def test_perspective_picture_is_that_of_a_pinhole(built):
-    points = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).wall_points.reshape(
+    points = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).view.centers.reshape(
         12, 16, 3
     )
     eye, target = np.array([1.2, 0.1, 0.4]), np.array([0.6, 1.1, 0.25])
@@ -172,7 +184,7 @@ def test_perspective_picture_is_that_of_a_pinhole(built):
 def test_corners_are_those_that_mitsuba_sees(built, tmp_path):
     """The centres of a picture of 2 x 2 pixels are the corners of one half as wide."""
     camera = PERSPECTIVE % "target: [60 cm, 25 cm], roll: 7 deg"
-    points = built(WALL, camera, MONITOR, hidden=(1, 1), photograph=(2, 2)).wall_points
+    points = built(WALL, camera, MONITOR, hidden=(1, 1), photograph=(2, 2)).view.centers
     half = np.degrees(2 * np.arctan(np.tan(np.radians(10)) / 2))
     narrow = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
     (tmp_path / "narrow.yaml").write_text(narrow)

@@ -5,7 +5,7 @@ from scipy import stats
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import relative_errors, render_background
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.scenario import pixel_edges
+from periscopy_sim.view import pixel_edges
 from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 from tests.rendering.conftest import Room
 
@@ -82,12 +82,14 @@ def test_perspective_camera_sees_its_own_points_lit(room):
         '<integer name="width" value="9"/></film></sensor>'
     )
     scenario = room.load(camera=camera)
-    points = scenario.wall_points.reshape(7, 9, 3)
+    points = scenario.view.centers.reshape(7, 9, 3)
     # The place lies as it is turned: across as far as the wall's plane allows.
     across = (points[:, -1] - points[:, 0]).mean(axis=0)
     across /= np.linalg.norm(across)
     up = np.cross(across, [0, 1, 0])
-    edges = pixel_edges(scenario.wall_points, scenario.wall_normals, (7, 9)).reshape(7, 9, 2, 3)
+    edges = pixel_edges(scenario.view.centers, scenario.view.center_normals, (7, 9)).reshape(
+        7, 9, 2, 3
+    )
     offset = points - points.mean(axis=(0, 1))
     reach = [(np.abs(offset @ way) + np.abs(edges @ way).sum(-1) / 2).max() for way in (across, up)]
     offset *= min(np.divide([0.2, 0.2 * 5 / 6], reach))

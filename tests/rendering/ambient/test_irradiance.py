@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.scenario import pixel_edges
+from periscopy_sim.view import pixel_edges
 from tests.irradiance import polygon_irradiance
 from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.scene import EmissionProfile
 
 SQUARE = (np.eye(3), (1.0, 1.0))
 WIDE = (np.eye(3), (0.4, 0.15))

@@ -28,11 +28,11 @@ def refusal():
 def is_right(room, same_mean, mitsubas):
     """Assert that A of a white monitor is the file's photograph, sampled as `truth` says."""
 
-    def check(*extra, samples=16, pixel_samples=16, truth=BY_BSDF, **parts):
+    def check(*extra, samples=16, across=4, truth=BY_BSDF, **parts):
         parts = {"monitor": room.monitor(room.area)} | parts
         seen = room.load(*extra, **parts)
-        options = {"samples": samples, "pixel_samples": pixel_samples}
-        found = [render_transport(seen, seed=s, **options).sum(axis=1) for s in range(SEEDS)]
+        seen = seen.averaged(across)
+        found = [render_transport(seen, samples=samples, seed=s).sum(axis=1) for s in range(SEEDS)]
         gain = seen.channel_gain.mean()
         pictures = mitsubas(room.write(*extra, **parts), seeds=SEEDS, **truth)
         same_mean([picture.ravel() / gain for picture in pictures], found)

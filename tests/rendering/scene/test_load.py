@@ -9,15 +9,15 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.shipped import find_scene
 
 
 def test_two_sided_wall_is_seen_from_behind(room):
     two_sided = room.wall(f'<bsdf type="twosided">{room.diffuse}</bsdf>', angle=-90)
     seen = room.load(wall=two_sided)
-    np.testing.assert_allclose(seen.wall_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.wall_reflectance, 0.5, rtol=1e-6)
+    np.testing.assert_allclose(seen.view.center_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.view.reflectance, 0.5, rtol=1e-6)
 
 
 def test_orthographic_pixels_see_a_regular_grid_with_row_0_on_top(room):
@@ -25,11 +25,11 @@ def test_orthographic_pixels_see_a_regular_grid_with_row_0_on_top(room):
     assert seen.photograph_shape == (5, 6)
     x = 0.5 + 0.4 * (np.arange(6) + 0.5) / 6
     z = 0.3 - 0.4 * (np.arange(5) - 2) / 6
-    grid = seen.wall_points.reshape(5, 6, 3)
+    grid = seen.view.centers.reshape(5, 6, 3)
     np.testing.assert_allclose(grid[..., 0], np.tile(x, (5, 1)), atol=1e-6)
     np.testing.assert_allclose(grid[..., 1], 1, atol=1e-6)
     np.testing.assert_allclose(grid[..., 2], np.tile(z[:, None], (1, 6)), atol=1e-6)
-    np.testing.assert_allclose(seen.wall_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.view.center_normals, np.tile([0, -1, 0], (30, 1)), atol=1e-6)
 
 
 def test_perspective_pixels_see_what_a_pinhole_sees(room):
@@ -52,7 +52,7 @@ def test_perspective_pixels_see_what_a_pinhole_sees(room):
             ray = forward + pixel * ((column - 3) * right + (1.5 - row) * up)
             hit = origin + ray * (1 - origin[1]) / ray[1]
             index = 7 * row + column
-            np.testing.assert_allclose(seen.wall_points[index], hit, atol=3e-6)
+            np.testing.assert_allclose(seen.view.centers[index], hit, atol=3e-6)
 
 
 def test_patches_run_from_a_viewers_upper_left(room):
@@ -60,25 +60,25 @@ def test_patches_run_from_a_viewers_upper_left(room):
     x = 0.4 - 0.4 * (np.arange(3) + 0.5) / 3
     z = [0.375, 0.225]
     expected = [[x[c], 0, z[r]] for r in range(2) for c in range(3)]
-    np.testing.assert_allclose(seen.patch_centers, expected, atol=1e-6)
-    np.testing.assert_allclose(seen.patch_across, np.tile([-0.4 / 3, 0, 0], (6, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.patch_up, np.tile([0, 0, 0.15], (6, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.patch_normals, np.tile([0, 1, 0], (6, 1)), atol=1e-6)
-    assert not seen.mirrored
-    assert seen.emission == EmissionProfile(18, 1)
+    np.testing.assert_allclose(seen.hidden.centers, expected, atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.across, np.tile([-0.4 / 3, 0, 0], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.up, np.tile([0, 0, 0.15], (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.normals, np.tile([0, 1, 0], (6, 1)), atol=1e-6)
+    assert not seen.hidden["monitor"].mirrored
+    assert seen.scene.emission["monitor"] == EmissionProfile(18, 1)
 
 
 def test_tilted_and_scaled_monitor_carries_its_patches_along(room):
     seen = room.load(monitor=room.monitor(scale=(0.3, 0.05), turn=165, tilt=-25), hidden=(3, 2))
     turn = Rotation.from_euler("x", -25, degrees=True) * Rotation.from_euler("z", -15, degrees=True)
     right, up, normal = turn.apply([[-1, 0, 0], [0, 0, 1], [0, 1, 0]])
-    np.testing.assert_allclose(seen.patch_across, np.tile(0.3 * right, (6, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.patch_up, np.tile(0.1 / 3 * up, (6, 1)), atol=1e-6)
-    np.testing.assert_allclose(seen.patch_normals, np.tile(normal, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.across, np.tile(0.3 * right, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.up, np.tile(0.1 / 3 * up, (6, 1)), atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.normals, np.tile(normal, (6, 1)), atol=1e-6)
     np.testing.assert_allclose(
-        seen.patch_centers[0], [0.2, 0, 0.3] - 0.15 * right + 0.1 / 3 * up, atol=1e-6
+        seen.hidden.centers[0], [0.2, 0, 0.3] - 0.15 * right + 0.1 / 3 * up, atol=1e-6
     )
-    areas = np.linalg.norm(np.cross(seen.patch_across, seen.patch_up), axis=1)
+    areas = np.linalg.norm(np.cross(seen.hidden.across, seen.hidden.up), axis=1)
     np.testing.assert_allclose(areas, 0.01, rtol=1e-5)
 
 
@@ -86,8 +86,10 @@ def test_tilted_and_scaled_monitor_carries_its_patches_along(room):
 def test_flipped_or_mirrored_rectangle_has_the_patches_of_a_plain_one(room, flip, turn, width):
     plain = room.load()
     other = room.load(monitor=room.monitor(flip=flip, turn=turn, scale=(width, 0.15)))
-    for name in ("patch_centers", "patch_normals", "patch_across", "patch_up"):
-        np.testing.assert_allclose(getattr(other, name), getattr(plain, name), atol=1e-6)
+    for name in ("centers", "normals", "across", "up"):
+        np.testing.assert_allclose(
+            getattr(other.hidden, name), getattr(plain.hidden, name), atol=1e-6
+        )
 
 
 @pytest.mark.parametrize("flip", [False, True])
@@ -95,18 +97,18 @@ def test_flipped_or_mirrored_rectangle_has_the_patches_of_a_plain_one(room, flip
 def test_curved_mesh_is_cut_into_patches_along_its_curve(room, flip, mirrored):
     monitor = room.curved_monitor(room.area, mirrored=mirrored, flip=flip)
     seen = room.load(monitor=monitor, hidden=(2, 8))
-    assert seen.mirrored == mirrored
+    assert seen.hidden["monitor"].mirrored == mirrored
     # Patches of two facets each; their middles lie on the seams, 0.4 rad to either side at most.
     angle = 0.8 * ((np.arange(8) + 0.5) / 8 - 0.5)
     x, y = 0.2 - 0.5 * np.sin(angle), 0.5 - 0.5 * np.cos(angle)
     expected = [[x[c], y[c], z] for z in (0.375, 0.225) for c in range(8)]
-    np.testing.assert_allclose(seen.patch_centers, expected, atol=1e-6)
+    np.testing.assert_allclose(seen.hidden.centers, expected, atol=1e-6)
     facet = 2 * 0.5 * np.sin(0.025)
-    areas = np.linalg.norm(np.cross(seen.patch_across, seen.patch_up), axis=1)
+    areas = np.linalg.norm(np.cross(seen.hidden.across, seen.hidden.up), axis=1)
     np.testing.assert_allclose(areas, 2 * facet * 0.15, rtol=1e-5)
-    towards_axis = np.array([0.2, 0.5]) - seen.patch_centers[:, :2]
-    assert np.all(np.sum(seen.patch_normals[:, :2] * towards_axis, axis=1) > 0.499 * np.cos(0.026))
-    assert np.all(seen.patch_across[:, 0] < 0)
+    towards_axis = np.array([0.2, 0.5]) - seen.hidden.centers[:, :2]
+    assert np.all(np.sum(seen.hidden.normals[:, :2] * towards_axis, axis=1) > 0.499 * np.cos(0.026))
+    assert np.all(seen.hidden.across[:, 0] < 0)
 
 
 def test_shapes_without_ids_are_occluders_of_their_own(room):
@@ -114,7 +116,7 @@ def test_shapes_without_ids_are_occluders_of_their_own(room):
         '<shape type="cube"><transform name="to_world"><scale value="0.01"/>{}</transform>'
         f"{room.black}</shape>"
     )
-    low, high = room.load(cube.format(""), cube.format('<translate y="0.5"/>')).occluders
+    low, high = room.load(cube.format(""), cube.format('<translate y="0.5"/>')).scene.occluders
     assert low.name != high.name
     assert high.vertices[:, 1].min() - low.vertices[:, 1].max() == pytest.approx(0.48, abs=1e-6)
 
@@ -183,7 +185,9 @@ CHAIR = find_scene("chair")
 def test_chair_turns_and_stretches_as_one_about_the_middle_of_its_seats_top():
     given = {"occluder_turn": 30, "occluder_stretch_x": 1.1, "occluder_stretch_z": 0.9}
     size, pivot = {"resolution": 1}, np.array([0.5435, 0.6315, 0.242])
-    plain, moved = (load_scenario(CHAIR, (1, 1), size | more).occluders for more in ({}, given))
+    plain, moved = (
+        load_scenario(CHAIR, (1, 1), size | more).scene.occluders for more in ({}, given)
+    )
     cos, sin = np.cos(np.radians(30)), np.sin(np.radians(30))
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     for before, after in zip(plain, moved, strict=True):

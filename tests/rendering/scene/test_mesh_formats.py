@@ -247,7 +247,7 @@ def test_scene_with_any_format_is_the_scene_with_its_triangles(room, mesh_file, 
     assert render_transport(expected, samples=4).min() == 0  # it throws a shadow
     for kind in (form.split()[0], "ply", "obj"):
         scenario = room.load(SHAPE.format(kind, path.name))
-        (tent,) = scenario.occluders
+        (tent,) = scenario.scene.occluders
         np.testing.assert_allclose(tent.vertices[tent.faces], CORNERS, rtol=1e-6)
         np.testing.assert_array_equal(
             render_transport(scenario, samples=4), render_transport(expected, samples=4)
@@ -270,7 +270,7 @@ def test_the_remedy_that_a_refusal_names_makes_a_mesh_that_is_read(room, tmp_pat
     (tmp_path / "same.stl").write_bytes(stl(VERTICES[[(0, 1, 3), (0, 3, 2)]]))
     write_ply(tmp_path / "same.ply", TriangleMesh(VERTICES, np.array([(0, 1, 3), (0, 3, 2)])))
     for name in ("same.stl", "same.ply"):
-        assert len(room.load(SHAPE.format(name[-3:], name)).occluders[0].faces) == 2
+        assert len(room.load(SHAPE.format(name[-3:], name)).scene.occluders[0].faces) == 2
 
 
 def test_a_warning_of_mitsubas_appears_once(room, tmp_path, capfd):

@@ -12,18 +12,20 @@ from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
-ARRAYS = "wall_points wall_normals patch_centers patch_normals patch_across patch_up channel_gain"
+ARRAYS = {"view": "points normals corners channel_gain", "hidden": "centers normals across up"}
 SCENES = "chair", "plate", "plant", "bright_room", "scenes/tutorial/truth/scene.xml"
 WHOLE = "resolution", "width", "height"
 
 
 def assert_same(scene, expected):
     assert repr(scene) == repr(expected)
-    assert scene.emission == expected.emission
-    for name in ARRAYS.split():
-        np.testing.assert_allclose(getattr(scene, name), getattr(expected, name), atol=1e-6)
-    assert scene.wall_relief == pytest.approx(expected.wall_relief, abs=1e-6)
-    for one, other in zip(scene.occluders, expected.occluders, strict=True):
+    assert scene.scene.emission == expected.scene.emission
+    for part, names in ARRAYS.items():
+        for name in names.split():
+            ours, theirs = (getattr(getattr(each, part), name) for each in (scene, expected))
+            np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    assert scene.view.relief == pytest.approx(expected.view.relief, abs=1e-6)
+    for one, other in zip(scene.scene.occluders, expected.scene.occluders, strict=True):
         assert one.name == other.name
         np.testing.assert_allclose(one.bounds, other.bounds, atol=1e-6)
         if other.vertices is not None:
@@ -105,4 +107,4 @@ def test_scene_keeps_its_values_and_a_pickled_one_loads_anew():
         assert_same(each.at(occluder_dx=0, camera_dz=-0.002), expected)
     assert scene.parameters == {"resolution": "8", "monitor_dx": "0.01"}
     with pytest.raises(ValueError):
-        replace(scene, loader=None).at(occluder_dx=1)
+        replace(scene.scene, source=None).at(occluder_dx=1)

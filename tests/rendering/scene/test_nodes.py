@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import camera_of
 from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture, searching
+from periscopy_sim.rendering.scene.wall import camera_of
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.scenario import EmissionProfile
+from periscopy_sim.scene import EmissionProfile
 
 
 @pytest.mark.parametrize(

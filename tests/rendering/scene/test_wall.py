@@ -24,7 +24,7 @@ def checkered(first, second, squares):
 def test_color_of_the_wall_is_split_into_albedo_and_gain(room):
     paint = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.3, 0.15"/></bsdf>'
     seen = room.load(wall=room.wall(paint))
-    np.testing.assert_allclose(seen.wall_reflectance, [0.6, 0.3, 0.15], rtol=1e-5)
+    np.testing.assert_allclose(seen.view.reflectance, [0.6, 0.3, 0.15], rtol=1e-5)
     np.testing.assert_allclose(seen.channel_gain, np.array([0.6, 0.3, 0.15]) / 0.35, rtol=1e-5)
 
 
@@ -56,7 +56,7 @@ def test_wall_that_is_rough_is_right(room, is_right, kind):
 
 def test_wall_of_uneven_bumps_is_refused(room):
     write_heights(room.folder)
-    with pytest.raises(SceneError, match=r"\(bumpmap\) changes from place to place"):
+    with pytest.raises(SceneError, match=r"\(bumpmap\) reflects differently"):
         room.load(wall=room.wall(BUMPS))
 
 
@@ -64,7 +64,7 @@ def test_wall_of_uneven_bumps_is_refused(room):
 def test_diffuse_wall_beneath_a_normal_map_has_no_closed_form(room, normal):
     write_slope(room.folder, normal)
     seen = room.load(wall=room.wall(SLOPE))
-    assert seen.wall_reflectance is None
+    assert seen.view.reflectance is None
 
 
 def test_normals_that_a_mesh_brings_are_the_walls(room, is_right):
@@ -82,5 +82,7 @@ def test_normals_that_a_mesh_brings_are_the_walls(room, is_right):
         f"{room.diffuse}</shape>"
     )
     seen = room.load(wall=wall)
-    np.testing.assert_allclose(seen.wall_normals, np.tile([0.6, -0.8, 0], (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(
+        seen.view.center_normals, np.tile([0.6, -0.8, 0], (30, 1)), atol=1e-6
+    )
     is_right(wall=wall)

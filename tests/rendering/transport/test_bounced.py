@@ -40,7 +40,7 @@ def predicted(seen, image, bounces, target=2e-3):
     """A f, once a seed, in color."""
     f = image.reshape(-1, 3)
     for seed in range(SEEDS):
-        A = render_transport(seen, samples=16, pixel_samples=16, seed=seed)
+        A = render_transport(seen.averaged(4), samples=16, seed=seed)
         light = render_bounced_light(seen, bounces=bounces, target=target, seed=seed)
         A += light.rows(slice(None))
         photograph = BouncedTransport(A, light, bounces) @ f
@@ -126,7 +126,7 @@ def test_in_a_sphere_it_is_a_geometric_series(tmp_path):
 @pytest.mark.thorough
 def test_told_error_is_that_of_a_white_photograph(room):
     seen = room.load(board(painted("0.8, 0.4, 0.2")), camera=room.camera((18, 20)), hidden=(4, 5))
-    A = render_transport(seen, pixel_samples=4)
+    A = render_transport(seen.averaged(2))
     exact = render_bounced_light(seen, target=2e-4, seed=99)
     assert exact.relative_error <= 2e-4
 

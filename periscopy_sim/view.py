@@ -1,0 +1,266 @@
+"""What a camera sees of the relay wall: points in each pixel, and the wall's frame and colour."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.scene import Scene
+
+POINT = 1e-6
+"""Side of a pixel that counts as a point, in metres."""
+
+LIFT = 1e-4
+"""Height of points just off the wall, over the diagonal of what the camera sees of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera's pixels on the relay wall; M pixels, each averaged over K points.
+
+    Attributes
+    ----------
+    scene
+        The scene that the camera is in.
+    shape
+        (rows, columns) of the photograph.
+    points
+        (M, K, 3) wall points that the pixels see, in metres; row-major, as the pixels are.
+    normals
+        (M, K, 3) unit normals there, towards the camera.
+    rays
+        (2, M K, 3) origins and directions of the camera's rays to these points.
+    corners
+        (2, 4, 3) where the rays through the photograph's corner pixels, in turn, start and end.
+    reflectance
+        (3,) albedo of a diffuse wall; None for another material.
+    channel_gain
+        (3,) the wall's colour, mean 1: a photograph's channel c is channel_gain[c] * A @ f[:, c].
+    relief
+        How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
+        in metres: there it might cast shadows.
+    pixels
+        (rows, columns) which pixels the view has; None for all.
+    is_cut
+        Whether the field of view was cut into a shape of its own, not into the film's pixels.
+    """
+
+    scene: Scene
+    shape: tuple[int, int]
+    points: Array
+    normals: Array
+    rays: Array
+    corners: Array
+    reflectance: Array | None
+    channel_gain: Array
+    relief: float = 0.0
+    pixels: Mask | None = None
+    is_cut: bool = False
+
+    @classmethod
+    def of(cls, scene: Scene, shape: tuple[int, int] | None = None, *, across: int = 1) -> "View":
+        """Return what a scene's camera sees of the wall.
+
+        Parameters
+        ----------
+        scene
+            The scene.
+        shape
+            (rows, columns) into which the field of view is cut; None for the film's own pixels.
+        across
+            Points along each side of a pixel, over which the pixel is averaged; 1 is its centre.
+
+        Raises
+        ------
+        SceneError
+            If a pixel misses the wall, or the wall is none that A can treat; see `load_scenario`.
+        """
+        view: View = scene.source.view(scene, shape, across)
+        return view
+
+    @property
+    def numbers(self) -> NDArray[np.intp]:
+        """(M,) row-major numbers of the pixels in the photograph."""
+        if self.pixels is None:
+            return np.arange(len(self.points))
+        return np.flatnonzero(self.pixels)
+
+    @property
+    def across(self) -> int:
+        """Points along each side of a pixel: the root of K."""
+        return round(float(np.sqrt(self.points.shape[1])))
+
+    @cached_property
+    def centers(self) -> Array:
+        """(M, 3) mean points of the pixels."""
+        return np.asarray(self.points.mean(axis=1))
+
+    @cached_property
+    def center_normals(self) -> Array:
+        """(M, 3) unit normals in the pixels, towards the camera."""
+        normals = self.normals.mean(axis=1)
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    @cached_property
+    def frame(self) -> "WallFrame":
+        """Axes of the field of view, by the photograph's own rows and columns."""
+        return wall_frame(self.centers, self.center_normals, self._grid)
+
+    @property
+    def _grid(self) -> tuple[int, int] | None:
+        return self.shape if self.pixels is None else None
+
+    @cached_property
+    def edges(self) -> Array:
+        """(M, 2, 3) edges of the pixels, down and across; of a view with all pixels."""
+        return pixel_edges(self.centers, self.center_normals, self.shape)
+
+    def of_pixels(self, pixels: Mask) -> "View":
+        """Return the view of some pixels, (rows, columns), of a view with all pixels."""
+        used, K = pixels.ravel(), self.points.shape[1]
+        rays = self.rays[:, np.repeat(used, K)]
+        return replace(
+            self, points=self.points[used], normals=self.normals[used], rays=rays, pixels=pixels
+        )
+
+    def moved(self, scene: Scene, motions: Mapping[str, Array]) -> "View | None":
+        """Return the view in a scene whose things moved; None where only rays can tell.
+
+        The motions, (4, 4), are by id. The camera's rays meet the wall's plane elsewhere: exact
+        while the wall is a plain rectangle and no shape comes near the camera's view of it.
+        """
+        view = replace(self, scene=scene)
+        if motions.keys() & {"camera", "wall"}:
+            walls = self.scene.places["wall"], scene.places["wall"]
+            camera = motions.get("camera", np.eye(4))
+            (eyes, seen), (origins, directions) = self.corners, self.rays
+            ends = _met_again(eyes, seen - eyes, camera, walls)
+            met = _met_again(origins, directions, camera, walls)
+            if ends is None or met is None:
+                return None
+            points, normals = (each.reshape(self.points.shape) for each in met[2:])
+            corners = np.stack([ends[0], ends[2]])
+            view = replace(
+                view, rays=np.stack(met[:2]), corners=corners, points=points, normals=normals
+            )
+        return view if not motions or view.is_free() else None
+
+    def is_free(self) -> bool:
+        """Return whether planes separate all of the scene's boxes from the view of the wall."""
+        eyes, seen = self.corners
+        sides = np.cross(np.roll(seen, -1, axis=0) - seen, eyes - seen)
+        planes = np.concatenate([np.eye(3), sides, [(seen - eyes).sum(axis=0)]]).T
+        view = np.concatenate([seen, eyes]) @ planes
+        boxes = np.stack([*self.scene.boxes.values()]) @ planes
+        beside = (boxes.min(axis=1) > view.max(axis=0)) | (boxes.max(axis=1) < view.min(axis=0))
+        return bool(beside.any(axis=1).all())
+
+
+def moved_points(points: Image, motion: Array) -> Array:
+    """Return points, (n, 3), moved by a matrix, (4, 4)."""
+    return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
+
+
+def _met_again(
+    origins: Array, directions: Array, camera: Array, walls: tuple[Array, Array]
+) -> tuple[Array, Array, Array, Array] | None:
+    """Return moved rays, (n, 3) each, where they meet a moved rectangle, and its normals there.
+
+    `walls` are its places before and now. None if a ray misses it or meets its other side.
+    """
+    before, normal = map(_front, walls)
+    side = directions @ before
+    origins, directions = moved_points(origins, camera), directions @ camera[:3, :3].T
+    ahead, place = directions @ normal, walls[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (place[:3, 3] - origins) @ normal / ahead
+        points = origins + distance[:, None] * directions
+        to_square = np.asarray(np.linalg.inv(place), np.float64)
+        inside = np.abs(moved_points(points, to_square)[:, :2]) <= 1
+    if not (inside.all() and (distance > 0).all() and (ahead * side > 0).all()):
+        return None
+    return origins, directions, points, -np.sign(ahead)[:, None] * normal
+
+
+def _front(place: Array) -> Array:
+    """Return the unit normal of a rectangle."""
+    normal = np.cross(place[:3, 0], place[:3, 1])
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
+    """Return the edges, (M, 2, 3) down and across, of pixels whose centres are the (M, 3) points.
+
+    Pixels of a lone row or column count as square, a lone pixel as a point.
+    """
+    rows, columns = shape
+    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
+    if rows > 1:
+        down = np.asarray(np.gradient(grid, axis=0))
+    if columns > 1:
+        across = np.asarray(np.gradient(grid, axis=1))
+    elif rows > 1:
+        across = np.cross(normal, down)
+    else:
+        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
+    if rows == 1:
+        down = np.cross(normal, across)
+    return np.stack([down, across], axis=2).reshape(-1, 2, 3)
+
+
+def rises(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
+    """Return how far the pixels next to each rise above its tangent plane, (M,), at least 0.
+
+    Rays that start lower may start behind a wall that bends towards the room.
+    """
+    grid, normal = points.reshape(*shape, 3), normals.reshape(*shape, 3)
+    height = np.zeros(shape)
+    for axis in (0, 1):
+        p, n, h = (np.swapaxes(each, 0, axis) for each in (grid, normal, height))
+        step = np.diff(p, axis=0)
+        np.maximum(h[:-1], np.sum(step * n[:-1], axis=-1), out=h[:-1])
+        np.maximum(h[1:], -np.sum(step * n[1:], axis=-1), out=h[1:])
+    return height.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class WallFrame:
+    """Axes of the camera's field of view on the wall, about the wall points' centroid (metres).
+
+    They are orthonormal: the photograph's columns run along across, as far as the wall's plane
+    allows; the normal points into the room; up completes them.
+    """
+
+    center: Array
+    across: Array
+    normal: Array
+    up: Array
+
+
+def wall_frame(
+    points: Array, normals: Array, photograph_shape: tuple[int, int] | None = None
+) -> WallFrame:
+    """Orient the field of view by the photograph's own rows and columns.
+
+    Points (M, 3) are in metres, normals (M, 3) of unit length. A photograph shape of None, or of a
+    single column, takes the horizontal direction of the wall (z up) as across.
+    """
+    center = points.mean(axis=0)
+    normal = normals.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    rows, columns = photograph_shape or (1, 1)
+    if columns > 1:
+        grid = points.reshape(rows, columns, 3)
+        across = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    else:
+        vertical = np.array([0.0, 0.0, 1.0])
+        across = np.cross(vertical, normal)
+        if np.linalg.norm(across) < 1e-6:
+            across = np.array([1.0, 0.0, 0.0])
+    across = across - (across @ normal) * normal
+    across /= np.linalg.norm(across)
+    up = np.cross(across, -normal)
+    return WallFrame(center, across, normal, up)
