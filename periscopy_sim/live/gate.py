@@ -163,7 +163,11 @@ class Gate:
             return viewer.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
         if "Upgrade" in request.headers:
             return None
-        path = request.path.partition("?")[0].removeprefix(f"/{self.token}") or "/"
+        path = request.path.partition("?")[0].removeprefix(f"/{self.token}")
+        if not path:  # the page's script lies beside it, behind the slash
+            moved = viewer.respond(HTTPStatus.PERMANENT_REDIRECT, "")
+            moved.headers["Location"] = f"/{self.token}/"
+            return moved
         if path not in FILES:
             return viewer.respond(HTTPStatus.NOT_FOUND, "no such file\n")
         kind, content = FILES[path]

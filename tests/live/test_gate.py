@@ -162,8 +162,9 @@ def test_pages_of_others_cannot_read_the_page(target, headers):
             urllib.request.urlopen(target.gate.url + path)
         assert refused.value.code == 404
         refused.value.close()
-    with urllib.request.urlopen(target.gate.url) as page:
-        assert b"<html" in page.read()
+    for url in (target.gate.url, target.gate.url.rstrip("/")):
+        with urllib.request.urlopen(url) as page:
+            assert b"<html" in page.read() and page.url == target.gate.url
 
 
 def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
