@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,13 +17,12 @@ from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
 from periscopy_sim.cli.session import Session, check_memory
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation import design as designs
-from periscopy_sim.evaluation.design import Row
-from periscopy_sim.evaluation.sweep import image_sha256
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.rendering.transport.bounced import channels_mean
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.evaluation.design import Row
 
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
@@ -61,6 +60,10 @@ def design(
     The command compares scenes over one or two of their <default>s, and writes the best scene. The
     same command resumes an interrupted design.
     """
+    from periscopy_sim.evaluation import design as designs
+    from periscopy_sim.evaluation.sweep import image_sha256
+    from periscopy_sim.rendering.transport.bounced import channels_mean
+
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
@@ -108,11 +111,12 @@ def design(
 def _write_results(
     session: Session,
     out: Path,
-    rows: Sequence[Row],
-    ranking: Sequence[Row],
+    rows: "Sequence[Row]",
+    ranking: "Sequence[Row]",
     settings: Mapping[str, Any],
 ) -> None:
     """Write the picture, the best scene, if there is one, and the record."""
+    from periscopy_sim.evaluation.design import values_of
     from periscopy_sim.figures.design import draw_design
 
     best = ranking[0] if ranking else None
@@ -125,7 +129,7 @@ def _write_results(
     if best is not None:
         remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
         with staged_file(out / BEST) as file:
-            write_copy(session.scenario.document, designs.values_of(best), file, remark)
+            write_copy(session.scenario.document, values_of(best), file, remark)
             ps.load_scenario(file, session.size)
     record = {
         **settings,
@@ -138,14 +142,16 @@ def _write_results(
         write_json(file, record)
 
 
-def _say_rows(rows: Sequence[Row], best: Row | None) -> None:
+def _say_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     """Print the errors of the given and the best scene; warn of points that are no scenes."""
+    from periscopy_sim.evaluation.design import NUMBERS, values_of
+
     for row in rows:
-        place = ", ".join(f"{name}={value}" for name, value in designs.values_of(row).items())
+        place = ", ".join(f"{name}={value}" for name, value in values_of(row).items())
         if row["failure"]:
             warn(f"{place}: {row['failure']}")
         elif row["point"] == 0 or row is best:
-            numbers = {name: row[name] for name in designs.NUMBERS if row[name] is not None}
+            numbers = {name: row[name] for name in NUMBERS if row[name] is not None}
             shown = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
             say(f"{'best' if row is best else 'given scene'} ({place}): {shown} of white")
     if best is None:
