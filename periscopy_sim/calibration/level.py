@@ -132,7 +132,7 @@ class ResolutionLevel:
         return float(self.precision @ (point - self.center) ** 2)
 
     def with_edges(self, found: Candidate) -> ResolutionLevel:
-        """Return the level whose unknown images are smooth but for the edges of those found."""
+        """Return a level whose image prior uses the edges of the estimated images."""
         groups = []
         for group, explained in zip(self.groups, found.explanations, strict=True):
             if isinstance(explained, SharpExplanation):

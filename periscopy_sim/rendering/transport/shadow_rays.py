@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
+from periscopy_sim.rendering.transport.kernel import Kernel, Strata
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
 
@@ -121,7 +121,7 @@ class RenderedTransport:
         Scalar variants raise a `VariantError`.
         """
         require_vectorized("the transport matrix by rays")
-        entries = make_kernel(self.scenario, self.samples, self.strata)
+        entries = Kernel(self.scenario, self.samples, self.strata)
         chosen = np.arange(self.shape[0]) if pixels is None else pixels
         numbers = mi.UInt32(self.scenario.view.numbers[chosen].astype(np.uint32))
         patches = self.shape[1]
