@@ -87,6 +87,8 @@ class Hidden(Mapping[str, Surface]):
     ----------
     patches
         N.
+    slices
+        The columns of A that each surface has, by its id.
     """
 
     def __init__(self, surfaces: Mapping[str, Surface]) -> None:
@@ -94,7 +96,7 @@ class Hidden(Mapping[str, Surface]):
             raise InputError("there is no hidden surface; give one at least")
         self._surfaces = dict(surfaces)
         ends = np.cumsum([0, *(np.prod(each.shape, dtype=int) for each in surfaces.values())])
-        self._slices = {
+        self.slices = {
             name: slice(int(start), int(stop))
             for name, start, stop in zip(surfaces, ends[:-1], ends[1:], strict=True)
         }
@@ -175,7 +177,7 @@ class Hidden(Mapping[str, Surface]):
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
         return {
             name: f[part].reshape(*self[name].shape, *f.shape[1:])
-            for name, part in self._slices.items()
+            for name, part in self.slices.items()
         }
 
     def join(self, images: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
@@ -204,7 +206,7 @@ class Hidden(Mapping[str, Surface]):
     def differences(self) -> "Differences":
         """The gradient operator ∇ of images on these surfaces."""
         following, weights, borders = [], [], []
-        for part, surface in zip(self._slices.values(), self.values(), strict=True):
+        for part, surface in zip(self.slices.values(), self.values(), strict=True):
             numbers = np.arange(part.start, part.stop).reshape(surface.shape)
             places = surface.centers.reshape(*surface.shape, 3)
             for axis, size in enumerate(surface.shape):

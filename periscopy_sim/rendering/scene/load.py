@@ -126,6 +126,7 @@ class SceneLoader:
             plugins=self.layout.plugins,
             boxes={name: corners(box) for name, box in boxes.items() if name != "wall"},
             occluders=tuple(body for name, body in bodies.items() if name not in emission),
+            surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
             source=self,
@@ -139,7 +140,8 @@ class SceneLoader:
         """Return a scene at other values, moved where that suffices, else loaded anew."""
         nodes = SceneNodes(self._path, values)
         layout = nodes.layout()
-        motions = motions_between(self.layout, layout, scene.occluders)
+        movable = [each.name for each in scene.occluders if each.vertices is not None]
+        motions = motions_between(self.layout, layout, [*movable, *scene.emission])
         if motions is None:
             return SceneLoader(nodes).scene
         boxes = {n: _moved(box, motions.get(n)) for n, box in self.scene.boxes.items()}
@@ -149,6 +151,7 @@ class SceneLoader:
             places=layout.places,
             boxes=boxes,
             occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
+            surfaces=tuple(moved_occluder(each, motions) for each in self.scene.surfaces),
             emission={FLAT: nodes.emission_profile()},
         )
 

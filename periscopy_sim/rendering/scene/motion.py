@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from periscopy_sim.hidden import FLAT
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.nodes import SceneLayout
 from periscopy_sim.scene import Occluder
@@ -20,9 +19,12 @@ CAMERAS = "orthographic", "perspective"
 
 
 def motions_between(
-    before: SceneLayout, after: SceneLayout, occluders: Collection[Occluder]
+    before: SceneLayout, after: SceneLayout, movable: Collection[str]
 ) -> dict[str, Array] | None:
-    """Return the motion, (4, 4), of each thing that moved; None if more than these differs."""
+    """Return the motion, (4, 4), of each thing that moved; None if more than these differs.
+
+    What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
+    """
     if after.rest != before.rest or after.places.keys() != before.places.keys():
         return None
     motions = {}
@@ -31,10 +33,8 @@ def motions_between(
             if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
                 return None
             motions[name] = place @ np.linalg.inv(before.places[name])
-    movable = {each.name for each in occluders if each.vertices is not None} | {FLAT}
-    if after.plugins["wall"] == "rectangle":
-        movable |= {"camera", "wall"}
-    if motions and not (after.plugins["camera"] in CAMERAS and motions.keys() <= movable):
+    seen = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
+    if motions and not (after.plugins["camera"] in CAMERAS and motions.keys() <= {*movable, *seen}):
         return None
     return motions
 

@@ -27,17 +27,17 @@ SHADOW_EPSILON = 1e-4
 
 
 class Kernel:
-    """The entries A[pixel, patch] of a scenario, as Dr.Jit arrays.
+    """The entries A[pixel, patch] of one hidden surface of a scenario, as Dr.Jit arrays.
 
-    Called with numbers of pixels in the photograph and of patches, and a seed, it returns an entry
-    for each lane: the mean over the pixel's wall points of sums over the patch's samples.
+    Called with numbers of pixels in the photograph and of the surface's patches, and a seed, it
+    returns an entry for each lane: the mean over the pixel's wall points of sums over the patch's
+    samples.
     """
 
-    def __init__(self, scenario: Scenario, samples: int, strata: Strata) -> None:
+    def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
         self._scene = build_scene(scenario.scene)
         self._camera, self._wall = camera_of(self._scene), shape_of(self._scene, "wall")
-        ((name, self._surface),) = scenario.hidden.items()
-        self._shape = shape_of(self._scene, name)
+        self._surface, self._shape = scenario.hidden[name], shape_of(self._scene, name)
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
         self._samples, self._strata = samples, strata
         self._film, self._across = scenario.view.shape, scenario.view.across
