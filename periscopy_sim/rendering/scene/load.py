@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.motion import LoadedScene
-from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.placement import SceneLayout
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import map_points, seen_wall, surface_at
 from periscopy_sim.rendering.variant import without_warnings
@@ -123,9 +124,9 @@ def _at(
     loaded: LoadedScene, photograph: tuple[int, int] | None, values: Mapping[str, str]
 ) -> Scenario:
     """Return a loaded scene's scenario at other values, loaded anew where that takes rays."""
-    nodes = SceneNodes(loaded.scenario.path, values)
-    moved = loaded.at(nodes)
+    moved = loaded.at(values)
     if moved is None:
+        nodes = SceneNodes(loaded.scenario.path, values)
         return _load(nodes, loaded.scenario.hidden_shape, photograph)
     _check_places(moved)
     return replace(moved, loader=partial(_at, loaded, photograph))

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
-from periscopy_sim.scenario import Array, Occluder, Scenario, corners
+from periscopy_sim.rendering.emitters.lcd import EXPONENTS
+from periscopy_sim.rendering.scene.document import check_values, read_elements
+from periscopy_sim.rendering.scene.placement import SceneLayout, written_layout
+from periscopy_sim.scenario import Array, EmissionProfile, Occluder, Scenario, corners
 
 CAMERAS = "orthographic", "perspective"
 """Sensors whose rays through the picture's corners enclose all others."""
@@ -30,23 +32,23 @@ class LoadedScene:
     directions: NDArray[np.float32]  # (M, 3)
     boxes: Mapping[str, Array]  # (2, 3) lower and upper corner about each shape but the wall
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's nodes, which cannot be pickled: a copy traces rays."""
-        return self.__dict__ | {"layout": SceneLayout({}, {}, [])}
-
-    def at(self, nodes: SceneNodes) -> Scenario | None:
-        """Return the scenario of the same file's nodes at other values; None if that takes rays."""
-        layout = nodes.layout()
+    def at(self, values: Mapping[str, str]) -> Scenario | None:
+        """Return the scenario at other values of its file's parameters; None if that takes rays."""
+        scenario = self.scenario
+        document, elements = read_elements(scenario.path, values)
+        check_values(document)
+        layout = written_layout(elements, list(self.layout.places))
         motions = self._motions(layout)
         if motions is None:
             return None
+        exponents = [layout.exponents.get(name, 0.0) for name in EXPONENTS]
         moved = replace(
-            self.scenario,
-            document=nodes.document,
-            emission=nodes.emission_profile(),
+            scenario,
+            document=document,
+            emission=EmissionProfile(*exponents) if layout.exponents else scenario.emission,
             occluders=tuple(
                 _moved_occluder(each, motions[each.name]) if each.name in motions else each
-                for each in self.scenario.occluders
+                for each in scenario.occluders
             ),
         )
         if "monitor" in motions:
@@ -61,12 +63,17 @@ class LoadedScene:
     def _motions(self, layout: SceneLayout) -> dict[str, Array] | None:
         """Return the motion, (4, 4), of each thing that moved; None if more than these differs."""
         before, plugins = self.layout, layout.plugins
-        if layout.rest != before.rest or layout.places.keys() != before.places.keys():
+        is_profile = all(exponent >= 0 for exponent in layout.exponents.values())
+        if layout.rest != before.rest or not is_profile:
             return None
         motions = {}
         for name, place in layout.places.items():
             if not np.array_equal(place, before.places[name]):
-                if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
+                # Mitsuba computes in single precision; no comparison is true of NaN.
+                is_finite = (np.abs(place) < np.finfo("f4").max).all()
+                if not (
+                    is_finite and np.linalg.det(place) * np.linalg.det(before.places[name]) > 0
+                ):
                     return None
                 motions[name] = place @ np.linalg.inv(before.places[name])
         movable = {each.name for each in self.scenario.occluders if each.vertices is not None}
