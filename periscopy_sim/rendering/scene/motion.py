@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.nodes import SceneLayout
+from periscopy_sim.rendering.scene.placement import SceneLayout
 from periscopy_sim.scene import Occluder
 from periscopy_sim.view import moved_points
 
@@ -25,12 +25,15 @@ def motions_between(
 
     What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
     """
-    if after.rest != before.rest or after.places.keys() != before.places.keys():
+    is_profile = all(exponent >= 0 for exponent in after.exponents.values())
+    if after.rest != before.rest or not is_profile:
         return None
     motions = {}
     for name, place in after.places.items():
         if not np.array_equal(place, before.places[name]):
-            if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
+            # Mitsuba computes in single precision; no comparison is true of NaN.
+            is_finite = (np.abs(place) < np.finfo("f4").max).all()
+            if not (is_finite and np.linalg.det(place) * np.linalg.det(before.places[name]) > 0):
                 return None
             motions[name] = place @ np.linalg.inv(before.places[name])
     seen = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
