@@ -9,10 +9,13 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import filter_rows
 
@@ -20,14 +23,14 @@ from periscopy_sim.numerics.products import filter_rows
 class SpectralBasis:
     """The generalized eigenvectors of one scene, its patterns.
 
-    They follow from A⊥ᵀA⊥, (N, N), for images of (R, C) patches.
+    They follow from A⊥ᵀA⊥, (N, N), for images on hidden surfaces of N patches.
     """
 
-    def __init__(self, gram: Array, shape: tuple[int, int]) -> None:
-        curvatures, W = linalg.eigh(gram, laplacian(shape))
+    def __init__(self, gram: Array, hidden: Hidden) -> None:
+        curvatures, W = linalg.eigh(gram, laplacian(hidden).toarray())
         self.curvatures: Array = np.maximum(curvatures, 0)  # (N,) λ, ascending
         self.rows = np.ascontiguousarray(W.T, np.float32)  # (N, N), W_k in row k
-        self.inverse_laplacian = InverseLaplacian(shape)
+        self.inverse_laplacian = InverseLaplacian(hidden)
 
     def combined(self, coefficients: Array) -> Image:
         """Return the sum of patterns by (3, N) coefficients, (3, N)."""
@@ -77,29 +80,25 @@ class Solver:
 
 
 class InverseLaplacian:
-    """K⁻¹ for images of (R, C) patches, by the eigenvectors of K down and across."""
+    """K⁻¹ of hidden surfaces, by a sparse factorization."""
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        (down, U), (across, V) = (linalg.eigh(second_differences(size)) for size in shape)
-        self._gain = (1 / (1 + down[:, None] + across)).astype(np.float32)
-        self._U, self._V = (np.ascontiguousarray(each, np.float32) for each in (U, V))
+    def __init__(self, hidden: Hidden) -> None:
+        self._hidden = hidden
+        # K is symmetric and diagonally dominant: it needs no pivots, and few new entries.
+        options = {"SymmetricMode": True}
+        K = laplacian(hidden).astype(np.float32)
+        self._factor = splu(K, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
     def __call__(self, vectors: Image) -> Image:
-        """Return K⁻¹ of each of (K, R C) images in single precision."""
-        images = vectors.reshape(-1, *self._gain.shape)
-        inverse = self._U @ ((self._U.T @ images @ self._V) * self._gain) @ self._V.T
-        return np.reshape(inverse, vectors.shape)
+        """Return K⁻¹ of each of (K, N) images in single precision."""
+        return np.asarray(self._factor.solve(vectors.T).T)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave the factorization, which cannot be copied, to be computed anew."""
+        return InverseLaplacian, (self._hidden,)
 
 
-def laplacian(shape: tuple[int, int]) -> Array:
-    """Return K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
-    down, across = (second_differences(size) for size in shape)
-    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
-    K[np.diag_indices_from(K)] += 1
-    return K
-
-
-def second_differences(size: int) -> Array:
-    """Return ∇ᵀ∇ for a row of patches, (size, size)."""
-    differences = np.diff(np.eye(size), axis=0)
-    return differences.T @ differences
+def laplacian(hidden: Hidden) -> Any:
+    """Return K = ∇ᵀ∇ + I of hidden surfaces of N patches, sparse (N, N)."""
+    D = hidden.differences.matrix
+    return (D.T @ D + sparse.eye_array(hidden.patches)).tocsc()
