@@ -79,7 +79,7 @@ class Geometry:
 
     def __init__(self, samples: Samples, right: bool) -> None:
         self.right = right
-        rows_K = (samples.rows @ laplacian(Hidden.of(HIDDEN))).astype(np.float32)
+        rows_K = (samples.rows @ laplacian(Hidden.of(HIDDEN).differences)).astype(np.float32)
         self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
         stacks = samples.data, samples.weights, samples.errors[:, None], samples.start
         self.stacks = [torch.from_numpy(each) for each in stacks]

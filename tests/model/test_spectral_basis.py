@@ -1,13 +1,21 @@
 """The linear equations of the noise-aware method against dense solutions."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import linalg
 
-from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.spectral_basis import InverseLaplacian, Solver, SpectralBasis, laplacian
+from periscopy_sim.hidden import Hidden, Surface
+from periscopy_sim.model.spectral_basis import (
+    InverseLaplacian,
+    Solver,
+    SpectralBasis,
+    inverse_by_axes,
+    inverse_by_factors,
+    laplacian,
+)
 from tests.surfaces import alone, screen_and_column
 
 HIDDEN = Hidden.of((4, 5))
@@ -20,7 +28,7 @@ RIGHT = RNG.standard_normal((3, 20))
 
 
 def dense(ρ, data, g):
-    K = laplacian(HIDDEN).toarray()
+    K = laplacian(HIDDEN.differences).toarray()
     return np.array(
         [np.linalg.solve(w * GRAM + ρ * K, d + ρ * b)
          for w, d, b in zip(WEIGHTS, data, g, strict=True)]
@@ -66,19 +74,38 @@ def test_sum_of_weak_patterns_that_is_kept_costs_their_part_of_the_change():
 def test_inverse_laplacian_undoes_the_laplacian(hidden):
     images = RNG.standard_normal((3, hidden.patches))
     inverse = InverseLaplacian(hidden)
-    smoothed = inverse((images @ laplacian(hidden)).astype(np.float32))
+    smoothed = inverse((images @ laplacian(hidden.differences)).astype(np.float32))
     np.testing.assert_allclose(smoothed, images, atol=1e-5)
+    for one in alone(hidden):
+        (surface,), K = one.values(), laplacian(one.differences).toarray()
+        expected = np.linalg.solve(K, images[:, : one.patches].T).T
+        g = images[:, : one.patches].astype(np.float32)
+        for each in (
+            inverse_by_axes(one.differences, surface.shape),
+            inverse_by_factors(one.differences),
+        ):
+            np.testing.assert_allclose(each(g), expected, atol=1e-5)
     copied = pickle.loads(pickle.dumps(inverse))
     np.testing.assert_array_equal(copied(smoothed), inverse(smoothed))
 
 
+def test_axes_that_are_not_alike_have_no_eigenvectors_of_their_own():
+    centers = RNG.random((20, 3))
+    bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)})
+    assert inverse_by_axes(bent.differences, (4, 5)) is None
+    images = RNG.standard_normal((3, 20)).astype(np.float32)
+    smoothed = InverseLaplacian(bent)(images)
+    K = laplacian(bent.differences).toarray()
+    np.testing.assert_allclose(smoothed, np.linalg.solve(K, images.T).T, atol=1e-4)
+
+
 def test_laplacian_is_that_of_forward_differences():
-    K = laplacian(HIDDEN)
+    K = laplacian(HIDDEN.differences)
     for seed in range(3):
         f = np.random.default_rng(seed).random((4, 5))
         energy = (np.diff(f, axis=0) ** 2).sum() + (np.diff(f, axis=1) ** 2).sum() + (f**2).sum()
         assert f.ravel() @ K @ f.ravel() == pytest.approx(energy)
-    np.testing.assert_array_equal(laplacian(Hidden.of((1, 1))).toarray(), [[1.0]])
+    np.testing.assert_array_equal(laplacian(Hidden.of((1, 1)).differences).toarray(), [[1.0]])
 
 
 def test_patterns_of_surfaces_that_light_other_pixels_are_those_of_each_alone():

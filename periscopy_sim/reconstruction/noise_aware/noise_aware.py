@@ -209,15 +209,15 @@ class NoiseAware(StillMethod[np.float64]):
         mixing = self.observation.mixing
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
-        before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
+        before = None if previous is None else self.hidden.vector(previous).T / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))
         objective = Objective(
-            self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
+            self.fit.patterns, self.hidden, mixing / strength, regularization, self.positive
         )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         λ = regularization * self.fit.norm * strength / (evidence.level * evidence.mean_noise)
         solution = NoiseAwareReconstruction(
-            image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
+            image=self.hidden.image(minimum.image.T.astype(np.float64) * unit),
             noise=evidence.level * evidence.noise,
             weight=λ,
             iterations=minimum.iterations,

@@ -44,7 +44,11 @@ def problems(small):
     solution = method.solve(small.photograph)
     problem = problem_of(method, solution)
     patterns = method.fit.patterns
-    shared = patterns.rows, patterns.curvatures, patterns.rows @ laplacian(Hidden.of(HIDDEN))
+    shared = (
+        patterns.rows,
+        patterns.curvatures,
+        patterns.rows @ laplacian(Hidden.of(HIDDEN).differences),
+    )
     own = problem.data, problem.weights, problem.errors[None], problem.start
     tensors = [torch.tensor(each, dtype=torch.float32) for each in shared]
     return Problems(*tensors, *(torch.tensor(each)[None] for each in own)), problem, solution
