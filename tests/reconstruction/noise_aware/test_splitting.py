@@ -2,18 +2,23 @@
 
 import numpy as np
 import pytest
+from scipy import linalg
 from scipy.optimize import minimize
 
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.model.fit import Evidence
+from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     RELAXATION,
     Gradient,
+    Objective,
     Penalties,
+    Schedule,
     Splitting,
     advance,
     right_hand_side,
 )
-from tests.surfaces import screen_and_column
+from tests.surfaces import alone, screen_and_column
 
 RNG = np.random.default_rng(0)
 TARGETS = RNG.normal(0.1, 0.7, (3, 120))
@@ -103,3 +108,27 @@ def test_iteration_on_surfaces_is_that_of_the_formulas():
         np.sum(shrunk**2) + np.sum(kept**2),
     )
     np.testing.assert_allclose(residuals, sums, rtol=1e-4)
+
+
+def test_surfaces_that_light_other_pixels_have_the_images_of_each_alone():
+    """The minimizer of both, from one spectral basis, is made of the minimizers of either."""
+    hidden, noise = screen_and_column(), np.full(3, 0.1)
+    grams, rights = [], []
+    for one in alone(hidden):
+        A = RNG.normal(size=(40, one.patches)) / 6
+        grams.append(A.T @ A)
+        rights.append(A.T @ (A @ RNG.random((one.patches, 3)) + RNG.normal(0, 0.5, (40, 3))))
+    schedule = Schedule(1e-6, 20_000)
+
+    def minimized(gram, right, surfaces, λ=0.05):
+        basis = SpectralBasis(gram, surfaces)
+        evidence = Evidence(right.T @ basis.rows.T, noise, 1.0, 0.0)
+        regularization = 2 * λ / np.sqrt(surfaces.patches) / noise.mean()
+        objective = Objective(basis, surfaces, np.eye(3), regularization, positive=True)
+        return objective.minimize(evidence, schedule).image
+
+    both = minimized(linalg.block_diag(*grams), np.concatenate(rights), hidden)
+    parts = zip(alone(hidden), hidden.slices.values(), grams, rights, strict=True)
+    for one, part, gram, right in parts:
+        np.testing.assert_allclose(both[:, part], minimized(gram, right, one), atol=1e-4)
+    assert (both == 0).any() and (both > 0.1).any()
