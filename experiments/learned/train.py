@@ -25,6 +25,7 @@ from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn, styled
 from experiments.learned.samples import HIDDEN, Samples
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
 from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
@@ -78,7 +79,7 @@ class Geometry:
 
     def __init__(self, samples: Samples, right: bool) -> None:
         self.right = right
-        rows_K = (samples.rows @ laplacian(HIDDEN)).astype(np.float32)
+        rows_K = (samples.rows @ laplacian(Hidden.of(HIDDEN).differences)).astype(np.float32)
         self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
         stacks = samples.data, samples.weights, samples.errors[:, None], samples.start
         self.stacks = [torch.from_numpy(each) for each in stacks]

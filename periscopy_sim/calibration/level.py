@@ -136,8 +136,9 @@ class ResolutionLevel:
         groups = []
         for group, explained in zip(self.groups, found.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
-                for light, image in zip(group.light, explained.images, strict=True):
-                    groups.append(Group(light[None], SmoothImages.like(image)))
+                for light, f in zip(group.light, explained.images, strict=True):
+                    images = SmoothImages.like(self.scene.scenario.hidden, f)
+                    groups.append(Group(light[None], images))
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))

@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import smoothness
 from periscopy_sim.calibration.sharp_images import SharpImages
+from periscopy_sim.hidden import Hidden
 
 Array = NDArray[np.float64]
 
-SHAPE = (6, 5)
+HIDDEN = Hidden.of((6, 5))
 PATCHES, PIXELS, LIGHTS = 30, 200, 4
 
 
@@ -28,17 +29,17 @@ def wall() -> tuple[Array, Array, Array]:
 def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array]) -> None:
     A, Q, y = wall
     change = 0.1 * np.random.default_rng(0).standard_normal(A.shape) * A
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     volume = float(np.vdot(explanation.volume, change))
     slope = explanation.slope(explanation.motion(change @ explanation.lights), volume)
     h = 1e-3
-    sides = [SharpImages(SHAPE).explain(A + s * change, Q, y).evidence / 2 for s in (h, -h)]
+    sides = [SharpImages(HIDDEN).explain(A + s * change, Q, y).evidence / 2 for s in (h, -h)]
     assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=0.1)
 
 
 def test_the_image_is_the_pictures_and_never_negative(wall: tuple[Array, Array, Array]) -> None:
     A, Q, y = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     assert explanation.lights.min() >= 0
     np.testing.assert_allclose(explanation.noise, 0.01, rtol=0.3)
     assert np.linalg.norm(explanation.residual) < 0.1 * np.linalg.norm(y - Q @ (Q.T @ y))
@@ -49,7 +50,7 @@ def test_units_of_light_and_matrix_shift_the_evidence_alone(
 ) -> None:
     """A brighter matrix is no better; photographs in another unit keep what differs."""
     A, Q, y = wall
-    images, moved = SharpImages(SHAPE), A + 0.1 * A[::-1]
+    images, moved = SharpImages(HIDDEN), A + 0.1 * A[::-1]
     one, other = images.explain(A, Q, y), images.explain(moved, Q, y)
     brighter, scaled = images.explain(100 * A, Q, y), images.explain(A, Q, 1e4 * y)
     scaled_other = images.explain(moved, Q, 1e4 * y)
@@ -61,7 +62,7 @@ def test_units_of_light_and_matrix_shift_the_evidence_alone(
 def test_what_the_image_can_follow_is_no_information(wall: tuple[Array, Array, Array]) -> None:
     """Light of a lit patch is followed; light that no patch throws is not."""
     A, Q, y = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     lit = int(np.argmax(explanation.lights[:, 0]))
     strange = np.random.default_rng(1).standard_normal(PIXELS)
     lights = np.array([A[:, lit], strange])[:, :, None] * np.ones(6)
@@ -76,14 +77,14 @@ def test_a_channel_without_light_is_explained(wall: tuple[Array, Array, Array]) 
     A, Q, y = wall
     y = y[:, :3].copy()
     y[:, 1] = 0
-    assert np.isfinite(SharpImages(SHAPE).explain(A, Q, y).evidence)
+    assert np.isfinite(SharpImages(HIDDEN).explain(A, Q, y).evidence)
 
 
 def test_ambient_light_alone_has_a_black_image(wall: tuple[Array, Array, Array]) -> None:
     """Nothing of it is lit, so that no image can follow a motion, and it has no edges."""
     A, Q, _ = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, Q @ np.ones((Q.shape[1], 3)))
+    explanation = SharpImages(HIDDEN).explain(A, Q, Q @ np.ones((Q.shape[1], 3)))
     (image,) = explanation.images
     motion = np.ones((1, len(A), 3))
     np.testing.assert_allclose(explanation.beyond_image(motion), motion, rtol=1e-6)
-    np.testing.assert_allclose(smoothness(SHAPE, np.zeros_like(image)), smoothness(SHAPE))
+    np.testing.assert_allclose(smoothness(HIDDEN, np.zeros_like(image)), smoothness(HIDDEN))

@@ -158,7 +158,7 @@ def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch)
     photographs = rng.random((5, 20, 3))
     estimates = list(periscope.estimates(photographs))
     assert [len(e.noise) for e in estimates] == [2, 2, 1]
-    together = np.concatenate([e.preconditioned for e in estimates])
+    together = np.concatenate([e.preconditioned for e in estimates]).reshape(-1, 2, 3, 3)
     np.testing.assert_array_equal(
         together, [periscope.solve(y).preconditioned for y in photographs]
     )
