@@ -135,7 +135,7 @@ class SceneLoader:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's scene, which cannot be pickled."""
+        """Leave out Mitsuba's scene, which cannot be pickled: a copy builds it anew."""
         return self.__dict__ | {"_built": (None, None)}
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
@@ -155,7 +155,7 @@ class SceneLoader:
             boxes=boxes,
             occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
             surfaces=tuple(moved_occluder(each, motions) for each in self.scene.surfaces),
-            emission={FLAT: layout.emission(self.scene.emission[FLAT])},
+            emission={n: layout.emission.get(n, each) for n, each in self.scene.emission.items()},
         )
 
     def view(self, scene: Scene, shape: Size | None, across: int) -> View:

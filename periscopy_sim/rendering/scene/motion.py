@@ -5,7 +5,7 @@ camera from M to M'. The arrays of the loaded scene then move by M' M^-1.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -25,13 +25,13 @@ def motions_between(
 
     What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
     """
-    is_profile = all(exponent >= 0 for exponent in after.exponents.values())
-    if after.rest != before.rest or not is_profile:
+    exponents = [exponent for each in after.emission.values() for exponent in astuple(each)]
+    if after.rest != before.rest or not all(exponent >= 0 for exponent in exponents):
         return None
     motions = {}
     for name, place in after.places.items():
         if not np.array_equal(place, before.places[name]):
-            # Mitsuba computes in single precision; no comparison is true of NaN.
+            # Mitsuba renders in single precision. No comparison is true of NaN.
             is_finite = (np.abs(place) < np.finfo("f4").max).all()
             if not (is_finite and np.linalg.det(place) * np.linalg.det(before.places[name]) > 0):
                 return None

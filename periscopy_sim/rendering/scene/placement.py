@@ -21,7 +21,7 @@ from periscopy_sim.scene import EmissionProfile
 NUMBERS = {"perspective": ("fov",), "cylinder": ("p0", "p1", "radius"), LCD: EXPONENTS}
 """Numbers of a plugin that a layout knows, beside ``to_world``."""
 
-_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 """A number that Python and Mitsuba read alike."""
 
 
@@ -31,19 +31,15 @@ class SceneLayout:
 
     `plugins` and `places`, matrices (4, 4) from a node's coordinates to the scene's, are by id; a
     perspective camera's matrix is scaled by its field of view, and a cylinder's is that of the
-    cylinder of radius 1 about the z axis from z = 0 to 1. `exponents` are those of the monitor's
-    emitter. `rest` are the other elements of the text; None if Mitsuba does not confirm it.
+    cylinder of radius 1 about the z axis from z = 0 to 1. `emission` are the profiles of shapes
+    that say their exponents, `rest` the other elements of the text; None if Mitsuba places
+    something elsewhere.
     """
 
     plugins: dict[str, str] = field(default_factory=dict)
     places: dict[str, Array] = field(default_factory=dict)
-    exponents: dict[str, float] = field(default_factory=dict)
+    emission: dict[str, EmissionProfile] = field(default_factory=dict)
     rest: list[Element] | None = None
-
-    def emission(self, loaded: EmissionProfile | None) -> EmissionProfile | None:
-        """Return the monitor's profile, of the same kind as the loaded one."""
-        exponents = [self.exponents.get(name, 0.0) for name in EXPONENTS]
-        return EmissionProfile(*exponents) if self.exponents else loaded
 
 
 def written_layout(elements: Sequence[Element], names: Sequence[str]) -> SceneLayout:
@@ -51,33 +47,34 @@ def written_layout(elements: Sequence[Element], names: Sequence[str]) -> SceneLa
     rest: list[Element] = []
     layout = SceneLayout(rest=rest)
     nodes: dict[str, dict[str, Any]] = {}
-    above: list[tuple[str, str, dict[str, Any] | None]] = []  # about the present element
+    above: list[tuple[str, str, str | None]] = []  # about the present element
     for element in elements:
         level, tag, attributes = element
         name, plugin = attributes.get("name", ""), attributes.get("type", "")
         del above[level:]
-        holder, kind, known = above[-1] if above else ("", "", None)
-        inner = None  # the numbers to which the present element adds
+        holder, kind, owner = above[-1] if above else ("", "", None)
         if tag in ("shape", "sensor"):
-            key = attributes.get("id") or "".join(names[len(nodes) : len(nodes) + 1])
-            inner = nodes[key] = {"to_world": np.eye(4)}
-            layout.plugins[key] = plugin
-        elif known is not None and holder == "transform":
-            known["to_world"] = _step(tag, tuple(attributes.items())) @ known["to_world"]
+            owner = attributes.get("id") or "".join(names[len(nodes) : len(nodes) + 1])
+            nodes[owner], layout.plugins[owner] = {"to_world": np.eye(4)}, plugin
+        elif owner is not None and holder == "transform":
+            step = _step(tag, tuple(attributes.items()))
+            nodes[owner]["to_world"] = step @ nodes[owner]["to_world"]
             continue
-        elif known is not None and name in NUMBERS.get(kind, ()):
+        elif owner is not None and name in NUMBERS.get(kind, ()):
             is_point = tag == "point"
-            known[name] = (
-                _vector(attributes) if is_point else _numbers(attributes["value"], 1).item()
-            )
+            nodes[owner][name] = _vector(attributes) if is_point else _number(attributes["value"])
             continue
-        elif holder in ("shape", "sensor") and (tag, name) == ("transform", "to_world"):
-            inner = known
-        elif tag == "emitter" and known is not None and known is nodes.get("monitor"):
-            inner = layout.exponents
-        above.append((tag, plugin, inner))
+        elif holder not in ("shape", "sensor") or not (
+            tag == "emitter" or (tag, name) == ("transform", "to_world")
+        ):
+            owner = None
+        above.append((tag, plugin, owner))
         rest.append(element)
-    layout.places.update({key: place(layout.plugins[key], **node) for key, node in nodes.items()})
+    for owner, node in nodes.items():
+        exponents = [node.pop(each, None) for each in EXPONENTS]
+        if exponents != [None, None]:
+            layout.emission[owner] = EmissionProfile(*(each or 0.0 for each in exponents))
+        layout.places[owner] = place(layout.plugins[owner], **node)
     return layout
 
 
@@ -118,9 +115,12 @@ def _step(tag: str, items: tuple[tuple[str, str], ...]) -> Array:
     elif tag == "scale":
         step[:3, :3] *= _vector(attributes, "1")
     elif tag == "rotate":
-        angle = np.radians(_numbers(attributes["angle"], 1))
-        across = np.cross(_unit(_vector(attributes)), np.eye(3)).T
-        step[:3, :3] += np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
+        axis, angle = _vector(attributes), np.radians(_number(attributes["angle"]))
+        axis = axis if axis.any() else np.full(3, np.nan)
+        # As Mitsuba, which takes the axis as it is: one of another length stretches.
+        step[:3, :3] *= np.cos(angle)
+        step[:3, :3] += np.sin(angle) * np.cross(axis, np.eye(3)).T
+        step[:3, :3] += (1 - np.cos(angle)) * np.outer(axis, axis)
     elif tag == "lookat":
         ends = (_numbers(attributes.get(name, ""), 3) for name in ("origin", "target", "up"))
         origin, target, up = ends
@@ -136,11 +136,15 @@ def _step(tag: str, items: tuple[tuple[str, str], ...]) -> Array:
     return step
 
 
+def _number(text: str) -> float:
+    return float(_numbers(text, 1)[0])
+
+
 def _vector(attributes: Mapping[str, str], default: str = "0") -> Array:
     """Return x, y and z of a tag, given one by one or as the one or three numbers of a value."""
     if "value" in attributes:
         return np.broadcast_to(_numbers(attributes["value"], 1, 3), 3)
-    return np.concatenate([_numbers(attributes.get(axis, default), 1) for axis in "xyz"])
+    return np.array([_number(attributes.get(axis, default)) for axis in "xyz"])
 
 
 def _numbers(text: str, *counts: int) -> Array:

@@ -34,7 +34,7 @@ def assert_same(scene, expected):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_no_rays(
+def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_no_parse(
     name, monkeypatch
 ):
     path = find_scene(name)
@@ -49,7 +49,7 @@ def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_n
     for draw in draws:
         expected = load_scenario(path, (3, 4), draw, photograph=(6, 8))
         with monkeypatch.context() as patch:
-            patch.setattr(load, "seen_wall", None)
+            patch.setattr(load, "SceneNodes", None)
             assert_same(scene.at(**draw), expected)
 
 
@@ -68,6 +68,44 @@ def test_what_takes_rays_is_traced(room):
         scene, expected = (load_scenario(path, (2, 3), values) for values in ({}, {"x": 0.72}))
         moved = scene.at(x=0.72)
         assert_same(moved, expected)
+
+
+def test_scene_of_many_files_moves_by_any_of_its_references(room, monkeypatch):
+    """Moved by includes, nested defaults, a ruled cylinder, exponents and an unnamed shape."""
+    (room.folder / "part.xml").write_text(
+        '<scene version="3.0.0"><default name="far" value="0.4$digit"/>'
+        '<shape type="cube"><transform name="to_world"><scale value="0.0$digit"/>'
+        '<rotate y="1" angle="$turn"/><translate value="0.$digit, $far 0.3"/></transform></shape>'
+        "</scene>"
+    )
+    rod = (
+        '<shape type="cylinder" id="rod"><point name="p0" x="0.4" y="$far" z="0"/>'
+        '<point name="p1" value="0.4 0.5 0.6"/><float name="radius" value="0.00$digit"/></shape>'
+    )
+    turn = '<default name="digit" value="2"/><default name="turn" value="$digit"/>'
+    parts = {"wall": turn + room.wall(), "monitor": room.monitor(room.lcd("1$digit", "0.$digit"))}
+    path = room.write('<include filename="part.xml"/>', rod, **parts)
+    scene = load_scenario(path, (2, 3))
+    for values in ({"digit": 3}, {"turn": -40}, {"far": 0.41}, {"digit": 3, "far": 0.5}):
+        expected = load_scenario(path, (2, 3), values)
+        with monkeypatch.context() as patch:
+            patch.setattr(load, "SceneNodes", None)
+            assert_same(scene.at(**values), expected)
+
+
+@pytest.mark.parametrize("value", ["0.72", "oak"])
+def test_value_that_does_more_than_move_loads_the_scene_anew(room, value):
+    """A reference in a material, too; `oak` is no number, and the error is the loaded scene's."""
+    paint = '<bsdf type="diffuse"><rgb name="reflectance" value="$x"/></bsdf>'
+    path = room.write(wall=X + room.wall(paint, x="$x"))
+    scene = load_scenario(path, (2, 3))
+    if value == "oak":
+        with pytest.raises(SceneError, match="x=oak"):
+            scene.at(x=value)
+    else:
+        moved = scene.at(x=value)
+        assert_same(moved, load_scenario(path, (2, 3), {"x": value}))
+        assert moved.view.reflectance == pytest.approx(0.72)
 
 
 def camera_at_x(room):
@@ -97,12 +135,13 @@ def test_values_without_a_scene_are_refused_as_when_loaded(scene, values):
     assert str(caught.value) == str(expected.value)
 
 
-def test_scene_keeps_its_values_and_a_pickled_one_loads_anew():
+def test_scene_keeps_its_values_and_so_does_a_pickled_one(monkeypatch):
     scene = load_scenario("chair", (1, 2), {"resolution": 8, "monitor_dx": "0.01"})
     copy = pickle.loads(pickle.dumps(scene))
     expected = load_scenario("chair", (1, 2), {
         **scene.parameters, "occluder_dx": 0, "camera_dz": -0.002,
     })  # fmt: skip
+    monkeypatch.setattr(load, "SceneNodes", None)
     for each in scene, copy, scene.at(occluder_dx=0.004).at(occluder_dx=0):
         assert_same(each.at(occluder_dx=0, camera_dz=-0.002), expected)
     assert scene.parameters == {"resolution": "8", "monitor_dx": "0.01"}
