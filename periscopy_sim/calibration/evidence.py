@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Array
 
-Array = NDArray[np.float64]
 Matrix = NDArray[np.floating[Any]]
 
 BRIGHTNESS = 0.01

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import (
     check_stopping,
     checked_companion,
@@ -26,7 +27,6 @@ from periscopy_sim.numerics.validation import (
 )
 from periscopy_sim.reconstruction.total_variation.dual_solver import solve_dual
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
 
 
