@@ -126,7 +126,7 @@ class FittedScene:
         return ps.Differencing(
             self.A,
             photograph_shape=self.scenario.photograph_shape,
-            hidden_shape=self.hidden,
+            hidden=self.hidden,
             channel_gain=self.scenario.channel_gain,
         )
 

@@ -28,9 +28,8 @@ from .figures.display import save_png, show, to_srgb
 from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory
 from .measurement import Sensor, add_noise, composite
-from .model.colour_matrix import ColourMatrix
 from .model.uncertainty import UncertainTransport
-from .photograph import Photograph
+from .photograph import ColourMatrix, Photograph
 from .photographs.defects import defective_pixels
 from .photographs.develop import develop
 from .photographs.marks import WallPoints, WallTags

@@ -2,34 +2,90 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+LARGEST_CONDITION = 100.0
+"""Condition number from which a matrix no longer separates two primaries: real cameras have 2 to
+10."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColourMatrix:
+    """M of y_j = Σ_k M_jk A f_k + B c_j + n_j, f_k in the monitor's primaries.
+
+    Attributes
+    ----------
+    matrix
+        (C, P), the camera's C channels down, the monitor's P primaries across: column k is the
+        colour that the camera sees where the monitor shows primary k alone.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is not of finite real numbers, has fewer channels than primaries, or two
+        primaries look alike.
+    """
+
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.matrix)
+        if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+            raise ValueError(
+                "a colour matrix is (channels, primaries) real numbers, not of shape "
+                f"{values.shape} and type {values.dtype}"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError("a colour matrix must be finite")
+        channels, primaries = values.shape
+        if channels < primaries or np.linalg.cond(values) > LARGEST_CONDITION:
+            raise ValueError(
+                "two primaries look alike to the camera: the colour matrix, (channels, primaries), "
+                f"is {channels} x {primaries} and of too low a rank"
+            )
+        object.__setattr__(self, "matrix", values.astype(np.float64))
+
+    def mix(self, light: Image) -> Array:
+        """Return light in the camera's channels, (..., C), from light in the primaries."""
+        return np.asarray(light @ self.matrix.T, np.float64)
+
+    def unmix(self, light: Image) -> Array:
+        """Return light in the primaries, (..., P), from light in the camera's channels.
+
+        More channels than primaries are fitted by least squares.
+        """
+        return np.asarray(light @ np.linalg.pinv(self.matrix).T, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """A photograph of the relay wall; make one with `Photograph.of` or by reading a file.
 
-    Methods, videos, sweeps and calibrations use all of it. An array cannot hold the mask or the
-    photographs with the monitor off: NumPy converts a photograph that has none alone.
+    Methods, videos, sweeps and calibrations use all of it. An array cannot hold its conditions (the
+    mask, the photographs with the monitor off and the colour matrix): NumPy converts a photograph
+    that has none alone.
 
     Attributes
     ----------
-    values : (rows, columns, 3) float64
-        Linear light; row 0 is the top. Pixels outside the mask may hold anything, also NaN.
+    values : (rows, columns, C) float64
+        Linear light in the camera's C channels, one if it is grey; row 0 is the top. Pixels outside
+        the mask may hold anything, also NaN.
     mask : (rows, columns) bool or None
         True where methods use the photograph; None for everywhere.
-    monitor_off : mapping of str to (rows, columns, 3) float64
-        Photographs of the same wall with the monitor off, by name.
+    monitor_off : mapping of str to (rows, columns, C) float64
+        Photographs of the same wall with the monitor off, by name; in any unit, of any exposure.
+    colour_matrix : ColourMatrix or None
+        From the monitor's primaries, in which hidden images are, to the camera's channels; None for
+        the identity.
     warnings : tuple of str
         What the reader had to assume or leave out, one line each.
     """
@@ -37,6 +93,7 @@ class Photograph:
     values: Array
     mask: Mask | None = None
     monitor_off: Mapping[str, Array] = field(default_factory=dict)
+    colour_matrix: ColourMatrix | None = None
     warnings: tuple[str, ...] = ()
 
     @classmethod
@@ -48,6 +105,7 @@ class Photograph:
         *,
         mask: Mask | None = None,
         monitor_off: Mapping[str, ArrayLike] | Sequence[ArrayLike] | None = None,
+        colour_matrix: ColourMatrix | None = None,
         warnings: tuple[str, ...] = (),
     ) -> "Photograph":
         """Return a checked photograph from arrays, which are copied.
@@ -55,9 +113,9 @@ class Photograph:
         Parameters
         ----------
         values
-            (rows, columns), (rows, columns, 1) or (rows, columns, 3) real numbers, where one
-            channel is grey. Inside the mask they are finite, one is positive, and the largest is
-            from 1e-30 to 1e30. A subtracted dark frame may leave negative values.
+            (rows, columns), which is one channel of grey, or (rows, columns, C) real numbers.
+            Inside the mask they are finite, one is positive, and the largest is from 1e-30 to 1e30.
+            A subtracted dark frame may leave negative values.
         shape
             (rows, columns) of the scene's camera; None for any.
         name
@@ -66,6 +124,8 @@ class Photograph:
             (rows, columns) bool, True where methods use the photograph; None for everywhere.
         monitor_off
             Photographs with the monitor off, of the same shape, by name or in a sequence.
+        colour_matrix
+            From the monitor's primaries to the camera's channels; None for the identity.
         warnings
             Lines of the reader. One is added if most values are negative.
 
@@ -81,13 +141,30 @@ class Photograph:
         off = {} if monitor_off is None else monitor_off
         if not isinstance(off, Mapping):
             off = {f"monitor-off photograph {k}": each for k, each in enumerate(off, 1)}
-        size = (light.shape[0], light.shape[1])
-        return cls(light, mask, {k: _checked(v, size, k, mask) for k, v in off.items()}, warnings)
+        size, channels = (light.shape[0], light.shape[1]), light.shape[2]
+        dark = {each: _checked(values, size, each, mask) for each, values in off.items()}
+        for other, values in dark.items():
+            if values.shape[2] != channels:
+                raise PhotographError(
+                    f"{other}: has {values.shape[2]} channels, {name} has {channels}; take both by "
+                    "one camera"
+                )
+        if colour_matrix is not None and len(colour_matrix.matrix) != channels:
+            raise PhotographError(
+                f"{name}: has {channels} channels, the colour matrix {len(colour_matrix.matrix)} "
+                "rows; give the camera's own matrix"
+            )
+        return cls(light, mask, dark, colour_matrix, warnings)
 
     @property
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return self.values.shape[0], self.values.shape[1]
+
+    @property
+    def channels(self) -> int:
+        """C, the number of the camera's channels."""
+        return int(self.values.shape[2])
 
     @property
     def pixels(self) -> Mask:
@@ -96,23 +173,33 @@ class Photograph:
 
     @property
     def used(self) -> Array:
-        """(M', 3) values of the pixels inside the mask, row-major."""
+        """(M', C) values of the pixels inside the mask, row-major."""
         return self.values[self.pixels]
 
     @property
     def planes(self) -> Array:
-        """(3, rows, columns) values, NaN outside the mask."""
+        """(C, rows, columns) values, NaN outside the mask."""
         return np.where(self.pixels, np.moveaxis(self.values, -1, 0), np.nan)
 
-    @property
+    @cached_property
     def conditions(self) -> bytes | None:
-        """Digest of the mask and the photographs with the monitor off; None without any."""
-        if self.mask is None and not self.monitor_off:
+        """Digest of mask, photographs with the monitor off and colour matrix; None without any."""
+        if self.mask is None and not self.monitor_off and self.colour_matrix is None:
             return None
+        matrix = () if self.colour_matrix is None else (self.colour_matrix.matrix,)
         digest = hashlib.sha256()
-        for each in (self.pixels, *self.monitor_off.values()):
+        for each in (self.pixels, *self.monitor_off.values(), *matrix):
+            digest.update(str(each.shape).encode())
             digest.update(each.tobytes())
         return digest.digest()
+
+    def unmixed(self) -> "Photograph":
+        """Return the photograph in the monitor's primaries, black outside the mask."""
+        if (colours := self.colour_matrix) is None:
+            return self
+        off = {each: colours.unmix(light) for each, light in self.monitor_off.items()}
+        values = colours.unmix(blackened(self.values, self.mask))
+        return replace(self, values=values, monitor_off=off, colour_matrix=None)
 
     def __repr__(self) -> str:
         """Return its size, its mean and how many warnings there are on one line."""
@@ -125,8 +212,8 @@ class Photograph:
         """Return `values`, for functions of arrays; a PhotographError if they are not all."""
         if self.conditions is not None:
             raise PhotographError(
-                "the photograph has a mask, or photographs with the monitor off, which an array "
-                "cannot hold; give its values and these apart"
+                "the photograph has a mask, photographs with the monitor off or a colour matrix, "
+                "which an array cannot hold; give the photograph itself, or its values"
             )
         return np.array(self.values, dtype=dtype, copy=copy)
 
@@ -134,7 +221,7 @@ class Photograph:
 def _checked(
     values: ArrayLike, shape: tuple[int, int] | None, name: str, mask: Mask | None
 ) -> Array:
-    """Return values as (rows, columns, 3) float64; see `Photograph.of`."""
+    """Return values as (rows, columns, C) float64; see `Photograph.of`."""
     try:
         array = plain_array(values, name)
     except PhotographError:
@@ -146,7 +233,7 @@ def _checked(
     if shape is not None:
         check_size(array.shape[:2], shape, name)
     with np.errstate(over="ignore", invalid="ignore"):  # of longer floats, and signalling NaN
-        light = np.asarray(array, dtype=np.float64)
+        light = np.array(array, dtype=np.float64)
     if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
         raise PhotographError(
             f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
@@ -170,29 +257,36 @@ def _checked(
         raise PhotographError(f"{name}: no value is positive, as light is; check the dark frame")
     if not LIGHT_RANGE[0] <= (largest := np.abs(used).max()) <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
-    return np.repeat(light, 3 // light.shape[2], axis=2)
+    return light
 
 
-def unwrapped(
-    photographs: Any, mask: Mask | None = None, monitor_off: Mapping[str, Any] | None = None
-) -> tuple[list[Any], Mask | None, dict[str, Any]]:
-    """Return the values of photographs of one wall, and the mask and the backgrounds of all.
+def of_one_wall(photographs: Any, shape: tuple[int, int] | None = None) -> list[Photograph]:
+    """Return photographs of one wall, each checked, with the conditions of all of them.
 
-    They are one photograph, a sequence or a stack, of which `Photograph`s add to the mask and the
-    photographs with the monitor off that are given; of equal ones, one.
+    They are one photograph, a sequence or a stack, of `Photograph`s or arrays. Each gets the mask
+    of the pixels that all masks leave, all photographs with the monitor off, of equal ones one, and
+    the colour matrix. A PhotographError says that one is no photograph of this shape, or that they
+    have different colour matrices.
     """
     is_one = isinstance(photographs, Photograph)
     if is_one or not (isinstance(photographs, Sequence) or np.ndim(photographs) == 4):
         photographs = [photographs]
-    values, off = [], dict(monitor_off or {})
-    for k, each in enumerate(photographs, 1):
-        values.append(each.values if isinstance(each, Photograph) else each)
-        if isinstance(each, Photograph):
-            mask = common_pixels(mask, each.mask)
-            for name, light in each.monitor_off.items():
-                if not any(np.array_equal(light, other, equal_nan=True) for other in off.values()):
-                    off[f"{name} of photograph {k}" if name in off else name] = light
-    return values, mask, off
+    given = [each for each in photographs if isinstance(each, Photograph)]
+    mask, off = None, dict[str, Array]()
+    matrices = [each.colour_matrix for each in given if each.colour_matrix is not None]
+    for k, each in enumerate(given, 1):
+        mask = common_pixels(mask, each.mask)
+        for name, light in each.monitor_off.items():
+            if not any(np.array_equal(light, other, equal_nan=True) for other in off.values()):
+                off[f"{name} of photograph {k}" if name in off else name] = light
+    if any(not np.array_equal(each.matrix, matrices[0].matrix) for each in matrices):
+        raise PhotographError("the photographs have different colour matrices; give one")
+    common: dict[str, Any] = {"mask": mask, "monitor_off": off}
+    common["colour_matrix"] = matrices[0] if matrices else None
+    return [
+        Photograph.of(each.values if isinstance(each, Photograph) else each, shape, **common)
+        for each in photographs
+    ]
 
 
 def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:
@@ -218,13 +312,29 @@ def blackened(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:
 
 
 def with_channels(values: NDArray[Any], name: str) -> NDArray[Any]:
-    """Return (rows, columns, 1 or 3) values from those or from (rows, columns) values."""
+    """Return (rows, columns, C) values from those, or from (rows, columns) values of grey."""
     channels = values[..., np.newaxis] if values.ndim == 2 else values
-    if channels.ndim != 3 or channels.shape[2] not in (1, 3):
+    if channels.ndim != 3 or not channels.shape[2]:
         raise PhotographError(
-            f"{name}: has shape {values.shape}; give (rows, columns, 3), or one channel of grey"
+            f"{name}: has shape {values.shape}; give (rows, columns, channels), or (rows, columns) "
+            "of grey"
         )
     return channels
+
+
+def seen_in(light: NDArray[Any], channels: int) -> NDArray[Any]:
+    """Return rendered light, (..., C), as a camera of some channels sees it.
+
+    A grey camera sees the mean of the C channels. Other numbers than C are a PhotographError.
+    """
+    if channels == 1:
+        return np.asarray(light.mean(axis=-1, keepdims=True))
+    if light.shape[-1] != channels:
+        raise PhotographError(
+            f"rendered light has {light.shape[-1]} channels, the photograph {channels}; give "
+            f"photographs of {light.shape[-1]} channels, or of one"
+        )
+    return light
 
 
 def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None:

@@ -58,7 +58,7 @@ def run(setting: Setting) -> Section:
         return ps.Differencing(
             A,
             photograph_shape=scenario.photograph_shape,
-            hidden_shape=scenario.hidden_shape,
+            hidden=scenario.hidden,
             channel_gain=scenario.channel_gain,
             stop=stop,
         )

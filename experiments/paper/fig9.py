@@ -42,7 +42,7 @@ def run(setting: Setting) -> Section:
     measured = setting.measured
     truncated = TruncatedSVD(
         setting.A,
-        hidden_shape=setting.scenario.hidden_shape,
+        hidden=setting.scenario.hidden,
         channel_gain=setting.scenario.channel_gain,
         fraction=FRACTION,
     )

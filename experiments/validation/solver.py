@@ -100,7 +100,7 @@ def check_times(runs: int = 7) -> dict[str, Any]:
     form = median_seconds(lambda: ps.form_preconditioner(A, B), runs)
     explicit = median_seconds(lambda: ps.form_preconditioner(A, B).matrix(), 3)
     pseudoinverse = median_seconds(lambda: np.linalg.pinv(np.hstack([A, B])), 3)
-    periscope = ps.Periscope(A, B, hidden_shape=HIDDEN)
+    periscope = ps.Periscope(A, B, hidden=HIDDEN)
     f = ps.read_hidden_image(ps.find_image("mushroom"), HIDDEN)
     y = ps.add_noise((A @ f.reshape(-1, 3)).reshape(*scene.photograph_shape, 3), 60, 0)
     reconstruct = median_seconds(lambda: periscope.reconstruct(y), 10 * runs)

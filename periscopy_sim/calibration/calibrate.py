@@ -1,11 +1,9 @@
 """Find the parameters of a scene that explain photographs best."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
@@ -21,10 +19,8 @@ from periscopy_sim.calibration.search import Search, expected_stages
 from periscopy_sim.calibration.standard_errors import standard_errors
 from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
 from periscopy_sim.errors import PhotographError, SceneError
-from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import Photograph, blackened, unwrapped
+from periscopy_sim.photograph import Photograph, check_size, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 
@@ -43,11 +39,8 @@ def calibrate(
     free: Free | None = None,
     *,
     shown: Sequence[Image] = (),
-    colour_matrix: ColourMatrix | None = None,
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
-    backgrounds: Backgrounds | None = None,
-    mask: NDArray[np.bool_] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
@@ -60,8 +53,10 @@ def calibrate(
     Parameters
     ----------
     photograph
-        A `Photograph`, or (rows, columns, 3), linear, of any unit; or several such photographs of
-        one laboratory. The pixels used are those that all masks leave.
+        A `Photograph`, or (rows, columns, C), linear, of any unit; or several such photographs of
+        one laboratory. The pixels used are those that all masks leave; the light of all photographs
+        with the monitor off is projected out. Photographs with a colour matrix are unmixed first:
+        their channels' noise is then correlated, which the standard errors leave out.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
@@ -71,11 +66,8 @@ def calibrate(
         their measured values, None for the one that the scene declares. By default, all whose error
         the scene declares as the ``<default>`` ``NAME_error``, except those in `uncertain`.
     shown
-        (R, C, 3) pictures that the monitor showed, linear, one for each of the first photographs.
+        (R, C, P) pictures that the monitor showed, linear, one for each of the first photographs.
         A known picture determines the place of the scene, and a colour matrix.
-    colour_matrix
-        Of the camera, where no picture is known: photographs are unmixed first. Their channels'
-        noise is then correlated, which the standard errors leave out.
     parameters
         Values of ``<default>``s: measured values of free ones; others keep them.
     uncertain
@@ -83,11 +75,6 @@ def calibrate(
         only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
         Methods for Discrete Sequential Estimation, 1977, chapter 8). By default, those that the
         scene declares of all that is not free.
-    backgrounds
-        Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
-        their names to them: their light is projected out.
-    mask
-        (rows, columns) pixels to use; None for all.
     seed
         Of the draws.
     progress
@@ -109,12 +96,12 @@ def calibrate(
     """
     from threadpoolctl import threadpool_limits
 
-    photographs, mask, off = unwrapped(photograph, mask, named(backgrounds))
+    photographs = of_one_wall(photograph)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
             f"shown pictures: {len(shown)}, photographs: {len(photographs)}; give one of each"
         )
-    if shown and colour_matrix is not None:
+    if shown and photographs[0].colour_matrix is not None:
         raise PhotographError("a shown picture determines the colour matrix: leave one of them out")
     scenario = load_scenario(scene, hidden, parameters)
     document = scenario.document
@@ -128,13 +115,9 @@ def calibrate(
             f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
             "add an occluder, or move one into the view"
         )
-    size = scenario.photograph_shape
-    checked = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in photographs]
-    if colour_matrix is not None:
-        checked = [
-            replace(each, values=colour_matrix.unmix(blackened(each.values, each.mask)))
-            for each in checked
-        ]
+    for each in photographs:
+        check_size(each.shape, scenario.photograph_shape, "photograph")
+    checked = [each.unmixed() for each in photographs]
     deviations = np.array(list(errors.values()))
     problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
@@ -217,7 +200,7 @@ class _Path:
 
 
 def _colour_matrix(look: Look) -> Array:
-    """Return the colour matrix, (3, 3), of the first picture that is known."""
+    """Return the colour matrix, (C, P), of the first picture that is known."""
     known = look.explanations[0]
     assert isinstance(known, SmoothExplanation)
     M = known.coefficients.T

@@ -28,8 +28,8 @@ from scipy import linalg, sparse
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.numerics import Array
 
-Array = NDArray[np.float64]
 Matrix = NDArray[np.floating[Any]]
 
 BRIGHTNESS = 0.01

@@ -4,13 +4,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import WallSession, left_out
 from periscopy_sim.figures import panels
-from periscopy_sim.model.observation import observation_of
 
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
@@ -44,17 +44,16 @@ def analyze(
         scenario = session.scenario
         used, off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
-        shapes = scenario.photograph_shape, scenario.hidden_shape
+        white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
+        seen = ps.Photograph(white, used, off)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
-            observed = observation_of(A, shapes[1], scenario.channel_gain, used, shapes[0], off)
-            B = observed.joined(B)
-            used = observed.mask
-            result = diagnostics.diagnose(A, B, *shapes, mask=used, rank_tolerance=rank_tolerance)
-            seen = observed.used(A)
+            result = diagnostics.diagnose(
+                A, B, seen.shape, scenario.hidden, photograph=seen, rank_tolerance=rank_tolerance
+            )
         np.save(folder / "bounds.npy", result.bounds)
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
-        noise = 1e-3 * float(seen.sum(axis=1).mean())
+        noise = 1e-3 * float(seen.used.mean())
         alone, both = noise * result.bounds_without_background, noise * result.bounds
         panels.draw_maps(
             folder / "bounds.png",

@@ -61,15 +61,13 @@ class CalibrationSession(PhotoSession):
         """Return arguments of `calibrate` and of `recover_silhouette`."""
         self.check_lights()
         wall = self.wall(self.photo[0])
-        others = [self.photograph(file, wall.mask).values for file in self.photo[1:]]
+        others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
         return {
-            "photograph": [wall.values, *others],
+            "photograph": [wall, *others],
             "scene": self.path,
             "hidden": self.size,
             "shown": [self.hidden_image(name) for name in self.shown or ()],
             "parameters": self.definitions,
-            "backgrounds": wall.monitor_off,
-            "mask": wall.mask,
             "seed": self.seed,
         }
 
@@ -150,15 +148,15 @@ def find_parameters(
         files = session.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
-            result = calibrate(
-                free=freed, uncertain=errors, colour_matrix=colours, progress=report, **files
-            )
+            result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = result.scene_covariance.text()
         _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
-        draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
+        draw_calibration(
+            png, files["photograph"][0].values, result, document.units, session.metadata
+        )
     say_calibration(result, document.units)
     say_written(*outputs)
     if result.doubts:
@@ -206,7 +204,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         remark = _distrust(made, solution.doubts) or made
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.write(json, silhouette_record(solution))
-        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
+        draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
     say_silhouette(solution)
     say_written(*outputs)
     if solution.doubts:

@@ -207,8 +207,8 @@ def _listed(offered: Offered) -> str:
 
 
 _OWN = "yours as module:callable or file.py:callable"
-StillMethod = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
-VideoMethod = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
+MethodOption = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+VideoMethodOption = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
 Coupling = Annotated[
     str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
 ]

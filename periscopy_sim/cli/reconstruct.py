@@ -38,7 +38,7 @@ def reconstruct(
     light: Light,
     matrix: options.MatrixOption = None,
     out: options.Out,
-    method: options.StillMethod = DEFAULT,
+    method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
     truth: Annotated[
         str | None,
@@ -49,7 +49,7 @@ def reconstruct(
     ] = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall."""
-    from periscopy_sim.evaluation.methods import find_method, own_errors, promised, source_sha256
+    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
@@ -73,7 +73,7 @@ def reconstruct(
             own_errors(method, f"failed on {photo}"),
         ):
             solution = fitted.solve(wall)
-            image = promised(solution.image, session.scenario.hidden_shape).astype(np.float64)
+            image = np.asarray(solution.image, np.float64)
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
             report, verdict = session.judge(str(photo), fitted, wall, solution)
@@ -123,7 +123,7 @@ def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.Uncertain
 def write_report(
     folder: Path, report: "Report", image: Image, photograph: Array, text: dict[str, str]
 ) -> None:
-    """Write the image, (R, C, 3), and what the method reports beside it."""
+    """Write the image, (R, C, channels), and what the method reports beside it."""
     np.save(folder / "reconstruction.npy", image.astype(np.float32))
     panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
     if report.stages:

@@ -18,9 +18,8 @@ from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.model.observation import checked_mask
-from periscopy_sim.numerics import Array, machine
-from periscopy_sim.photograph import Mask, blackened
+from periscopy_sim.numerics import Array, Mask, machine
+from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.variant import mi
@@ -30,7 +29,7 @@ from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Note, Report
+    from periscopy_sim.reconstruction.method import Note, Report, StillMethod
     from periscopy_sim.rendering.transport.kernel import Strata
 
 FINER = 0.75
@@ -74,20 +73,20 @@ def left_out(mask: Mask | None) -> dict[str, Any]:
     return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
 
 
-def _explains(finer: ps.Scenario, misfit: float, fitted: Any, y: Array, solution: Any) -> bool:
+def _explains(
+    finer: ps.Scenario, misfit: float, fitted: "StillMethod[Any]", y: Array, solution: Any
+) -> bool:
     """Return whether a scene of finer patches explains a misfit of the corrected photograph."""
     from periscopy_sim.analytic.area_transport import pixel_transport
     from periscopy_sim.model.residual import residual_of
-    from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
+    from periscopy_sim.model.transport_operator import LARGEST_GRAM
 
-    transport, observation = fitted.projected_transport(), fitted.observation
-    pixels, patches = len(transport.Q), finer.transport_shape[1]
-    if 2 * patches > pixels or pixels * patches**2 > LARGEST_GRAM:
+    fit, patches = fitted.fit, finer.transport_shape[1]
+    if 2 * patches > fit.pixels or fit.pixels * patches**2 > LARGEST_GRAM:
         return False
-    signal = transport.light(observation.mixed(solution.image))
-    A = observation.used_transport(pixel_transport(finer))
-    other = residual_of(y, signal, TransportOperator(A, transport.Q), observation.placed)
-    return other.misfit < (1 - FINER) * misfit
+    signal = fit.operator.light(fit.mixed(solution.image))
+    other = replace(fit, A=pixel_transport(finer), hidden=finer.hidden)
+    return residual_of(y, signal, other).misfit < (1 - FINER) * misfit
 
 
 @dataclass(eq=False)
@@ -263,9 +262,13 @@ class WallSession(Session):
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
         used = None
         if self.mask is not None:
-            with fixable(str(self.mask)):
-                given = read_mask(self.mask, self.scenario.photograph_shape)
-                used = checked_mask(given, self.scenario.transport_shape)
+            used = read_mask(self.mask, self.scenario.photograph_shape)
+            count, (pixels, patches) = np.count_nonzero(used), self.scenario.transport_shape
+            if count < patches <= pixels:  # before hours of rendering
+                raise PeriscopyError(
+                    f"{self.mask}: the mask leaves {count} pixels for {patches} patches: leave out "
+                    "less of the wall, or use fewer patches"
+                )
         off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
         self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
         return used, off
@@ -299,6 +302,10 @@ class PhotoSession(WallSession):
         """The colour matrix, read at first use."""
         return None if self.colour_matrix is None else ps.read_colour_matrix(self.colour_matrix)
 
+    def wall(self, path: Path) -> ps.Photograph:
+        """Read a photograph with its conditions, the colour matrix among them."""
+        return replace(super().wall(path), colour_matrix=self.colours)
+
     def fit(
         self,
         method: str,
@@ -307,12 +314,12 @@ class PhotoSession(WallSession):
         matrix: Path | None,
         wall: ps.Photograph,
         uncertain: "ps.UncertainTransport | None" = None,
-    ) -> Any:
-        """Return a method fitted to the scene's A, of a file if one is given, and B."""
-        from periscopy_sim.evaluation.methods import OwnMethod, fit_method
+    ) -> "StillMethod[Any]":
+        """Return a method fitted to the scene's A, of a file if one is given, B and the wall."""
+        from periscopy_sim.evaluation.methods import fit_method
         from periscopy_sim.model.noise import relative_noise
 
-        colours = self.colours and self.colours.matrix
+        colours = wall.colour_matrix and wall.colour_matrix.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
         with self.timed("transport matrix"):
             noise = relative_noise(wall)
@@ -321,16 +328,10 @@ class PhotoSession(WallSession):
             B = light.backgrounds(self.scenario)
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            observed: dict[str, Any] = {"mask": wall.mask, "backgrounds": wall.monitor_off}
-            observed |= {"colour_matrix": self.colours}
-            keywords = {**observed, **settings, "uncertain": uncertain}
-            fitted = fit_method(method, self.scenario, A, B, **keywords)
-            if method in METHODS:
-                return fitted
-            return OwnMethod.for_scene(self.scenario, A, B, method=fitted, **observed)
+            return fit_method(method, self.scenario, A, B, wall, uncertain, **settings)
 
     def judge(
-        self, name: str, fitted: Any, wall: ps.Photograph, solution: Any
+        self, name: str, fitted: "StillMethod[Any]", wall: ps.Photograph, solution: Any
     ) -> "tuple[Report, str]":
         """Return a report and its verdict, one line with a remedy; print the other warnings."""
         report = fitted.report(wall, solution)
@@ -345,7 +346,7 @@ class PhotoSession(WallSession):
         return report, line
 
     def _remedy(
-        self, report: "Report", fitted: Any, wall: ps.Photograph, solution: Any
+        self, report: "Report", fitted: "StillMethod[Any]", wall: ps.Photograph, solution: Any
     ) -> "tuple[str, list[Note]]":
         """Return the sentence of the likeliest remedy, empty where the scene fits, and notes."""
         from periscopy_sim.analytic.area_transport import has_areas

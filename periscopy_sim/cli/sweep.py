@@ -1,5 +1,6 @@
 """`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.photograph import seen_in
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -83,12 +85,8 @@ def sweep(
     light.check_methods(*names)
     scenario, seed = session.scenario, session.seed
     shown = session.hidden_image(truth or hidden_image or "")
-    signal = None
-    if photograph is None:
-        used, off = session.companions()
-    else:
-        wall = session.wall(photograph)
-        signal, used, off = wall.values, wall.mask, dict(wall.monitor_off)
+    wall = None if photograph is None else session.wall(photograph)
+    used, off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
     given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
     digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
     settings = {
@@ -100,7 +98,7 @@ def sweep(
         "base_seed": seed,
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
-        "photograph": "path traced" if signal is None else sweeps.array_sha256(signal),
+        "photograph": "path traced" if wall is None else sweeps.array_sha256(wall.values),
         "truth": sweeps.image_sha256(shown),
         "ambient": [[name, digests.get(name, "rendered")] for name in lights],
         "flips": flips,
@@ -117,21 +115,21 @@ def sweep(
         each = dict.fromkeys(plans.values())
         matrices = {plan: _transport(session, light, plan, out) for plan in each}
         B = light.backgrounds(scenario)
-        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
-            fitted = {
-                name: fit_method(name, scenario, matrices[plan], B, used, off)
-                for name, plan in plans.items()
-            }
-        if signal is None:
+        if wall is None:
             file = out / "photograph.exr"
             if not file.is_file():
                 take_photograph(session=session, image=str(hidden_image), out=file)
-            signal = session.photograph(file).values
+            wall = replace(session.photograph(file), mask=used, monitor_off=off)
+        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
+            fitted = {
+                name: fit_method(name, scenario, matrices[plan], B, wall)
+                for name, plan in plans.items()
+            }
         missing = [name for name in lights if name not in given]
         given |= ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
-        lit = {name: given[name] for name in lights}
+        lit = {name: seen_in(given[name], wall.channels) for name in lights}
         whole = sweeps.Sweep(
-            signal=signal,
+            signal=wall,
             truth=shown,
             backgrounds=sweeps.flips(lit) if flips else lit,
             methods=fitted,
@@ -139,7 +137,6 @@ def sweep(
             snr=snr,
             seeds=range(seeds),
             seed=seed,
-            mask=used,
             transport={name: plan.origin for name, plan in plans.items()},
             conditions={
                 "settings": settings,

@@ -34,7 +34,7 @@ def video(
     light: Light,
     matrix: options.MatrixOption = None,
     out: options.Out,
-    method: options.VideoMethod = DEFAULT,
+    method: options.VideoMethodOption = DEFAULT,
     coupling: options.Coupling = "l1",
     numbers: options.VideoNumbers,
     truth: Annotated[
@@ -111,7 +111,7 @@ def video(
 
 
 def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:
-    """Return the frames' names, (frames, rows, columns, 3) values, and the first one."""
+    """Return the frames' names, (frames, rows, columns, C) values, and the first one."""
     shape = session.scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions()
@@ -119,14 +119,14 @@ def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps
         photographs, warnings = sequences.read_clip(sequence, used, report)
     for warning in warnings:
         session.warn(warning)
-    first = ps.Photograph(photographs[0], used, off)
+    first = ps.Photograph(photographs[0], used, off, session.colours)
     return sequence.names, photographs, session.without_defects(first, f"{frames}, first frame")
 
 
 def _recover(
     session: Session, recovery: Any, names: Sequence[str], photographs: Image
 ) -> tuple[Image, list[dict[str, Any]], Any]:
-    """Return the frames, (frames, R, C, 3), their rows of the table, and the first's solution."""
+    """Return the frames, (K, R, C, channels), their rows of the table, and the first's solution."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics

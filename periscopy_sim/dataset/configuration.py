@@ -9,8 +9,8 @@ from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource
 from periscopy_sim.dataset.reading import Count, Size
-from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics import Array
+from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml

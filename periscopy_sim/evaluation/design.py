@@ -19,9 +19,7 @@ import numpy as np
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.video_metrics import write_table
 from periscopy_sim.measurement import noise_level
-from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
@@ -66,27 +64,26 @@ def errors_of(
     the standard errors that the noise-aware method reports and of its actual errors, over the
     images; without images, the bound is alone.
 
-    A is (M, N), B (M, L), the images are (R, C, 3) in [0, 1], the SNR is in dB; an infinite SBR is
-    no ambient light. A photograph of `pixels` has this SNR, which others share the electrons of;
-    None for M. A ValueError says that no pixel is left, or B explains all of A.
+    A is (M, N), B (M, L), the images are (R, C, channels) in [0, 1], the SNR is in dB; an infinite
+    SBR is no ambient light. A photograph of `pixels` has this SNR, which others share the electrons
+    of; None for M. A ValueError says that no pixel is left, or B explains all of A.
     """
-    shapes = scenario.hidden_shape, scenario.channel_gain, None, scenario.photograph_shape
-    observed = observation_of(A, *shapes)
     B = B if np.isfinite(sbr) else np.zeros((len(A), 0))
     norms = np.linalg.norm(B, axis=0)
     light = np.asarray(B @ (1 / np.where(norms > 0, norms, np.inf)), np.float64)
-    ambient = light[:, None] / (light.mean() or 1.0) * observed.channel_gain
+    gain = scenario.channel_gain
+    ambient = light[:, None] / (light.mean() or 1.0) * gain
     finer = np.sqrt(len(A) / (pixels or len(A)))
 
     def exposed(image: Array) -> tuple[Array, float]:
-        """Return an image's photograph, (M, 3), and the standard deviation of its noise."""
-        signal = (A @ image.reshape(-1, 3)) * observed.channel_gain
+        """Return an image's photograph, (M, C), and the standard deviation of its noise."""
+        signal = (A @ image.reshape(-1, len(gain))) * gain
         photograph = signal + ambient * (signal.mean() / sbr)
         return photograph, noise_level(photograph, snr) * finer
 
-    _, σ = exposed(np.ones((*scenario.hidden_shape, 3)))
-    grey = σ * np.sqrt(np.mean(1 / observed.channel_gain**2))  # each channel divided by its gain
-    bound = float(grey * _unit_bound(Fit(observed, A, B, RANK_TOLERANCE)))
+    _, σ = exposed(np.ones((*scenario.hidden_shape, len(gain))))
+    grey = σ * np.sqrt(np.mean(1 / gain**2))  # each channel divided by its gain
+    bound = float(grey * _unit_bound(Fit(A, B, hidden=scenario.hidden)))
     if not images:
         return {"bound": bound}
     squares = []
@@ -94,7 +91,7 @@ def errors_of(
         method = NoiseAware.for_scene(scenario, A, B)
         for seed, image in enumerate(images):
             noisy = np.random.default_rng([0, seed]).normal(*exposed(image))
-            solution = method.solve(noisy.reshape(*scenario.photograph_shape, 3))
+            solution = method.solve(noisy.reshape(*scenario.photograph_shape, -1))
             errors = method.standard_errors(solution), solution.image - image
             squares.append([np.mean(each**2) for each in errors])
     reported_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.observation import observation_of
+from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
@@ -60,9 +62,9 @@ def diagnose(
     A: NDArray[np.floating[Any]],
     B: NDArray[np.floating[Any]],
     photograph_shape: tuple[int, int],
-    hidden_shape: tuple[int, int],
+    hidden: Hidden | Size,
     *,
-    mask: NDArray[np.bool_] | None = None,
+    photograph: Photograph | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> Diagnostics:
     """Compute the paper's figures for one scene.
@@ -73,10 +75,13 @@ def diagnose(
         (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds.
-    photograph_shape, hidden_shape
-        (rows, columns) with products M and N.
-    mask
-        (rows, columns) or (M,), True where the wall is used; None for everywhere.
+    photograph_shape
+        (rows, columns) with the product M.
+    hidden
+        The hidden surfaces of the N patches, or the size (R, C) of one.
+    photograph
+        A photograph, of which the mask and the photographs with the monitor off count: these are
+        further columns of B. None for everywhere and none.
     rank_tolerance
         Relative tolerance on B's singular values.
 
@@ -90,8 +95,10 @@ def diagnose(
         If the shapes do not fit, the mask leaves fewer pixels than patches, or A has not full
         column rank beside B.
     """
-    scene = observation_of(A, hidden_shape, mask=mask, photograph_shape=photograph_shape)
-    used, B = scene.used(A), scene.used(B)
+    surfaces = Hidden.of(hidden)
+    fit = Fit(A, B, hidden=surfaces, photograph_shape=photograph_shape, conditions=photograph)
+    mask = None if photograph is None else photograph.mask
+    used, B = fit.used(A), fit.used(fit.whole_background)
     P = form_preconditioner(used, B, rank_tolerance=rank_tolerance)
     alone = form_preconditioner(used)
     A, matrix = P.A, P.matrix()
@@ -105,8 +112,8 @@ def diagnose(
         identity_error=float(np.abs(matrix @ A - np.eye(A.shape[1])).max()),
         residual_background=100 * float(residual_background(P, B).sum() / max(B.shape[1], 1)),
         bound_ratio=float(alone.noise_gain.sum() / P.noise_gain.sum()),
-        bounds=np.sqrt(P.noise_gain).reshape(hidden_shape),
-        bounds_without_background=np.sqrt(alone.noise_gain).reshape(hidden_shape),
+        bounds=surfaces.image(np.sqrt(P.noise_gain)),
+        bounds_without_background=surfaces.image(np.sqrt(alone.noise_gain)),
     )
 
 

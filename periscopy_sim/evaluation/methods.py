@@ -7,42 +7,53 @@ import runpy
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import replace
-from functools import reduce
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
-from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.fit import ambient_basis
-from periscopy_sim.model.observation import Backgrounds, observation_of
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Image, Mask
-from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.photograph import blackened
+from periscopy_sim.numerics import Image
+from periscopy_sim.numerics.validation import InputError, plain_array
+from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
-from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.registry import METHODS, MethodEntry
 from periscopy_sim.scenario import Scenario
 
 Matrix = NDArray[np.floating[Any]]
-Factory = Callable[..., Method]
-"""Fits a method to a scene, from the scenario, A, (M, N), and B, (M, L). With a keyword `mask` it
-gets the mask, (rows, columns), or None; with a keyword `backgrounds`, photographs with the monitor
-off, which are columns of B for other methods; with a keyword `colour_matrix` a `ColourMatrix`."""
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
 
 
-def find_method(name: str) -> Factory:
+@dataclass(frozen=True)
+class OwnEntry:
+    """A user's own method, as `MethodEntry` is one of the package."""
+
+    name: str
+    factory: Callable[..., Method]  # (scenario, A, B), and a keyword ``mask`` if it takes one
+    takes_mask: bool
+
+    def __call__(
+        self,
+        scene: Any,
+        A: Matrix,
+        B: Matrix,
+        uncertain: UncertainTransport | None = None,  # noqa: ARG002  it knows none
+    ) -> "OwnMethod":
+        """Return the method for a scene; the first photograph makes the user's own object."""
+        return OwnMethod.for_scene(scene, A, B, scenario=scene, entry=self)
+
+
+def find_method(name: str) -> MethodEntry | OwnEntry:
     """Look up a method: one of `METHODS`, or a user's own.
 
     Parameters
@@ -55,7 +66,7 @@ def find_method(name: str) -> Factory:
     Returns
     -------
     callable
-        See `Factory`.
+        Of (scenario, A, B): returns a `StillMethod`.
 
     Raises
     ------
@@ -67,8 +78,9 @@ def find_method(name: str) -> Factory:
     attribute = name.rpartition(":")[2]
     defined = SimpleNamespace(**_definitions(name))
     try:
-        factory = reduce(getattr, attribute.split("."), defined)
-        inspect.signature(factory).bind(None, None, None)  # type: ignore[arg-type]
+        factory: Any = reduce(getattr, attribute.split("."), defined)
+        signature = inspect.signature(factory)
+        signature.bind(None, None, None)
     except AttributeError as error:
         raise PeriscopyError(
             f"method '{name}': there is no '{attribute}'; check the name"
@@ -77,7 +89,7 @@ def find_method(name: str) -> Factory:
         raise PeriscopyError(
             f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
-    return factory  # type: ignore[return-value]
+    return OwnEntry(name, factory, "mask" in signature.parameters)
 
 
 def check_able(name: str, hidden_shape: tuple[int, int]) -> None:
@@ -106,46 +118,22 @@ def fit_method(
     scenario: Scenario,
     A: Matrix,
     B: Matrix,
-    mask: Mask | None = None,
-    backgrounds: Backgrounds | None = None,
+    photograph: Photograph | Image,
     uncertain: UncertainTransport | None = None,
-    colour_matrix: ColourMatrix | None = None,
     **options: float,
-) -> Method:
-    """Fit a method to a scene, on one thread: the bits then do not depend on the number of cores.
+) -> StillMethod[Any]:
+    """Fit a method to a scene and to the conditions of a photograph, see `StillMethod.fitted_to`.
 
-    A is (M, N), B (M, L), the mask (rows, columns), True where the wall is used, the backgrounds
-    are photographs with the monitor off, (rows, columns, 3) each. An uncertain scene and the
-    options are for methods whose entry in `METHODS` takes them. It warns of a user's own callable
-    that takes no mask. A PeriscopyError says that the callable takes no keyword colour_matrix where
-    one is given, raised an error or returned no method, a ValueError that one of `METHODS` cannot
-    be fitted to A and B.
+    It runs on one thread: the bits then do not depend on the number of cores. A is (M, N), B
+    (M, L). An uncertain scene and the options are for methods whose entry in `METHODS` takes them.
+    A PeriscopyError says that a user's own callable raised an error or returned no method, a
+    ValueError that one of `METHODS` cannot be fitted.
     """
     from threadpoolctl import threadpool_limits
 
-    fit = find_method(name)
-    if backgrounds and not _takes(fit, "backgrounds"):
-        shapes = scenario.hidden_shape, scenario.channel_gain, mask, scenario.photograph_shape
-        B, backgrounds = observation_of(A, *shapes, backgrounds).joined(B), None
-    if mask is not None and not _takes(fit, "mask"):
-        warnings.warn(
-            f"method '{name}' takes no keyword mask: it sees the pixels that are left out as black",
-            stacklevel=2,
-        )
-        mask = None
-    if colour_matrix is not None and not _takes(fit, "colour_matrix"):
-        raise PeriscopyError(f"method '{name}' takes no keyword colour_matrix; add one")
-    given: dict[str, Any] = {"mask": mask, "colour_matrix": colour_matrix, "uncertain": uncertain}
-    given["backgrounds"] = backgrounds or None
-    keywords = {keyword: each for keyword, each in given.items() if each is not None}
+    entry = find_method(name)
     with threadpool_limits(1), own_errors(name, "cannot be fitted"):
-        method = fit(scenario, A, B, **keywords, **options)
-    if not callable(getattr(method, "reconstruct", None)):
-        raise PeriscopyError(
-            f"method '{name}' makes an object of type {type(method).__name__}, which has no "
-            "reconstruct(photograph); add one"
-        )
-    return method
+        return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
 
 
 def without_addresses(message: str) -> str:
@@ -176,20 +164,18 @@ def own_errors(name: str, what: str) -> Iterator[None]:
         ) from error
 
 
-def image_by(
-    method: Method, photograph: Image, hidden_shape: tuple[int, int]
-) -> NDArray[np.float32]:
-    """Reconstruct from a photograph, (rows, columns, 3), and check the image by `promised`."""
-    return promised(method.reconstruct(photograph), hidden_shape)
+def image_by(method: Method, photograph: Image, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Reconstruct from a photograph, and check the image by `promised`."""
+    return promised(method.reconstruct(photograph), shape)
 
 
-def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Return a method's image as float32; a ValueError unless (R, C, 3), real and finite."""
+def promised(image: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return a method's image as float32; a ValueError unless of a shape, real and finite."""
     values = np.asarray(image)
-    if values.shape != (*hidden_shape, 3) or values.dtype.kind not in "iuf":
+    if values.shape != shape or values.dtype.kind not in "iuf":
         raise ValueError(
             f"returned {values.dtype} of shape {values.shape} instead of real numbers of shape "
-            f"{(*hidden_shape, 3)}"
+            f"{shape}"
         )
     with np.errstate(over="ignore"):  # infinities are counted
         single: NDArray[np.float32] = values.astype(np.float32)
@@ -200,55 +186,73 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 class OwnMethod(StillMethod[np.float64]):
-    """A user's own method; its report rescales each channel to the best fit."""
+    """A user's own method; its report rescales each channel to the best fit.
 
-    def __init__(self, A: Matrix, B: Matrix | None = None, *, method: Method, **observed: Any):
-        super().__init__(A, **observed)
-        self.method = method
-        self._A = self.observation.used_transport(A)
-        self._Q, _ = ambient_basis(self.observation, B, profiles=True)
+    The method's B has a column more for each channel of each photograph with the monitor off. Its
+    photographs are black outside the mask, and in the monitor's primaries if there is a colour
+    matrix.
+    """
 
-    def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:  # noqa: ARG002
-        raise PeriscopyError(
-            "the photograph has another mask, or other monitor-off photographs, than the method "
-            "was fitted with; pass mask= and backgrounds= to fit_method"
-        )
+    def __init__(
+        self, A: Matrix, B: Matrix | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
+    ) -> None:
+        super().__init__(A, B, profiles=True, **sizes)
+        self._scenario, self._entry = scenario, entry
+
+    @cached_property
+    def method(self) -> Method:
+        """The user's object, made for the fit."""
+        fit, name = self.fit, self._entry.name
+        keywords: dict[str, Any] = {}
+        if fit.mask is not None and self._entry.takes_mask:
+            keywords["mask"] = fit.mask.reshape(fit.shape)
+        elif fit.mask is not None:
+            warnings.warn(
+                f"method '{name}' takes no keyword mask: it sees the pixels that are left out as "
+                "black",
+                stacklevel=2,
+            )
+        with own_errors(name, "cannot be fitted"):
+            method = self._entry.factory(self._scenario, fit.A, fit.whole_background, **keywords)
+        if not callable(getattr(method, "reconstruct", None)):
+            raise PeriscopyError(
+                f"method '{name}' makes an object of type {type(method).__name__}, which has no "
+                "reconstruct(photograph); add one"
+            )
+        return method
+
+    def prepare(self) -> None:
+        """Make the user's object; see `StillMethod`."""
+        _ = self.method
 
     @of_all
     def solve(self, photograph: Image) -> Solution[np.float64]:
-        """Return the method's image; a ValueError unless it is (R, C, 3), real and finite.
-
-        The method sees the pixels that its mask excludes as black.
-        """
-        photograph = blackened(photograph, self.observation.mask)
-        image = image_by(self.method, photograph, self.hidden_shape).astype(np.float64)
-        return Solution(image, np.zeros(3), 0.0)
-
-    def projected_transport(self) -> TransportOperator | None:
-        """Return A⊥ of the pixels used; None where B explains all of A."""
-        with suppress(InputError):
-            return TransportOperator(self._A, self._Q)
-        return None
+        """Return the method's image; a ValueError unless (R, C, channels), real and finite."""
+        light = plain_array(photograph)
+        if self.fit.mixing is not None:
+            planes = np.moveaxis(self.fit.placed(self.fit.vectors(light)), 0, -1)
+            light = planes * self.fit.gain(planes.shape[-1])
+        mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
+        light = blackened(light, mask)
+        shape = (*self.hidden_shape, light.shape[-1])
+        image = image_by(self.method, light, shape).astype(np.float64)
+        return Solution(image, np.zeros(shape[-1]), 0.0)
 
     @of_all
     def report(self, photograph: Image, solution: Solution[np.float64]) -> Report:
-        """Return the residual and its warnings; see `StillMethod`."""
-        if (transport := self.projected_transport()) is None:
+        """Return the residual and its warnings; see `StillMethod`. Nothing if B explains all of A.
+
+        The method's units are its own, so that each channel is rescaled to fit the photograph.
+        """
+        try:
+            transport = self.fit.operator
+        except InputError:
             return Report()
-        y = transport.project_out(self.observation.vectorized(photograph))
-        light = transport @ self.observation.mixed(solution.image)
+        y = transport.project_out(self.fit.vectors(photograph))
+        light = transport @ self.fit.mixed(solution.image)
         gains = np.sum(light * y, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-100)
         report = super().report(photograph, replace(solution, image=solution.image * gains))
         return replace(report, numbers=report.residual.numbers() if report.residual else {})
-
-
-def _takes(fit: Factory, keyword: str) -> bool:
-    """Return whether a callable accepts a keyword beside scenario, A and B."""
-    try:
-        inspect.signature(fit).bind(None, None, None, **{keyword: None})
-    except TypeError:
-        return False
-    return True
 
 
 def _place(name: str) -> str:

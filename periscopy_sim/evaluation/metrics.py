@@ -1,7 +1,7 @@
 """How close a reconstruction is to the truth.
 
 Every metric uses the truth: for the gain of each channel or a matrix of colours, and where it says
-so for the shift.
+so for the shift. A grey estimate of a coloured truth is compared with the mean of its channels.
 """
 
 import math
@@ -54,6 +54,7 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
     ValueError
         If the shapes differ.
     """
+    truth = _seen_by(estimate, truth)
     if estimate.shape != truth.shape:
         raise ValueError(f"estimate {estimate.shape} and truth {truth.shape} differ in shape")
     positive = np.maximum(np.asarray(estimate, np.float64), 0)
@@ -64,7 +65,7 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
 
 def mean_squared_error(estimate: Image, truth: Image) -> float:
     """Mean squared error over all patches and channels, after `gain_matched`."""
-    return float(np.mean((gain_matched(estimate, truth) - truth) ** 2))
+    return float(np.mean((gain_matched(estimate, truth) - _seen_by(estimate, truth)) ** 2))
 
 
 def psnr(estimate: Image, truth: Image) -> float:
@@ -78,9 +79,17 @@ def colour_matched_psnr(estimate: Image, truth: Image) -> float:
     The estimate, (rows, columns, channels), is multiplied by the matrix of colours that fits the
     truth best by least squares, and clipped to [0, 1]. So this is no measure of the colours.
     """
-    pixels, known = (np.reshape(image, (-1, image.shape[2])) for image in (estimate, truth))
+    images = estimate, _seen_by(estimate, truth)
+    pixels, known = (np.reshape(image, (-1, image.shape[2])) for image in images)
     matrix = np.linalg.lstsq(pixels, known, rcond=precision_of(pixels))[0]
     return _decibels(float(np.mean((np.clip(pixels @ matrix, 0, 1) - known) ** 2)))
+
+
+def _seen_by(estimate: Image, truth: Image) -> Image:
+    """Return the truth, of which a grey estimate shows the mean of the channels."""
+    if estimate.ndim == 3 and estimate.shape[2] == 1 and truth.ndim == 3:
+        return np.asarray(truth.mean(axis=2, keepdims=True))
+    return truth
 
 
 def _decibels(mean_squared_error: float) -> float:

@@ -21,7 +21,7 @@ from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registere
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import Photograph, unwrapped, used_pixels
+from periscopy_sim.photograph import of_one_wall
 from periscopy_sim.reconstruction.method import Method, StillMethod
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 LABELS = ("algorithm", "background", "sbr", "seed")
 """Not `method`: xarray's `sel` takes that for a keyword of its own, and selects nothing."""
 PIXELS = ("row", "column", "channel")
+COLOURS = {1: ["grey"], 3: ["red", "green", "blue"]}
+"""Names of an image's channels, where they have some."""
 MOST_TRIALS = 10**6
 """Trials of a sweep: they take a day if each takes a tenth of a second."""
 _NOTE = "gain-matched: uses the truth"
@@ -59,7 +61,7 @@ class Trial(NamedTuple):
 class Outcome(NamedTuple):
     """One method's reconstruction of one photograph; NaN where it failed."""
 
-    image: NDArray[np.float32]  # (R, C, 3)
+    image: NDArray[np.float32]  # (R, C, channels)
     metrics: tuple[float, ...]  # values of `METRICS`, in their order
     failure: str  # why it failed; empty where it did not
 
@@ -67,7 +69,7 @@ class Outcome(NamedTuple):
 class SweepStore:
     """A sweep's results, in the making or complete, a trial a block.
 
-    `labels` are the values of each of `LABELS`, `hidden_shape` is (R, C) of the images, and
+    `labels` are the values of each of `LABELS`, `image_shape` is (R, C, channels), and
     `configuration` all that the results depend on, of JSON's types: the store's attributes.
     """
 
@@ -75,13 +77,14 @@ class SweepStore:
         self,
         path: Path,
         labels: Mapping[str, Sequence[Any]],
-        hidden_shape: tuple[int, int],
+        image_shape: tuple[int, ...],
         configuration: Mapping[str, Any],
     ) -> None:
         self.path, self._shape = path, tuple(len(labels[name]) for name in LABELS)
-        self._image = (*hidden_shape, 3)
+        self._image = image_shape
         self.trials = [Trial(*place) for place in product(*(labels[n] for n in LABELS[1:]))]
-        pixels = (*map(range, hidden_shape), ["red", "green", "blue"])
+        channels: Any = COLOURS.get(image_shape[2], range(image_shape[2]))
+        pixels = (*map(range, image_shape[:2]), channels)
         coordinates = {**labels, **dict(zip(PIXELS, pixels, strict=True))}
         named = {name: (name, values) for name, values in coordinates.items()}
         cuts = {name: (len(labels[name]), 1) for name in LABELS[1:]}
@@ -150,13 +153,18 @@ class Sweep:
     Attributes
     ----------
     signal
-        (rows, columns, 3) photograph without ambient light, in any unit, or a `Photograph`.
+        A `Photograph` without ambient light, or such an array, (rows, columns, channels), in any
+        unit. Its mask says where the wall is used: only there must the photographs be finite, and
+        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
     truth
-        (R, C, 3) hidden image in [0, 1].
+        (R, C, channels) hidden image in [0, 1].
     backgrounds
-        Name to (rows, columns, 3) photograph of ambient light, in any unit, or to a `Photograph`.
+        Name to `Photograph` or array of ambient light, like the signal, in any unit. Their masks
+        exclude more pixels.
     methods
-        Name to method; anything with ``reconstruct(photograph) -> (R, C, 3)`` that pickle takes.
+        Name to method; anything with ``reconstruct(photograph) -> (R, C, channels)`` that pickle
+        takes. The package's methods are fitted to the photographs' conditions; a method of your own
+        must have been fitted with the mask.
     sbrs
         Signal-to-background ratios.
     snr
@@ -170,12 +178,6 @@ class Sweep:
         A store with other conditions is not resumed, so name everything that may change.
     transport
         How each method's A was made, by its name: `TransportPlan.origin`, columns of the table.
-    mask
-        (rows, columns), True where the wall is used: only there must the photographs be finite, and
-        only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
-        None: everywhere. Masks of the photographs exclude more pixels. The package's methods are
-        fitted to it, and to photographs with the monitor off that the photographs have; a method
-        of your own must have been fitted with it.
 
     Raises
     ------
@@ -193,40 +195,35 @@ class Sweep:
     seed: int = 0
     conditions: Mapping[str, Any] = field(default_factory=dict)
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject settings that no sweep can have."""
         if len(self.backgrounds) * len(self.sbrs) * len(self.seeds) > MOST_TRIALS:
             raise PeriscopyError(f"the sweep has more than {MOST_TRIALS} trials; vary less")
-        given = [self.signal, *self.backgrounds.values()]
-        (signal, *ambient), mask, off = unwrapped(given, self.mask)
-        if off and not all(isinstance(each, StillMethod) for each in self.methods.values()):
+        signal, *ambient = of_one_wall([self.signal, *self.backgrounds.values()])
+        own = [each for each in self.methods.values() if not isinstance(each, StillMethod)]
+        if own and (signal.monitor_off or signal.colour_matrix is not None):
             raise PeriscopyError(
-                "the sweep's photographs have some with the monitor off; leave these out, and fit "
-                "your own methods with them"
+                "the sweep's photographs have some with the monitor off, or a colour matrix; leave "
+                "these out, and fit your own methods with them"
             )
-        wall = Photograph(signal, mask, off)
-        digests = {name: array_sha256(each) for name, each in off.items()}
+        digests = {name: array_sha256(each) for name, each in signal.monitor_off.items()}
         vars(self).update(  # the fields are frozen
             signal=signal,
             backgrounds=dict(zip(self.backgrounds, ambient, strict=True)),
-            mask=mask,
             methods={
-                name: each.fitted_to(wall) if isinstance(each, StillMethod) else each
+                name: each.fitted_to(signal) if isinstance(each, StillMethod) else each
                 for name, each in self.methods.items()
             },
-            conditions={**self.conditions, **({"monitor_off_sha256": digests} if off else {})},
+            conditions={**self.conditions, **({"monitor_off_sha256": digests} if digests else {})},
         )
         for name, values in self.labels().items():
             if not values or len(set(values)) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
-        for name, image in {"signal": self.signal, **self.backgrounds}.items():
-            fits = image.shape == self.signal.shape
-            used = used_pixels(image, self.mask) if fits else np.zeros(1)
-            if not (np.isfinite(used).all() and used.sum() > 0):
+        for name, each in {"signal": signal, **self.backgrounds}.items():
+            if each.values.shape != signal.values.shape or not each.used.sum() > 0:
                 raise PeriscopyError(
-                    f"'{name}': give finite values of shape {self.signal.shape} and positive mean"
+                    f"'{name}': give finite values of shape {signal.values.shape} and positive mean"
                 )
         if not (np.isfinite([*self.sbrs, self.snr]).all() and min(self.sbrs) > 0):
             raise PeriscopyError(
@@ -242,33 +239,40 @@ class Sweep:
             "seed": [int(seed) for seed in self.seeds],
         }
 
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(R, C, channels) of the images, in the monitor's primaries."""
+        matrix = self.signal.colour_matrix
+        channels = self.signal.channels if matrix is None else matrix.matrix.shape[1]
+        return self.truth.shape[0], self.truth.shape[1], channels
+
     def photograph(self, background: str, sbr: float, seed: int) -> Array:
         """Return the measurement of these labels (Sec. 4.1).
 
-        It is (rows, columns, 3) of mean 1, plus noise; zero where the wall is not used. Its noise
-        follows from its own labels and the sweep's seed: the same whatever else is swept.
+        It is (rows, columns, channels) of mean 1, plus noise; zero where the wall is not used. Its
+        noise follows from its own labels and the sweep's seed: the same whatever else is swept.
         """
-        # In one memory order, which sums follow, whether the arrays have travelled or not.
-        images = self.signal, self.backgrounds[background]
-        signal, ambient = (np.ascontiguousarray(used_pixels(y, self.mask)) for y in images)
+        signal, ambient = self.signal.used, self.backgrounds[background].used
         exposed = composite(signal, ambient, sbr)
         identity = json.dumps([self.seed, background, float(sbr), int(seed)]).encode()
         entropy = int.from_bytes(hashlib.sha256(identity).digest()[:16])  # 128 bits
-        photograph = np.zeros(self.signal.shape)
-        photograph[... if self.mask is None else self.mask] = add_noise(exposed, self.snr, entropy)
+        photograph = np.zeros(self.signal.values.shape)
+        photograph[self.signal.pixels] = add_noise(exposed, self.snr, entropy)
         return photograph
 
     def configuration(self) -> dict[str, Any]:
         """Return all that the results depend on; arrays by their digests."""
+        mask, matrix = self.signal.mask, self.signal.colour_matrix
         return {
             **self.conditions,
             **{f"{name}s": values for name, values in self.labels().items()},
             "snr": float(self.snr),
             "base_seed": int(self.seed),
-            "signal_sha256": array_sha256(self.signal),
+            "signal_sha256": array_sha256(self.signal.values),
             "truth_sha256": image_sha256(self.truth),
-            "background_sha256": {n: array_sha256(b) for n, b in self.backgrounds.items()},
-            **({} if self.mask is None else {"mask_sha256": array_sha256(self.mask)}),
+            "background_sha256": {n: array_sha256(b.values) for n, b in self.backgrounds.items()},
+            **({} if mask is None else {"mask_sha256": array_sha256(mask)}),
+            **({} if matrix is None else {"colour_matrix": matrix.matrix.tolist()}),
         }
 
 
@@ -290,7 +294,7 @@ def image_sha256(image: Image) -> str:
 def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:
     """Flip each background about each axis and about both: four times as many (Sec. 4.1).
 
-    They are (rows, columns, 3) each, by name. Return each under its own name, then with
+    They are (rows, columns, channels) each, by name. Return each under its own name, then with
     `` up-down``, `` left-right`` and `` both`` added to it.
     """
     turns = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}
@@ -341,7 +345,7 @@ def run_sweep(
     from periscopy_sim.evaluation.workers import compute, connect
 
     store = SweepStore(
-        folder / "sweep.zarr", sweep.labels(), sweep.truth.shape[:2], sweep.configuration()
+        folder / "sweep.zarr", sweep.labels(), sweep.image_shape, sweep.configuration()
     )
     if missing := store.missing():
         with connect(scheduler) as client:
@@ -366,11 +370,11 @@ def _evaluate(sweep: Sweep, trial: Trial) -> list[Outcome]:
     outcomes = []
     for method in sweep.methods.values():
         try:
-            image, failure = image_by(method, y.copy(), truth.shape[:2]), ""
+            image, failure = image_by(method, y.copy(), sweep.image_shape), ""
         except MemoryError:  # says more about the worker than about the method
             raise
         except MethodError as error:  # whatever a user's own method raises
-            image = np.full(truth.shape, np.nan, np.float32)
+            image = np.full(sweep.image_shape, np.nan, np.float32)
             failure = without_addresses(f"{type(error).__name__}: {error}")
         values = (np.nan,) * len(METRICS)
         if not failure:

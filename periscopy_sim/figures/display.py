@@ -20,7 +20,7 @@ def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
     Parameters
     ----------
     image
-        (rows, columns, 3) or, grey, (rows, columns) linear light of any unit, such as a
+        (rows, columns, channels) or, grey, (rows, columns) linear light of any unit, such as a
         reconstruction or a photograph; or what ``solve`` or ``read_photograph`` returned, or
         anything that holds such an array as its ``image``, ``photograph`` or ``values``.
     white
@@ -103,12 +103,12 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
     held = (getattr(image, name, None) for name in ("image", "photograph", "values"))
     values = np.asarray(next((each for each in held if isinstance(each, np.ndarray)), image))
     values = values[..., None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[2] not in (1, 3) or not np.isfinite(values).any():
+    if values.ndim != 3 or not np.isfinite(values).any():
         raise ValueError(
             f"{values.dtype} of shape {values.shape} is no image; give finite numbers, "
-            "(rows, columns, 3) or (rows, columns)"
+            "(rows, columns, channels) or (rows, columns)"
         )
-    return displayable(np.broadcast_to(values, (*values.shape[:2], 3)), white)
+    return displayable(values, white)
 
 
 def _display_once(figure: Any) -> None:

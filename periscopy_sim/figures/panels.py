@@ -23,12 +23,15 @@ if TYPE_CHECKING:
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
     """Scale a linear image for display: negatives and NaN black, `white` white.
 
-    Return (rows, columns, 3) in [0, 1], still linear. A `white` of None is the 99.5th percentile.
-    One factor serves all channels, so that colours stay.
+    Return (..., 3) in [0, 1], still linear. A `white` of None is the 99.5th percentile. One factor
+    serves all channels, so that colours stay. Grey is repeated; of more than three channels the
+    first three are shown.
     """
     values = np.asarray(image, np.float64)
     level = float(np.nanpercentile(values, 99.5)) if white is None else white
-    return np.nan_to_num(np.clip(values / (level if level > 0 else 1.0), 0, 1))
+    shown = values[..., :3] if values.shape[-1] >= 3 else values.mean(axis=-1, keepdims=True)
+    light = np.nan_to_num(np.clip(shown / (level if level > 0 else 1.0), 0, 1))
+    return np.broadcast_to(light, (*light.shape[:-1], 3))
 
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:

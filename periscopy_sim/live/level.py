@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import fit_method, image_by, own_errors
+from periscopy_sim.evaluation.methods import fit_method, own_errors
 from periscopy_sim.evaluation.metrics import psnr
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Note, Report, StillMethod
+from periscopy_sim.reconstruction.method import Note, Report
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
 from periscopy_sim.scenario import Scenario
@@ -137,22 +137,17 @@ class Level:
             truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
-        of_photograph = photograph.mask, photograph.monitor_off
         method = kept(
             "method", (choice.method, values, plan),
-            lambda: fit_method(choice.method, scenario, A, B, *of_photograph),
+            lambda: fit_method(choice.method, scenario, A, B, photograph),
         )  # fmt: skip
         unless_overtaken()
-        report = Report()
         with own_errors(choice.method, "failed"):
-            if isinstance(method, StillMethod):
-                solution = method.solve(photograph.values)
-                image = np.asarray(solution.image, np.float32)
-                report = method.report(photograph.values, solution)
-                if self._given_photograph is None:
-                    report = replace(report, residual=None)
-            else:
-                image = image_by(method, photograph.values, self.hidden_shape)
+            solution = method.solve(photograph)
+            image = np.asarray(solution.image, np.float32)
+            report = method.report(photograph, solution)
+            if self._given_photograph is None:
+                report = replace(report, residual=None)
         if plan.error > noise:
             errors = {"name": "A", "error": 100 * plan.error, "noise": 100 * noise}
             report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
@@ -175,10 +170,10 @@ class Level:
         """Return a photograph, y = A f + b + noise."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        y = scenario.channel_gain * (A @ truth.reshape(-1, 3))
+        y = scenario.channel_gain * (A @ truth.reshape(A.shape[1], -1))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
-        y = (y / y.mean()).reshape(*self.photograph_shape, 3)
+        y = (y / y.mean()).reshape(*self.photograph_shape, -1)
         if choice.place and self._light is not None:
             y = composite(y, self._light, choice.sbr)
         # One seed: the noise is the same while a scene moves, and pictures do not flicker.

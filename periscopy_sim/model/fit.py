@@ -1,16 +1,22 @@
-"""A scene fitted to the pixels that photographs use: once, for every photograph.
+"""A scene fitted to the conditions of photographs: once, for every photograph under them.
 
     y⊥ = A⊥ f + n,   A⊥ = A − Q QᵀA,   y⊥ = y − Q Qᵀ y
 
 Q is an orthonormal basis of all ambient light, so that least squares of y⊥ are those of y on
 [A, B] with the ambient light fitted freely: the very information that the paper's P keeps.
+
+With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B c_j + n_j, g the
+wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import (
     RANK_TOLERANCE,
     ROUNDING,
@@ -19,13 +25,18 @@ from periscopy_sim.model.ambient import (
     wall_profiles,
 )
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.model.observation import Observation
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.model.transport_operator import NOTHING_LEFT, TransportOperator
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.model.transport_operator import (
+    NOTHING_LEFT,
+    Matrix,
+    TransportOperator,
+    used_rows,
+)
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.products import project_out, times_rows
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
+from periscopy_sim.photograph import Photograph
 
 PRECISION = 3e-5
 """Relative precision of A by areas (1.5e-5 for the plate); A by rays has less."""
@@ -41,8 +52,8 @@ class Evidence:
     The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
     """
 
-    coefficients: Array  # (3, N) WᵀA⊥ᵀ y⊥ in the camera's channels
-    noise: Array  # (3,) standard deviation of the noise in y⊥, over the level
+    coefficients: Array  # (C, N) WᵀA⊥ᵀ y⊥ in the camera's channels
+    noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
     level: float  # root mean square of y⊥
     noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
 
@@ -56,7 +67,7 @@ class Evidence:
 class FittedPhotograph:
     """A photograph in the pixels used, as one scene explains it."""
 
-    planes: Array  # (3, M') each channel over the wall's colour
+    planes: Array  # (C, M') each channel over the wall's colour
     fit: "Fit"
 
     @property
@@ -66,7 +77,7 @@ class FittedPhotograph:
 
     @property
     def y(self) -> Array:
-        """(3, M') y⊥ over its level."""
+        """(C, M') y⊥ over its level."""
         return self._projected[1]
 
     @cached_property
@@ -75,87 +86,287 @@ class FittedPhotograph:
         return evidence, y
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """One scene's A and ambient light, in the pixels that photographs use.
+    """A scene, and the conditions of the photographs that it is fitted to.
 
-    Parameters
+    The constructor checks sizes; everything else is computed when it is first used, and kept. No
+    vector has the pixels that the mask excludes, whatever they hold.
+
+    Attributes
     ----------
-    observation
-        The pixels used, and photographs with the monitor off.
     A
         (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds; None for none.
+    hidden
+        The hidden surfaces of the N patches.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
+    channel_gain
+        Positive colour of the wall, a number for each channel; None for a grey wall.
+    conditions
+        A photograph, whose mask, photographs with the monitor off and colour matrix count; None for
+        none of these.
     rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
     profiles
         Whether `wall_profiles` join the ambient light, where there is a B and the photograph's rows
         and columns are known.
-
-    Attributes
-    ----------
-    transport, background
-        (N, M') Aᵀ in single precision and (r, M') Qᵀ, of the M' pixels used.
-    smooth_rank
-        Number of the first rows of `background`, which need no background photograph.
-    gram, norm, unit
-        (N, N) A⊥ᵀA⊥, ‖A⊥‖_F, and ‖A⊥‖_F/√N, over which f is near 1 in units of y⊥.
-    patterns
-        The spectral basis of A⊥ᵀA⊥ over the square of the unit.
-    least_curvature
-        Fraction of the largest curvature up to which a curvature counts as rounding of A.
-    visible, curvatures
-        Slice of the patterns that the wall shows, and their curvatures, (N',).
+    unmixes
+        Whether planes are in the monitor's primaries, so that their noise is mixed. Otherwise they
+        are in the camera's channels.
 
     Raises
     ------
     ValueError
-        If A or B is not finite where it is used, or B explains all of A.
+        If sizes do not fit, the mask leaves fewer pixels than patches, the wall reflects nothing in
+        a channel or has a colour that the photograph's channels do not show, or a photograph with
+        the monitor off has no light. When it is first used: if A or B is not finite in the pixels
+        used, or B explains all of A.
     """
 
-    def __init__(
-        self,
-        observation: Observation,
-        A: Image,
-        B: Image | None,
-        rank_tolerance: float,
-        *,
-        profiles: bool = False,
-    ) -> None:
-        self.observation = observation
-        used = observation.used_transport(A)
-        Q, self.smooth_rank = ambient_basis(observation, B, rank_tolerance, profiles=profiles)
-        self.background = np.ascontiguousarray(Q.T)
-        self.transport = np.ascontiguousarray(used.T, np.float32)
-        self.gram: Array = TransportOperator(used, Q).gram()
-        energy = float(np.trace(self.gram))
-        precision = precision_of(A)
-        if not energy > max(PRECISION, precision) ** 2 * float(np.vdot(used, used)):
-            raise InputError(NOTHING_LEFT)
-        self.norm = float(np.sqrt(energy))
-        self.unit = float(np.sqrt(energy / len(self.gram)))
-        self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden)
-        curvatures = self.patterns.curvatures  # ascending
-        self.least_curvature = max(ROUNDING, precision**2)
-        self.visible = slice(int((curvatures <= self.least_curvature * curvatures[-1]).sum()), None)
-        self.curvatures: Array = curvatures[self.visible]
+    A: Matrix
+    B: Image | None = None
+    _: KW_ONLY
+    hidden: Hidden
+    photograph_shape: tuple[int, int] | None = None
+    channel_gain: Image | None = None
+    conditions: Photograph | None = None
+    rank_tolerance: float = RANK_TOLERANCE
+    profiles: bool = False
+    unmixes: bool = False
+
+    def __post_init__(self) -> None:
+        (M, N), B, gain = self.A.shape, self.B, self.channel_gain
+        if self.hidden.patches != N:
+            raise InputError(
+                f"a hidden image of {self.hidden.sizes} patches does not fit A's {N} columns"
+            )
+        if B is not None and len(B) != M:
+            raise InputError(f"B has {len(B)} rows; they must match the {M} of A")
+        if gain is not None and not (np.ndim(gain) == 1 and (np.asarray(gain) > 0).all()):
+            raise InputError(f"the wall's channel gains must be positive numbers, not {gain}")
+        if self.conditions is not None:
+            self._check_size((1, *self.conditions.values.shape))
+            if self.pixels < N <= M:
+                raise InputError(
+                    f"the mask leaves {self.pixels} pixels for {N} patches: leave out less of the "
+                    "wall, or use fewer patches"
+                )
+            _ = self.mixing, self.monitor_off
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without Aᵀ, which follows from A."""
+        return {name: each for name, each in vars(self).items() if name != "transport"}
+
+    def fitted_to(self, photograph: Photograph) -> "Fit":
+        """Return a fit of the same scene to the conditions of a photograph."""
+        return replace(self, conditions=photograph)
+
+    # -- pixels, channels and patches ------------------------------------------------------------
+
+    @property
+    def mask(self) -> Mask | None:
+        """(M,) True in the M' pixels used; None for all."""
+        mask = None if self.conditions is None else self.conditions.mask
+        return None if mask is None else mask.ravel()
 
     @property
     def pixels(self) -> int:
-        """M', the pixels used."""
-        return int(self.transport.shape[1])
+        """M', the number of pixels used."""
+        return self.A.shape[0] if self.mask is None else int(np.count_nonzero(self.mask))
+
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """(rows, columns) of photographs, as given or as the conditions have them, if known."""
+        known = self.photograph_shape
+        return self.conditions.shape if known is None and self.conditions is not None else known
+
+    def gain(self, channels: int) -> Array:
+        """Return the wall's colour in so many channels; a grey camera sees none."""
+        gain = np.ones(1) if self.channel_gain is None else np.asarray(self.channel_gain)
+        if len(gain) == channels:
+            return gain.astype(np.float64)
+        if channels > 1 and not np.allclose(gain, gain[0], rtol=1e-6):
+            raise InputError(
+                f"the photograph has {channels} channels, the wall's colour {len(gain)}; make the "
+                f"wall grey in the scene, or give {len(gain)} channels, or one"
+            )
+        return np.full(channels, 1.0 if channels == 1 else gain[0])
+
+    @cached_property
+    def mixing(self) -> Array | None:
+        """(C, P) from images in the monitor's primaries to grey planes; None for the identity."""
+        if self.conditions is None or self.conditions.colour_matrix is None:
+            return None
+        M = self.conditions.colour_matrix.matrix
+        channels, primaries = M.shape
+        return M * self.gain(primaries) / self.gain(channels)[:, None]
+
+    @cached_property
+    def monitor_off(self) -> dict[str, Array]:
+        """(C, M') planes of the photographs with the monitor off, by name."""
+        planes = {}
+        given = {} if self.conditions is None else self.conditions.monitor_off
+        for name, light in given.items():
+            try:
+                planes[name] = self._grey(np.asarray(light)[None])[0]
+            except InputError as error:
+                raise InputError(f"{name}: {error}") from None
+            if not planes[name].max(initial=0) > 0:
+                raise InputError(f"{name}: no value is positive where the wall is used")
+        return planes
+
+    def used(self, matrix: Image | None) -> Image:
+        """Return the rows of (M, K) in the M' pixels used; of None, (M', 0)."""
+        matrix = np.zeros((self.A.shape[0], 0)) if matrix is None else matrix
+        return matrix if self.mask is None else matrix[self.mask]
+
+    def planes(self, photographs: Image) -> Array:
+        """Return photographs as a grey wall would show them, (K, C, M') float64.
+
+        They are (K, rows, columns, C) or (K, M, C). Each channel is divided by the wall's gain, and
+        unmixed if the fit unmixes. A ValueError says that photographs are of another size, or not
+        finite where they are used.
+        """
+        grey = self._grey(np.asarray(photographs))
+        if self.mixing is None or not self.unmixes:
+            return grey
+        return np.asarray(np.linalg.pinv(self.mixing) @ grey)
+
+    def vectors(self, photograph: Image) -> Array:
+        """Return a photograph as a grey wall would show it, the y of y = A f, (M', C) float64.
+
+        See `planes`, of one photograph.
+        """
+        return np.ascontiguousarray(self.planes(plain_array(photograph)[None])[0].T)
+
+    def mixed(self, image: Image) -> Array:
+        """Return an image in the channels of the planes, (N, C) float64."""
+        f = np.asarray(self.hidden.vector(image), np.float64)
+        return f if self.mixing is None or self.unmixes else f @ self.mixing.T
+
+    def placed(self, values: Array) -> Array:
+        """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere.
+
+        The rows and columns of photographs must be known.
+        """
+        assert self.shape is not None
+        planes = np.full((values.shape[1], self.A.shape[0]), np.nan)
+        planes[:, slice(None) if self.mask is None else self.mask] = values.T
+        return planes.reshape(-1, *self.shape)
+
+    # -- ambient light and A⊥ --------------------------------------------------------------------
+
+    @cached_property
+    def _ambient(self) -> tuple[Array, int]:
+        """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
+
+        They come first: of range(B) and, if asked for, of `wall_profiles`. Each channel of each
+        photograph with the monitor off then joins, its strength to be found. Their own noise is
+        counted wherever noise is estimated from what is unexplained.
+        """
+        Q = background_basis(self.used(self.B), self.rank_tolerance)
+        if self.profiles and Q.shape[1] and self.shape is not None:
+            Q = joined_basis(Q, self.used(wall_profiles(self.shape)))
+        return joined_basis(Q, self.monitor_off_columns), Q.shape[1]
+
+    @property
+    def monitor_off_columns(self) -> Image:
+        """(M', K C) the columns of ambient light that K photographs with the monitor off show."""
+        return np.hstack([self.used(None), *(each.T for each in self.monitor_off.values())])
+
+    @property
+    def whole_background(self) -> Image:
+        """(M, L + K C) B beside these columns, which are 0 outside the mask."""
+        B = np.zeros((self.A.shape[0], 0)) if self.B is None else self.B
+        if not self.monitor_off:
+            return B
+        columns = self.monitor_off_columns
+        whole = np.zeros((len(B), columns.shape[1]))
+        whole[... if self.mask is None else self.mask] = columns
+        return np.hstack([B, whole])
+
+    @property
+    def basis(self) -> Array:
+        """(M', r) Q, an orthonormal basis of all ambient light."""
+        return self._ambient[0]
+
+    @property
+    def smooth_rank(self) -> int:
+        """Number of the first columns of Q, which need no photograph with the monitor off."""
+        return self._ambient[1]
+
+    @cached_property
+    def background(self) -> Array:
+        """(r, M') Qᵀ."""
+        return np.ascontiguousarray(self.basis.T)
+
+    @cached_property
+    def rows(self) -> Matrix:
+        """(M', N) the rows of A used: a copy only where there is a mask."""
+        return self.A if self.mask is None else used_rows(self.A, self.mask)
+
+    @cached_property
+    def transport(self) -> Image:
+        """(N, M') Aᵀ of the pixels used, in single precision."""
+        return np.ascontiguousarray(np.asarray(self.rows).T, np.float32)
 
     @cached_property
     def operator(self) -> TransportOperator:
         """A⊥ as a linear operator, (M', N)."""
-        return TransportOperator(self.transport.T, self.background.T, self.gram)
+        return TransportOperator(self.rows, self.basis)
+
+    @cached_property
+    def gram(self) -> Array:
+        """(N, N) A⊥ᵀA⊥."""
+        gram = self.operator.gram
+        least = max(PRECISION, precision_of(np.asarray(self.A))) ** 2
+        if not float(np.trace(gram)) > least * self.operator.whole_squared_norm:
+            raise InputError(NOTHING_LEFT)
+        return gram
+
+    @cached_property
+    def norm(self) -> float:
+        """‖A⊥‖_F."""
+        return float(np.sqrt(np.trace(self.gram)))
+
+    @property
+    def unit(self) -> float:
+        """‖A⊥‖_F/√N, over which f is near 1 in units of y⊥."""
+        return self.norm / float(np.sqrt(len(self.gram)))
+
+    @cached_property
+    def patterns(self) -> SpectralBasis:
+        """The spectral basis of A⊥ᵀA⊥ over the square of the unit."""
+        return SpectralBasis(self.gram / self.unit**2, self.hidden)
+
+    @cached_property
+    def least_curvature(self) -> float:
+        """Fraction of the largest curvature up to which a curvature counts as rounding of A."""
+        return max(ROUNDING, precision_of(np.asarray(self.A)) ** 2)
+
+    @cached_property
+    def visible(self) -> slice:
+        """Slice of the patterns that the wall shows."""
+        curvatures = self.patterns.curvatures  # ascending
+        hidden = curvatures <= self.least_curvature * curvatures[-1]
+        return slice(int(hidden.sum()), None)
+
+    @cached_property
+    def curvatures(self) -> Array:
+        """(N',) the visible patterns' curvatures."""
+        return self.patterns.curvatures[self.visible]
+
+    # -- evidence --------------------------------------------------------------------------------
 
     def project_out(self, rows: Image) -> Image:
         """Return rows, (J, M'), with all ambient light projected out."""
         return project_out(rows, self.background)
 
     def evidence(self, planes: Array) -> tuple[list[Evidence], Array]:
-        """Return the evidence of photographs' planes, (K, 3, M'), and y⊥ over its level, likewise.
+        """Return the evidence of photographs' planes, (K, C, M'), and y⊥ over its level, likewise.
 
         Aᵀ is applied to all photographs in one product.
         """
@@ -174,18 +385,18 @@ class Fit:
         return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)], y
 
     def coordinates(self, evidence: Evidence) -> Array:
-        """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (3, N')."""
+        """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (C, N')."""
         return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
 
     def shown(self, images: Image) -> Array:
-        """Return the coefficients of the light of images, (3, N), in the visible patterns."""
+        """Return the coefficients of the light of images, (C, N), in the visible patterns."""
         products = times_rows(np.ascontiguousarray(images, np.float64), self.gram)
         shown = times_rows(products.astype(np.float32), self.patterns.rows)
         return np.asarray(shown[:, self.visible], np.float64)
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
-        """Return the part of y⊥ that A⊥ can explain, (3, N'), and an image's residual, over σ."""
-        f = self.observation.mixed(image).T / (evidence.level * self.unit)
+        """Return the part of y⊥ that A⊥ can explain, (C, N'), and an image's residual, over σ."""
+        f = self.mixed(image).T / (evidence.level * self.unit)
         scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self.visible] / scales
         return whole, whole - self.shown(f) / scales
@@ -195,14 +406,14 @@ class Fit:
         return self.operator.unexplained(rows.T).T
 
     def response(self, light: Array) -> Array:
-        """Return A⊥ᵀ of light, (K, 3, M'), as (K, 3, N)."""
+        """Return A⊥ᵀ of light, (K, C, M'), as (K, C, N)."""
         rows = np.ascontiguousarray(self.project_out(light.reshape(-1, self.pixels)), np.float32)
         return times_rows(rows, self.transport).reshape(*light.shape[:2], -1).astype(np.float64)
 
     def _noise(self, y: Array, coefficients: Array) -> Array:
-        """Return the standard deviation of what the least-squares image leaves of y⊥, (K, 3).
+        """Return the standard deviation of what the least-squares image leaves of y⊥, (K, C).
 
-        y⊥ is (K, 3, M'), its coefficients in the visible patterns are (K, 3, N').
+        y⊥ is (K, C, M'), its coefficients in the visible patterns are (K, C, N').
         """
         explained = np.sum(coefficients**2 / self.curvatures, axis=-1)
         freedom = self.pixels - len(self.background) - len(self.curvatures)
@@ -211,29 +422,53 @@ class Fit:
         return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
 
     def _noise_to_signal(self, noise: Array) -> Array:
-        """Return the noise's energy over the signal's, (K,), for noise, (K, 3), over the level."""
+        """Return the noise's energy over the signal's, (K,), for noise, (K, C), over the level."""
         energy = (self.pixels - len(self.background)) * np.sum(noise**2, axis=-1)
         # A signal below its own standard error is none.
         least = np.sqrt(2 * len(self.curvatures) * np.sum(noise**4, axis=-1))
         return np.asarray(energy / np.maximum(noise.shape[-1] * self.pixels - energy, least))
 
+    def _grey(self, photographs: Image) -> Array:
+        """Return checked photographs over the wall's gain, (K, C, M'), in the camera's channels."""
+        if photographs.dtype.kind not in "buif":
+            raise InputError(f"the photograph is of type {photographs.dtype}; give real numbers")
+        if photographs.dtype == np.uint8:
+            warnings.warn(
+                "the photograph is of 8-bit integers, taken as linear light; if they are encoded "
+                "for screens, as most are, read the file by ps.read_photograph, which decodes it",
+                stacklevel=5,
+            )
+        self._check_size(photographs.shape)
+        values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
+        planes = np.moveaxis(values if self.mask is None else values[:, self.mask], -1, 1)
+        gain = self.gain(planes.shape[1])[:, None]
+        grey = np.divide(planes, gain, order="C", dtype=np.float64)
+        if not np.isfinite(grey).all():
+            raise InputError("the photograph must be finite")
+        largest = float(np.abs(grey).max(initial=0))
+        if largest > 0 and not LIGHT_RANGE[0] <= largest <= LIGHT_RANGE[1]:
+            raise InputError(
+                f"the photograph's largest value is {largest:.1e}; scale it to between "
+                f"{LIGHT_RANGE[0]:g} and {LIGHT_RANGE[1]:g}"
+            )
+        return grey
 
-def ambient_basis(
-    observation: Observation,
-    B: Image | None,
-    rank_tolerance: float = RANK_TOLERANCE,
-    *,
-    profiles: bool = False,
-) -> tuple[Array, int]:
-    """Return an orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
-
-    They come first: of range(B) and, if asked for, of `wall_profiles`, which need a B and the rows
-    and columns of photographs. Each channel of each photograph with the monitor off then joins, its
-    strength to be found. Their own noise is counted wherever noise is estimated from what is
-    unexplained.
-    """
-    Q = background_basis(observation.used(B), rank_tolerance)
-    shape = observation.rows_and_columns
-    if profiles and Q.shape[1] and shape is not None:
-        Q = joined_basis(Q, observation.used(wall_profiles(shape)))
-    return joined_basis(Q, observation.ambient()), Q.shape[1]
+    def _check_size(self, shape: tuple[int, ...]) -> None:
+        """Reject photographs, (K, ..., C), of another size or of other channels."""
+        size, known, M = shape[1:-1], self.shape, self.A.shape[0]
+        if known is not None and len(size) == 2 and size != tuple(known):
+            raise InputError(
+                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera or mask "
+                f"{known[0]}x{known[1]}"
+            )
+        if np.prod(size, dtype=int) != M or not size or not shape[-1]:
+            raise InputError(
+                f"the photograph has shape {shape[1:]}; A has {M} rows, so it must be (rows, "
+                f"columns, channels) with rows x columns = {M}"
+            )
+        matrix = None if self.conditions is None else self.conditions.colour_matrix
+        if matrix is not None and shape[-1] != len(matrix.matrix):
+            raise InputError(
+                f"the photograph has {shape[-1]} channels, the colour matrix {len(matrix.matrix)} "
+                "rows; give the camera's own matrix"
+            )

@@ -56,13 +56,12 @@ class Paint:
     """
 
     def __init__(self, fit: Fit) -> None:
-        if not fit.observation.backgrounds:
-            raise ValueError("paint needs photographs with the monitor off, backgrounds")
-        rows = np.concatenate(list(fit.observation.backgrounds.values()))
+        if not fit.monitor_off:
+            raise ValueError("paint needs photographs with the monitor off")
+        rows = np.concatenate(list(fit.monitor_off.values()))
         smooth = fit.background[: fit.smooth_rank].T
         self._fields = np.array([fine_structure(row, smooth) for row in rows])
-        mask = None if fit.observation.mask is None else fit.observation.mask.ravel()
-        self._others = [_moved(self._fields, fraction, mask) for fraction in (1 / 3, 2 / 3)]
+        self._others = [_moved(self._fields, fraction, fit.mask) for fraction in (1 / 3, 2 / 3)]
         self._fit = fit
 
     def __call__(
@@ -77,7 +76,7 @@ class Paint:
         return replace(photograph, planes=even * photograph.planes), {"paint_found": True}
 
     def evenness(self, planes: Array) -> Array:
-        """Return the factors, (3, M'), of a photograph's planes that make the wall even.
+        """Return the factors, (C, M'), of a photograph's planes that make the wall even.
 
         They are 1 if the wall shows no paint.
         """

@@ -14,13 +14,13 @@ moves the estimate of a white image of variance v, that of f̂, by H⁻¹A⊥ᵀ
 H = A⊥ᵀA⊥/σ² + 1/v. Noise leaves such an estimate an error of variance tr H⁻¹/N.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from scipy import linalg, ndimage
 
+from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.noise import FEWEST, ROUNDING, second_differences
 from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 from periscopy_sim.numerics import Array
@@ -70,7 +70,7 @@ class Residual:
     Attributes
     ----------
     light
-        (rows, columns, 3) r, each channel over the wall's colour, in the photograph's unit; NaN
+        (rows, columns, C) r, each channel over the wall's colour, in the photograph's unit; NaN
         where pixels are not used.
     unexplained
         Standard deviation of r over the photograph's root mean square.
@@ -118,13 +118,12 @@ class Residual:
         }
 
 
-def residual_of(
-    y: Array, signal: Array, transport: TransportOperator, place: Callable[[Array], Array]
-) -> Residual:
-    """Return the residual of a photograph, y, (M', 3), from A⊥ and the signal A f̂, (M', 3).
+def residual_of(y: Array, signal: Array, fit: Fit) -> Residual:
+    """Return the residual of a photograph, y, (M', C), by a fit, from the signal A f̂, (M', C).
 
-    M' pixels are used; `place` puts (M', K) values into (K, rows, columns), NaN in the others.
+    The fit knows the rows and columns of photographs.
     """
+    transport, place = fit.operator, fit.placed
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
     freedom = max(len(y) - transport.Q.shape[1], 1)
@@ -157,14 +156,14 @@ def _cost(
 ) -> float | None:
     """Return the cost of a misfit, see `Residual`, from planes that no image explains.
 
-    It is 0 where the misfit may be chance. The planes are (3, rows, columns), and those of white
-    noise, (K, rows, columns), likewise; A is A⊥, and the signal A⊥ f̂, (M', 3).
+    It is 0 where the misfit may be chance. The planes are (C, rows, columns), and those of white
+    noise, (K, rows, columns), likewise; A is A⊥, and the signal A⊥ f̂, (M', C).
     """
     M, N = A.shape
     energy = float(np.sum(signal**2)) / signal.shape[1] / A.squared_norm
     if M * N**2 > LARGEST_GRAM or not (energy > 0 and sigma > 0):
         return None
-    H = A.gram() / sigma**2
+    H = A.gram / sigma**2
     H[np.diag_indices(N)] += 1 / energy
     inverse = linalg.inv(H)
     used, shape = np.isfinite(rest[0]), rest.shape[1:]

@@ -82,13 +82,11 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         (M, N) array or memory map of floats, or `RowBlocks`.
     Q
         (M, r) orthonormal basis of what is projected out; None for nothing.
-    gram
-        (N, N) A⊥ᵀA⊥, where it is known already.
 
     Attributes
     ----------
-    QtA, squared_norm
-        (r, N) QᵀA, and ‖A⊥‖_F².
+    QtA, whole_squared_norm, squared_norm
+        (r, N) QᵀA, ‖A‖_F² and ‖A⊥‖_F².
 
     Raises
     ------
@@ -96,7 +94,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         If the rows of Q do not match A's, A is not finite, or nothing is left of it.
     """
 
-    def __init__(self, A: Matrix, Q: Array | None = None, gram: Array | None = None) -> None:
+    def __init__(self, A: Matrix, Q: Array | None = None) -> None:
         if not hasattr(A, "row_blocks"):
             A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
             if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
@@ -104,19 +102,19 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                     f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
                 )
         super().__init__(np.dtype(np.float64), A.shape)
-        self.A, self._gram = A, gram
+        self.A = A
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
         if len(self.Q) != A.shape[0]:
             raise InputError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
         self.QtA = np.zeros((self.Q.shape[1], A.shape[1]))
-        squared_norm = 0.0
+        self.whole_squared_norm = 0.0
         for rows, block in self._converted_blocks():
             self.QtA += self.Q[rows].T @ block
-            squared_norm += float(np.vdot(block, block))
-        if not np.isfinite(squared_norm):
+            self.whole_squared_norm += float(np.vdot(block, block))
+        if not np.isfinite(self.whole_squared_norm):
             raise InputError("A must be finite")
-        self.squared_norm = squared_norm - float(np.vdot(self.QtA, self.QtA))
-        if not self.squared_norm > ROUNDING * squared_norm:
+        self.squared_norm = self.whole_squared_norm - float(np.vdot(self.QtA, self.QtA))
+        if not self.squared_norm > ROUNDING * self.whole_squared_norm:
             raise InputError(NOTHING_LEFT)
 
     def project_out(self, y: Image) -> Array:
@@ -136,7 +134,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
 
     @cached_property
     def _cholesky(self) -> tuple[Array, bool]:
-        gram = self.gram()
+        gram = self.gram.copy()
         gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram) / len(gram)
         factor: tuple[Array, bool] = linalg.cho_factor(gram)
         return factor
@@ -162,10 +160,9 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
                 product += share
         return product
 
+    @cached_property
     def gram(self) -> Array:
-        """Return A⊥ᵀA⊥, (N, N), in one pass unless it is known."""
-        if self._gram is not None:
-            return self._gram.copy()
+        """A⊥ᵀA⊥, (N, N), by one pass."""
         gram = np.zeros((self.shape[1], self.shape[1]))
         for rows, block in self._converted_blocks():
             rest = block - self.Q[rows] @ self.QtA  # squared, it has no negative eigenvalue

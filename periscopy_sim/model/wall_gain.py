@@ -18,7 +18,7 @@ too, out of range(B).
 Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
 (I − F Fᵀ) y is independent. So without a gain, the K terms explain as much, for each term, as other
 directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
-It is compared with the polynomials of degrees 6 and 7 in the three channels rather than with all
+It is compared with the polynomials of degrees 6 and 7 in all channels rather than with all
 that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
 
 A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
@@ -57,7 +57,7 @@ class GainEstimate:
     probability: float  # upper bound on that of as large a ratio without a gain
     field: Array  # (rows, columns) g
     accepted: bool  # probability below `ERROR_RATE` and gain within `BOUNDS`
-    added: Array  # (3, M') light that the gain adds to the model's, range(B) projected out
+    added: Array  # (C, M') light that the gain adds to the model's, range(B) projected out
 
 
 class WallGain:
@@ -70,7 +70,7 @@ class WallGain:
     """
 
     def __init__(self, fit: Fit) -> None:
-        shape, mask = fit.observation.rows_and_columns, fit.observation.mask
+        shape = fit.shape
         if shape is None:
             raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
         self._fit = fit
@@ -79,7 +79,7 @@ class WallGain:
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
-        used = slice(None) if mask is None else mask.ravel()
+        used = slice(None) if fit.mask is None else fit.mask
         self._used_terms = self._terms[:, used].astype(np.float32)
         ambient, compared = (polynomials(shape, *ends)[:, used] for ends in ((0, 5), (6, 7)))
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
@@ -90,7 +90,7 @@ class WallGain:
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph without the light that its gain adds, and the gain's range."""
         evidence = photograph.evidence
-        image = self._fit.observation.mixed(first_image(photograph)).T / evidence.level
+        image = self._fit.mixed(first_image(photograph)).T / evidence.level
         coordinates = self._fit.coordinates(evidence)
         gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
         planes = photograph.planes - evidence.level * gain.added
@@ -104,9 +104,9 @@ class WallGain:
     def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
 
-        y, (3, M'), has range(B) projected out and is near 1 in size; its coordinates along the
-        A⊥ W_k/√λ_k are (3, N'), its noise has standard deviation σ, (3,). The image is the first
-        one, f₀, (3, N) in the camera's channels, in units of y over those of A.
+        y, (C, M'), has range(B) projected out and is near 1 in size; its coordinates along the
+        A⊥ W_k/√λ_k are (C, N'), its noise has standard deviation σ, (C,). The image is the first
+        one, f₀, (C, N) in the camera's channels, in units of y over those of A.
         """
         count, σ = len(self._terms), noise[:, None]
         explaining = (coordinates * self._scales).astype(np.float32) @ self._basis

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics import Array
-from periscopy_sim.photograph import Mask, Photograph, common_pixels
+from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.photograph import Photograph, common_pixels
 
 PLATEAU = 5
 """Fewest values at the top of a channel that make a plateau."""

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
-from periscopy_sim.photograph import Mask, check_real, with_channels
+from periscopy_sim.photograph import check_real, with_channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ def sensor_image(
     saturated: Mask | None = None,
     cell: int = 1,
 ) -> SensorImage:
-    """Return a picture, (rows, columns[, 1 or 3]) linear in light, as a `SensorImage`.
+    """Return a picture, (rows, columns[, C]) linear in light, as a `SensorImage`.
 
     A `SensorImage` is returned as it is. Messages call the picture `name`. `white` is the value
     from which on a pixel is saturated. None: for integers the largest, if it is one less than a
@@ -54,7 +55,7 @@ def sensor_image(
     check_real(array.dtype, name)
     array = with_channels(array, name)
     with np.errstate(over="ignore", invalid="ignore"):
-        light = np.repeat(array.astype(np.float32), 3 // array.shape[2], axis=2)
+        light = array.astype(np.float32)
     if not light.size or not np.isfinite(light).all():
         raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
     if white is not None and np.isnan(white):
@@ -97,7 +98,7 @@ def develop(
     Parameters
     ----------
     photographs
-        (rows, columns, 3) each, of one exposure time; they are averaged.
+        (rows, columns, C) each, of one exposure time; they are averaged.
     black
         The camera's black level, subtracted from every photograph and the flat field.
     dark

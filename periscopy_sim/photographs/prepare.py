@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics import Array
-from periscopy_sim.photograph import Mask
+from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_tags

@@ -2,21 +2,23 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import wraps
+from functools import cached_property, wraps
 from itertools import groupby, islice
-from typing import Any, Generic, Protocol, Self, TypeAlias, TypedDict, TypeVar, Unpack
+from typing import Any, Generic, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.model.observation import Backgrounds, named, observation_of
+from periscopy_sim.hidden import Hidden, Size
+from periscopy_sim.model.ambient import RANK_TOLERANCE
+from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.validation import InputError, plain_array
-from periscopy_sim.photograph import Photograph, unwrapped
+from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
@@ -43,11 +45,11 @@ class Report:
     notes, warnings
         Facts that a user may want to know, and reasons why the image may be wrong.
     stages
-        Titles and images, (R, C, 3), that led to the solution.
+        Titles and images, (R, C, channels), that led to the solution.
     standard_errors
-        (R, C, 3) of each patch; None where the method knows none.
+        (R, C, channels) of each patch; None where the method knows none.
     residual
-        None where the method does not know A, or the photograph's rows and columns.
+        None where the photograph's rows and columns are unknown.
     """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
@@ -74,7 +76,7 @@ class Method(Protocol):
     """Anything that turns a photograph into a hidden image: the package's methods, a user's own."""
 
     def reconstruct(self, photograph: Image) -> Image:
-        """Recover the hidden image, (R, C, 3), from a photograph, (rows, columns, 3)."""
+        """Recover the hidden image, (R, C, channels), from (rows, columns, channels)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +86,12 @@ class Solution(Documented, Generic[Precision]):
     Attributes
     ----------
     image
-        (R, C, 3) the result, in units of the photograph's over those of A.
+        (R, C, channels) the result, in units of the photograph's over those of A.
     noise
-        (3,) standard deviation of the photograph's noise in each channel, as estimated from what
-        the method cannot explain of it.
+        (channels,) standard deviation of the photograph's noise, as estimated from what the method
+        cannot explain of it.
     weight
-        λ, the total-variation weight used: (3,) for each channel, or one for all.
+        λ, the total-variation weight used: (channels,), or one for all.
     """
 
     image: NDArray[Precision]
@@ -114,17 +116,6 @@ SIGNIFICANT = 3.0
 """Standard errors by which a hidden image's light exceeds what noise alone would make of one."""
 
 
-class Observed(TypedDict, total=False):
-    """Keywords of every method that describe the photographs; see `StillMethod`."""
-
-    hidden_shape: tuple[int, int]
-    channel_gain: Image | None
-    photograph_shape: tuple[int, int] | None
-    mask: Mask | None
-    backgrounds: Backgrounds | None
-    colour_matrix: ColourMatrix | None
-
-
 def of_all(function: Callable[..., Result]) -> Callable[..., Result]:
     """Let a method's function of a photograph accept a `Photograph`, and use all of it."""
 
@@ -139,11 +130,14 @@ def of_all(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 class StillMethod(Documented, ABC, Generic[Precision]):
-    """A method fitted to one scene; it recovers the hidden image of each photograph separately.
+    """A method for one scene; it recovers the hidden image of each photograph separately.
 
     `solve` returns the image and its numbers, `report` everything else that the method knows of
-    them. Both accept arrays, and `Photograph`s, to whose masks and monitor-off photographs the
-    method is then fitted as well, see `fitted_to`.
+    them. Both accept arrays, and `Photograph`s, whose masks, photographs with the monitor off and
+    colour matrices the method then uses, see `fitted_to`.
+
+    The constructor checks sizes and settings. The first photograph, or `fitted_to`, computes what
+    all photographs share.
 
     Parameters
     ----------
@@ -151,39 +145,30 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds; None for none. Methods that model no backgrounds ignore them.
-    hidden_shape
-        (R, C) with R C = N.
+    hidden
+        The hidden surfaces, `Scenario.hidden`; or the size (R, C) of one, with R C = N, or a
+        mapping of sizes by id.
+    photograph_shape
+        (rows, columns) that photographs must have; None checks the number of pixels alone.
     channel_gain
-        (3,) positive colour of the wall, `Scenario.channel_gain`; None for a grey wall.
+        Positive colour of the wall, a number for each channel, `Scenario.channel_gain`; None for a
+        grey wall. A grey photograph shows no colour.
     rank_tolerance
         Relative tolerance on B's singular values, for methods that model backgrounds; see
         `background_basis`.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
-    mask
-        (rows, columns) or (M,), True where the wall is used; None for everywhere. The method
-        ignores the other rows of A, B and the photograph, which may be NaN there.
-    backgrounds
-        Photographs of the same wall with the monitor off, (rows, columns, 3) each, in any unit, of
-        any exposure; None for none. Each channel of each is one more column of B, also for methods
-        that do not use B.
-    colour_matrix
-        From the monitor's primaries, in which the image is, to the camera's channels; None for the
-        identity. Methods other than `NoiseAware` unmix the photograph, which mixes its noise.
 
     Attributes
     ----------
-    observation
-        The sizes of photograph and hidden image, the wall's colour, and which pixels are used.
-    hidden
-        The hidden surfaces of the N patches.
+    fit
+        The `Fit` that the method asks, under the conditions of the photographs that it is for.
 
     Raises
     ------
+    TypeError
+        If a scene stands in the place of A: use `for_scene`.
     ValueError
-        If the shapes do not fit, the mask leaves fewer pixels than patches, A or B is not finite
-        where it is used, the wall reflects nothing in a channel, a number is out of range, or a
-        background photograph is of another size, not finite where it is used, or without light.
+        If the sizes do not fit, the wall reflects nothing in a channel, or a number is out of
+        range. With the first photograph: if A or B is not finite where it is used.
     """
 
     precision: type[np.floating[Any]] = np.float64
@@ -195,38 +180,54 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     judges_scene = True
     """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
 
-    _given: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
-    _latest: tuple[bytes, Any] | None = None
+    _latest: tuple[bytes, Self] | None = None
 
-    def __new__(cls, *arguments: Any, **settings: Any) -> Self:
-        """Reject a scene in the place of A, by a TypeError that names `for_scene`."""
-        if arguments and hasattr(arguments[0], "photograph_shape"):
+    def __init__(
+        self,
+        A: Any,
+        B: Image | None = None,
+        *,
+        hidden: Hidden | Size | Mapping[str, Size],
+        photograph_shape: Size | None = None,
+        channel_gain: Image | None = None,
+        rank_tolerance: float = RANK_TOLERANCE,
+        profiles: bool = False,
+    ) -> None:
+        if hasattr(A, "photograph_shape"):
             raise TypeError(
-                f"A comes first; to fit to a scene, {cls.__name__}.for_scene(scene, A, B)"
+                f"A comes first; to fit to a scene, {type(self).__name__}.for_scene(scene, A, B)"
             )
-        method = super().__new__(cls)
-        method._given = arguments, settings
-        return method
+        self.fit = Fit(
+            # Objects with `row_blocks` stream the rows of A; anything else becomes an array.
+            A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A),
+            B,
+            hidden=Hidden.of(hidden),
+            photograph_shape=photograph_shape,
+            channel_gain=channel_gain,
+            rank_tolerance=rank_tolerance,
+            profiles=profiles,
+            unmixes=not self.mixes_colours,
+        )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without A and B, which are large; so a copy cannot be fitted anew."""
-        backgrounds = {"backgrounds": self._given[1].get("backgrounds")}
-        return {**vars(self), "_given": ((), backgrounds), "_latest": None}
-
-    def __init__(self, A: Any, **observed: Unpack[Observed]) -> None:
-        if "hidden_shape" not in observed:
-            raise TypeError("give hidden_shape, (R, C)")
-        observation = observation_of(A, **observed)
-        self.observation = observation if self.mixes_colours else observation.unmixed()
-        self.hidden = self.observation.hidden
-        self.hidden_shape = self.observation.hidden_shape
-        self.photograph_shape = self.observation.photograph_shape
+        """Return the state without the latest method for other conditions."""
+        return {**vars(self), "_latest": None}
 
     def __repr__(self) -> str:
         """Return its sizes on one line."""
-        patches = "{}x{}".format(*self.hidden_shape)
-        pixels = "x".join(map(str, self.photograph_shape or (self.observation.pixels,)))
-        return f"{type(self).__name__}({patches} patches, {pixels} pixels)"
+        pixels = "x".join(map(str, self.fit.shape or self.fit.A.shape[:1]))
+        return f"{type(self).__name__}({self.hidden.sizes} patches, {pixels} pixels)"
+
+    @property
+    def hidden(self) -> Hidden:
+        """The hidden surfaces of the N patches."""
+        return self.fit.hidden
+
+    @property
+    def hidden_shape(self) -> Size:
+        """(R, C) of the hidden image, of one surface."""
+        (surface,) = self.hidden.values()
+        return surface.shape
 
     @classmethod
     def for_scene(cls, scene: Any, A: Any, B: Any = None, **settings: Any) -> Self:
@@ -235,7 +236,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         Parameters
         ----------
         scene
-            A `Scenario`, or anything with its ``photograph_shape``, ``hidden_shape`` and
+            A `Scenario`, or anything with its ``photograph_shape``, ``hidden`` and
             ``channel_gain``.
         A, B
             As in the class.
@@ -243,58 +244,59 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             The class's other parameters.
         """
         construct: Callable[..., Self] = cls
-        # Objects with `row_blocks` stream the rows of A; anything else is converted to an array.
-        matrix = A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A)
         return construct(
-            matrix,
+            A,
             B,
-            hidden_shape=scene.hidden_shape,
+            hidden=scene.hidden,
             photograph_shape=scene.photograph_shape,
             channel_gain=scene.channel_gain,
             **settings,
         )
 
     def fitted_to(self, photograph: Photograph | Image) -> Self:
-        """Return the method that uses all of a photograph: this one, or one fitted to more.
+        """Return the method for the conditions of a photograph, ready for it.
 
-        It uses the pixels that the masks of the method and of the photograph leave, and projects
-        out the light of the monitor-off photographs of both. The latest such method is kept:
-        photographs that share them are fitted once. A method keeps its A and B for that. An
-        array is for the method as it is.
+        The method uses the pixels of its mask, projects out the light of its photographs with the
+        monitor off, and knows its colour matrix; for a photograph without conditions, or an array,
+        it is this method. All that does not depend on the values is computed. The latest such
+        method is kept: photographs under the same conditions are fitted once.
 
         Raises
         ------
         ValueError
-            As the class, or if this method is a copy, which has no A.
+            As the class, if the mask leaves fewer pixels than patches, the wall's colour or the
+            colour matrix is not of the photograph's channels, or a photograph with the monitor off
+            is of another size, not finite where it is used, or without light.
         """
-        if not isinstance(photograph, Photograph) or (key := photograph.conditions) is None:
+        key = photograph.conditions if isinstance(photograph, Photograph) else None
+        own = self.fit.conditions
+        if key is None or (own is not None and own.conditions == key):
+            self.prepare()
             return self
         latest = self._latest  # another thread may replace it
         if latest is None or latest[0] != key:
-            self._latest = latest = key, self._fitted_to_more(photograph)
-        return latest[1] or self
+            assert isinstance(photograph, Photograph)
+            method = self._with(self.fit.fitted_to(photograph))
+            method.prepare()
+            self._latest = latest = key, method
+        return latest[1]
 
-    def _fitted_to_more(self, photograph: Photograph) -> Self | None:
-        """Return a method fitted to more than this one; None if a photograph has no more."""
-        self.observation.check_size((1, *photograph.values.shape))
-        own, given = self.observation.mask, named(self._given[1].get("backgrounds"))
-        own = None if own is None else own.reshape(photograph.shape)
-        _, mask, backgrounds = unwrapped(photograph, own, given)
-        if len(backgrounds) == len(given) and np.array_equal(np.array(mask), np.array(own)):
-            return None
-        return self._fitted_anew(mask, backgrounds)
+    def prepare(self) -> None:
+        """Compute all that photographs under the same conditions share."""
 
-    def _fitted_anew(self, mask: Mask | None, backgrounds: Mapping[str, Image]) -> Self:
-        arguments, settings = self._given
-        if "hidden_shape" not in settings:
-            raise InputError(
-                "the photograph has another mask, or other monitor-off photographs, than this copy "
-                "of a method, which has no A; pass mask= and backgrounds= to the constructor"
-            )
-        return type(self)(*arguments, **{**settings, "mask": mask, "backgrounds": backgrounds})
+    def _with(self, fit: Fit) -> Self:
+        """Return the method with another fit, and without what followed from its own."""
+        cached = (
+            n for n in vars(self) if isinstance(getattr(type(self), n, None), cached_property)
+        )
+        method = copy(self)
+        for name in cached:
+            delattr(method, name)
+        method.fit, method._latest = fit, None
+        return method
 
     def batches(self, photographs: Series) -> Iterator[tuple[Self, Image]]:
-        """Yield photographs in turn, `BATCH` at most, beside the method that uses all of them."""
+        """Yield photographs in turn, `BATCH` at most, beside the method for their conditions."""
         stack: Any = photographs
         if hasattr(stack, "shape"):
             for start in range(0, len(stack), BATCH):
@@ -302,7 +304,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             return
         for method, group in groupby(photographs, self.fitted_to):
             while part := [*islice(group, BATCH)]:
-                yield method, np.stack([plain_array(each) for each in unwrapped(part)[0]])
+                values = (each.values if isinstance(each, Photograph) else each for each in part)
+                yield method, np.stack([plain_array(each) for each in values])
 
     @abstractmethod
     def solve(self, photograph: Photograph | Image) -> Solution[Precision]:
@@ -314,18 +317,20 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         Parameters
         ----------
         photograph
-            A `Photograph`; or (rows, columns, 3) or (M, 3), linear, in any unit.
+            A `Photograph`; or (rows, columns, channels) or (M, channels), linear, in any unit.
 
         Returns
         -------
         ndarray
-            (R, C, 3), linear, in units of the photograph's over those of A; negative where noise
-            makes it so and the method lets it. float64, but float32 from an explicit `Periscope`.
+            (R, C, channels), linear, in units of the photograph's over those of A; negative where
+            noise makes it so and the method lets it. float64, but float32 from an explicit
+            `Periscope`.
 
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used.
+            If the photograph has not M pixels, or is not finite where it is used, or its channels
+            do not show the wall's colour.
 
         Warns
         -----
@@ -352,15 +357,12 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         ValueError
             As in `reconstruct`.
         """
-        transport = self.projected_transport()
-        if transport is None:
-            return Report(numbers=solution.numbers())
-        signal = transport.light(self.observation.mixed(solution.image))
-        warnings = [Note("no_hidden_image")] * _is_noise(signal, transport, solution.noise)
+        signal = self.fit.operator.light(self.fit.mixed(solution.image))
+        noise = _is_noise(signal, self.fit.operator, solution.noise)
+        warnings = [Note("no_hidden_image")] * noise
         residual, numbers = None, solution.numbers()
-        if self.observation.rows_and_columns is not None:
-            y = self.corrected(photograph, solution)
-            residual = residual_of(y, signal, transport, self.observation.placed)
+        if self.fit.shape is not None:
+            residual = residual_of(self.corrected(photograph, solution), signal, self.fit)
             if not self.judges_scene:
                 residual = replace(residual, diagnosis="unknown")
             numbers = {**numbers, **residual.numbers()}
@@ -372,23 +374,19 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     def residual(self, photograph: Image, solution: Any) -> Residual | None:
         """Return what the scene and a solution leave of a photograph, and whether it is noise.
 
-        The photograph is the corrected one. None where the method does not know A, or the
-        photograph's rows and columns. Arguments and errors are those of `report`.
+        The photograph is the corrected one. None where the photograph's rows and columns are
+        unknown. Arguments and errors are those of `report`.
         """
         report: Report = StillMethod.report(self, photograph, solution)
         return report.residual
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
-        """Return the photograph that A f + B c + n describes, (M', 3), in the pixels used."""
-        return self.observation.vectorized(photograph)
-
-    def projected_transport(self) -> TransportOperator | None:
-        """Return A⊥ of the pixels used; None where the method does not know it."""
-        return None
+        """Return the photograph that A f + B c + n describes, (M', C), in the pixels used."""
+        return self.fit.vectors(photograph)
 
 
 def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
-    """Return whether an image's light A f̂, (M', 3), is no more than what noise makes of images."""
+    """Return whether an image's light A f̂, (M', C), is no more than what noise makes of images."""
     energy = np.sum((transport.project_out(light) / np.maximum(noise, 1e-100)) ** 2)
     count = light.shape[1] * min(transport.shape)
     return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

@@ -15,10 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from periscopy_sim.model.colour_matrix import ColourMatrix
-    from periscopy_sim.model.observation import Backgrounds
     from periscopy_sim.model.uncertainty import UncertainTransport
-    from periscopy_sim.numerics import Mask
     from periscopy_sim.reconstruction.method import StillMethod
     from periscopy_sim.reconstruction.video_method import FrameByFrame
 
@@ -77,13 +74,10 @@ class MethodEntry:
         scene: Any,
         A: Matrix,
         B: Matrix,
-        mask: Mask | None = None,
-        backgrounds: Backgrounds | None = None,
         uncertain: UncertainTransport | None = None,
-        colour_matrix: ColourMatrix | None = None,
         **options: float,
     ) -> StillMethod[Any]:
-        """Fit the method to a scene; the options' values by their names, the rest as in the class.
+        """Return the method for a scene; the options' values by their names.
 
         Of methods that know no uncertain scenes none may be given.
 
@@ -93,9 +87,6 @@ class MethodEntry:
             scene,
             A,
             B if self.backgrounds else None,
-            mask=mask,
-            backgrounds=backgrounds,
-            colour_matrix=colour_matrix,
             **({} if uncertain is None else {"uncertain": uncertain}),
             **self.fixed,
             **_parameters(self.options, options),

@@ -33,7 +33,7 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
     Attributes
     ----------
     previous
-        (R, C, 3) the latest frame; None before the first and after `restart`.
+        (R, C, channels) the latest frame; None before the first and after `restart`.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         Parameters
         ----------
         photographs
-            (K, rows, columns, 3) or (K, M, 3), linear, in time's order; or K `Photograph`s, to
+            (K, rows, columns, C) or (K, M, C), linear, in time's order; or K `Photograph`s, to
             which `still` is fitted, see `StillMethod.fitted_to`.
 
         Yields
@@ -95,18 +95,18 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         Parameters
         ----------
         photograph
-            A `Photograph`; or (rows, columns, 3) or (M, 3), linear. It is in the unit of the
+            A `Photograph`; or (rows, columns, C) or (M, C), linear. It is in the unit of the
             photographs before it.
 
         Returns
         -------
         ndarray
-            (R, C, 3), linear, of the type that the method for stills gives.
+            (R, C, channels), linear, of the type that the method for stills gives.
 
         Raises
         ------
         ValueError
-            If the photograph has not M pixels of 3 channels or is not finite where it is used; the
+            If the photograph has not M pixels or is not finite where it is used; the
             next one then follows the latest frame all the same.
 
         Warns
@@ -123,6 +123,6 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         return recover()
 
     def frames(self, photographs: Series) -> NDArray[Precision]:
-        """Recover the frames, (K, R, C, 3), that follow the latest one; see `recoveries`."""
+        """Recover the frames, (K, R, C, channels), that follow the latest one; see `recoveries`."""
         images = [recover().image for recover in self.recoveries(photographs)]
-        return np.array(images, self.precision).reshape(-1, *self.hidden_shape, 3)
+        return np.array(images, self.precision)

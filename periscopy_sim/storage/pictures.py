@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     light = srgb_light(values) if picture.is_display and is_code else linear_light(values, path)
     if picture.alpha is not None:
         light = light * linear_light(picture.alpha, path)  # on black
-    return area_average(np.broadcast_to(light, (*light.shape[:2], 3)), shape)
+    return area_average(_in_rgb(light, path), shape)
 
 
 def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:
@@ -66,6 +67,13 @@ def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]
         light = values.astype(np.float64) / white
     if not (np.isfinite(light) & (light >= 0)).all():
         raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
+    return _in_rgb(light, place)
+
+
+def _in_rgb(light: NDArray[np.float64], place: str | Path) -> NDArray[np.float64]:
+    """Return a picture's light, grey or in colours, in the three channels of pictures."""
+    if light.shape[2] not in (1, 3):
+        raise PhotographError(f"{place}: has {light.shape[2]} channels; give three, or one of grey")
     return np.broadcast_to(light, (*light.shape[:2], 3))
 
 
@@ -131,4 +139,5 @@ def averaged_photograph(photograph: Photograph, shape: tuple[int, int]) -> Photo
         return np.asarray(light / np.where(used, coverage, np.inf))
 
     off = {name: means(each) for name, each in photograph.monitor_off.items()}
-    return Photograph(means(photograph.values), None if used.all() else used[..., 0], off)
+    mask = None if used.all() else used[..., 0]
+    return replace(photograph, values=means(photograph.values), mask=mask, monitor_off=off)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import Array, Photograph, blackened, check_real, check_size
+from periscopy_sim.numerics import Array
+from periscopy_sim.photograph import Photograph, blackened, check_real, check_size
 from periscopy_sim.storage.formats.arrays import mapped_stack, zarr_stack
 from periscopy_sim.storage.formats.decoding import decoding, listed
 from periscopy_sim.storage.formats.table import format_of, suffixes
@@ -43,9 +44,8 @@ def open_frames(
 
     A folder holds one photograph a file, of any format of `read_photograph` but one alone, in the
     natural order of their names: frame2 before frame10; other files and subfolders do not count. An
-    array (frames, rows, columns, 3) named `photograph` is in an NPZ file, which is decoded as a
-    whole, or in a Zarr group of format 3, as a data set has it; an NPY file holds one, too. One
-    channel in place of three is grey.
+    array (frames, rows, columns, C) named `photograph` is in an NPZ file, which is decoded as a
+    whole, or in a Zarr group of format 3, as a data set has it; an NPY file holds one, too.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def read_clip(
 ) -> tuple[Array, list[str]]:
     """Read all photographs of a sequence, and the first warning of each kind, counted.
 
-    The photographs are (frames, rows, columns, 3), black where the mask leaves them out, as they
+    The photographs are (frames, rows, columns, C), black where the mask leaves them out, as they
     are drawn. One that cannot serve is a `PhotographError` that names it.
     """
     of_kind: dict[str, list[str]] = {}
@@ -156,11 +156,11 @@ def _natural(name: str) -> tuple[list[str | int], str]:
 def _checked(stack: Any, path: Path) -> Any:
     """Return an array, mapped or in Zarr, if it is a stack of pictures."""
     check_real(stack.dtype, str(path))
-    is_stack = len(stack.shape) == 4 and stack.shape[3] in (1, 3) and 0 not in stack.shape
+    is_stack = len(stack.shape) == 4 and 0 not in stack.shape
     if not is_stack or stack.shape[0] > MOST_FRAMES:
         raise PhotographError(
-            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, 3), of at most "
-            f"{MOST_FRAMES} frames"
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, "
+            f"channels), of at most {MOST_FRAMES} frames"
         )
     return stack
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import read_json, read_regular
+from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
@@ -21,9 +21,9 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
     Parameters
     ----------
     path
-        An NPY file, a JSON file of three rows or of a calibration, or a text file of three lines of
-        three numbers, separated by commas. Or a camera's raw file, which states the matrix for sRGB
-        primaries.
+        An NPY file, a JSON file of rows or of a calibration, or a text file of numbers separated by
+        commas: a row for each channel, a number in it for each primary. Or a camera's raw file,
+        which states the matrix for sRGB primaries.
 
     Raises
     ------
@@ -31,7 +31,9 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
-    with decoding(path, "a colour matrix", "give three rows of three numbers as NPY, JSON or CSV"):
+    with decoding(
+        path, "a colour matrix", "give a row for each channel of the camera as NPY, JSON or CSV"
+    ):
         if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
             return ColourMatrix(raw_colours(path))
         if path.suffix == ".npy":
@@ -39,7 +41,7 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         if path.suffix == ".json":
             held = read_json(path)
             return ColourMatrix(np.array(held["colour_matrix"] if isinstance(held, dict) else held))
-        return ColourMatrix(np.loadtxt(_lines(path), delimiter=","))
+        return ColourMatrix(np.loadtxt(_lines(path), delimiter=",", ndmin=2))
 
 
 def read_wall_points(path: str | Path) -> WallPoints:

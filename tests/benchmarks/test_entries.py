@@ -25,7 +25,7 @@ def case():
     A = rng.random((144, 72), np.float32)
     truths = rng.random((3, *SHAPE, 3))
     light = np.stack([A @ truth.reshape(-1, 3) for truth in truths]).reshape(3, 12, 12, 3)
-    scene = SimpleNamespace(channel_gain=np.ones(3), hidden_shape=SHAPE)
+    scene = SimpleNamespace(channel_gain=np.ones(3), hidden=SHAPE)
     names = ("one", "two", "three")
     return Case(SUITES["still"], scene, A, rng.random((144, 5)), light, truths, names)
 

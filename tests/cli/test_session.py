@@ -86,7 +86,7 @@ def test_image_is_that_of_the_rows_used(
     assert (summary["mask"], summary["pixels_left_out"]) == ("mask.png", LEFT_OUT)
     used = MASK.ravel()
     B = ps.point_light_backgrounds(scenario)
-    by_hand = ps.Periscope(transport[used], B[used], hidden_shape=(4, 5), explicit=False)
+    by_hand = ps.Periscope(transport[used], B[used], hidden=(4, 5), explicit=False)
     solution = by_hand.solve(photographs[0].reshape(576, 3)[used])
     np.testing.assert_allclose(image, solution.image, rtol=1e-4, atol=1e-4)
     # The command's P and R are of single precision, and noise² is ‖y⊥‖² less ‖R f‖², here up to 30

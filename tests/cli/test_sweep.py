@@ -69,7 +69,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     }  # fmt: skip
     scenario = ps.load_scenario(ps.find_scene("plate"), (4, 5), {"resolution": "21"})
     A = ps.render_transport(scenario, samples=4, seed=3)
-    method = ps.TruncatedSVD(A, hidden_shape=(4, 5), channel_gain=scenario.channel_gain)
+    method = ps.TruncatedSVD(A, hidden=(4, 5), channel_gain=scenario.channel_gain)
     y, truth = np.load("y.npy"), np.load("truth.npy")
     light = ps.read_photograph("lamp.exr", (21, 21)).values
     image = method.reconstruct(

@@ -149,7 +149,7 @@ def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
 
 
 def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
-    method = fit_method("mine.py:Mine", Scene(hidden_shape=(2, 3)), A, B)
+    method = fit_method("mine.py:Mine", Scene(hidden=(2, 3)), A, B)
     method.scenario = None  # a class of this test, which the other process does not know
     content = cloudpickle.dumps(method)
     mine.unlink()

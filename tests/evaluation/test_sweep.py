@@ -256,7 +256,7 @@ def test_workers_elsewhere_give_the_same_bytes(done, tmp_path):
 def test_photographs_give_a_sweep_their_mask_and_their_monitor_off_photographs():
     given = Photograph.of(np.where(MASK[..., None], SIGNAL, np.nan), mask=MASK)
     A, off = RNG.uniform(0.1, 1, (42, 4)), RNG.uniform(0.5, 1, SIGNAL.shape)
-    settings = {"hidden_shape": (2, 2), "photograph_shape": (6, 7)}
+    settings = {"hidden": (2, 2), "photograph_shape": (6, 7)}
     method, masked = Periscope(A, **settings), Periscope(A, **settings, mask=MASK)
     ours = sweep_of(signal=given, methods={"p": method})
     theirs = sweep_of(signal=given.values, methods={"p": masked}, mask=MASK)

@@ -114,7 +114,7 @@ def test_light_down_or_across_is_projected_out_and_the_image_stays():
     y = A @ truth + 2 * B[:, :1] + 1e-3 * rng.normal(size=(down.size, 3))
     edge = down**5 - down**2 + across**6 + 2 * across  # of a table, of a lamp nearby
     lit = y + 5 * edge.reshape(-1, 1) * [1, 0.8, 0.5]
-    settings = {"hidden_shape": hidden, "photograph_shape": shape, "corrections": ()}
+    settings = {"hidden": hidden, "photograph_shape": shape, "corrections": ()}
     ours, plain = (NoiseAware(A, B, profiles=each, **settings) for each in (True, False))
     errors = [
         np.abs(method.reconstruct(light).reshape(12, 3) - truth).max()

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.evaluation.methods import fit_method
-from periscopy_sim.model.observation import observation_of
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.model.fit import Fit
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
@@ -23,7 +25,7 @@ OFF = LAMP * GAIN
 Y = ((A @ TRUTH + LAMP @ RNG.uniform(0, 2, (3, 3))) * GAIN).reshape(*PHOTOGRAPH, 3)
 Y += 1e-3 * RNG.normal(size=Y.shape)
 MASK = RNG.random(PHOTOGRAPH) > 0.25
-SCENE = {"hidden_shape": HIDDEN, "channel_gain": GAIN, "photograph_shape": PHOTOGRAPH}
+SCENE = {"hidden": HIDDEN, "channel_gain": GAIN, "photograph_shape": PHOTOGRAPH}
 
 WITH_B = {
     "periscope": partial(Periscope, **SCENE, repair_threshold=np.inf),
@@ -37,23 +39,30 @@ ALL = WITH_B | {
 }
 
 
+def photographed(*off, y=Y, mask=None):
+    """A photograph with others of the monitor off, (M, 3) each."""
+    dark = [each.reshape(*PHOTOGRAPH, 3) for each in off]
+    return Photograph.of(y.reshape(*PHOTOGRAPH, 3), mask=mask, monitor_off=dark)
+
+
 @pytest.mark.parametrize("mask", [None, MASK])
 @pytest.mark.parametrize("method", WITH_B)
 def test_each_channel_is_one_more_column(method, mask):
     off = OFF.reshape(*PHOTOGRAPH, 3)
     given = off if mask is None else np.where(mask[..., None], off, np.nan)
-    found = WITH_B[method](A, B, mask=mask, backgrounds=[given]).reconstruct(Y)
-    by_hand = WITH_B[method](A, np.hstack([B, LAMP]), mask=mask).reconstruct(Y)
+    found = WITH_B[method](A, B).reconstruct(photographed(given, mask=mask))
+    plain = photographed(mask=mask)
+    by_hand = WITH_B[method](A, np.hstack([B, LAMP])).reconstruct(plain)
     np.testing.assert_allclose(found, by_hand, rtol=1e-5, atol=1e-5)
-    assert np.abs(found - WITH_B[method](A, B, mask=mask).reconstruct(Y)).max() > 0.01
+    assert np.abs(found - WITH_B[method](A, B).reconstruct(plain)).max() > 0.01
 
 
 @pytest.mark.parametrize("method", ALL)
 def test_background_photographs_recover_what_their_light_drowns(method):
     truth = TRUTH.reshape(*HIDDEN, 3)
     errors = [
-        np.sqrt(np.mean((ALL[method](A, B, **more).reconstruct(Y) - truth) ** 2))
-        for more in ({"backgrounds": [OFF]}, {})
+        np.sqrt(np.mean((ALL[method](A, B).reconstruct(y) - truth) ** 2))
+        for y in (photographed(OFF), Y)
     ]
     assert errors[0] < 0.5 * errors[1]
 
@@ -61,15 +70,14 @@ def test_background_photographs_recover_what_their_light_drowns(method):
 @pytest.mark.parametrize("method", ALL)
 def test_exposure_form_and_order_of_background_photographs_do_not_matter(method):
     other = OFF[::-1]
-    expected = ALL[method](A, B, backgrounds=[OFF, other]).reconstruct(Y)
-    again = {"b": 1e3 * other.reshape(*PHOTOGRAPH, 3), "a": np.float32(OFF)}
-    found = ALL[method](A, B, backgrounds=again).reconstruct(Y)
+    expected = ALL[method](A, B).reconstruct(photographed(OFF, other))
+    found = ALL[method](A, B).reconstruct(photographed(1e3 * other, np.float32(OFF)))
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-4)
 
 
 def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
     plain = {"tv_weight": 0, "repair_threshold": np.inf}
-    solved = ALL["svd"](A, fraction=0.5, backgrounds=[OFF], **plain).solve(Y)
+    solved = ALL["svd"](A, fraction=0.5, **plain).solve(photographed(OFF))
     Q = np.linalg.qr(LAMP)[0]
     U, σ, Vt = np.linalg.svd(A - Q @ (Q.T @ A), full_matrices=False)
     y = Y.reshape(M, 3) / GAIN
@@ -91,7 +99,7 @@ def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method
         rng = np.random.default_rng(100 + seed)
         y = A @ TRUTH + c * lamp + σ * rng.normal(size=(M, 3))
         off = lamp + τ * rng.normal(size=(M, 3))
-        found = ALL[method](A, B, backgrounds=[off * GAIN]).solve(y * GAIN)
+        found = ALL[method](A, B).solve(photographed(off * GAIN, y=y * GAIN))
         variances.append(found.noise**2)
     variances = np.reshape(variances, (40, 3)).mean(axis=1)  # the channels share the lamp's noise
     error = np.std(variances) / np.sqrt(40)
@@ -108,55 +116,42 @@ def test_background_photograph_of_much_noise_does_no_harm():
         rng = np.random.default_rng(seed)
         y = (A @ TRUTH + 0.02 * B @ np.ones((3, 3)) + 0.02 * rng.normal(size=(M, 3))) * GAIN
         off = 1 + rng.normal(size=(M, 3))
-        for name, more in {"none": {}, "given": {"backgrounds": [off]}}.items():
-            image = WITH_B["noise-aware"](A, B, **more).reconstruct(y)
+        for name, dark in {"none": [], "given": [off]}.items():
+            image = WITH_B["noise-aware"](A, B).reconstruct(photographed(*dark, y=y))
             errors[name].append(np.mean((image.reshape(N, 3) - TRUTH) ** 2))
     assert np.mean(errors["given"]) < 1.05 * np.mean(errors["none"])
 
 
-@pytest.mark.parametrize(
-    ("off", "message"),
-    [
-        (np.ones((19, 24, 3)), "19x24 pixels"),
-        (np.where(np.arange(M) == 7, np.nan, 1.0)[:, None] * OFF, "finite"),
-        (np.zeros((M, 3)), "no value is positive"),
-        (-OFF, "no value is positive"),
-        (OFF[:, :2], "shape"),
-        (OFF.astype(complex), "real numbers"),
-    ],
-)
-def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
-    with pytest.raises(ValueError, match=f"photograph 1 of 1: .*{message}"):
-        ALL["svd"](A, B, backgrounds=[off])
-    with pytest.raises(ValueError, match=f"off.exr: .*{message}"):
-        ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
+def test_monitor_off_photograph_without_light_where_the_wall_is_used_is_rejected_by_name():
+    dark = np.where(MASK[..., None], 0.0, Y)
+    with pytest.raises(ValueError, match=r"off\.exr: .*(zero|positive)"):
+        Photograph.of(Y, mask=MASK, monitor_off={"off.exr": dark})
+    unchecked = Photograph(Y, MASK, {"off.exr": dark})
+    with pytest.raises(ValueError, match=r"off\.exr: no value is positive"):
+        ALL["noise-aware"](A, B).reconstruct(unchecked)
 
 
 def test_joined_columns_are_black_where_the_mask_is():
-    off = np.where(MASK.ravel()[:, None], OFF, np.inf)
-    seen = observation_of(A, HIDDEN, GAIN, MASK, PHOTOGRAPH, [off])
-    joined = seen.joined(B)
+    off = np.where(MASK[..., None], OFF.reshape(*PHOTOGRAPH, 3), np.inf)
+    scene = {"hidden": Hidden.of(HIDDEN), "channel_gain": GAIN}
+    seen = Fit(A, B, **scene, conditions=Photograph.of(Y, mask=MASK, monitor_off=[off]))
+    joined = seen.whole_background
     expected = np.hstack([B, np.where(MASK.ravel()[:, None], LAMP, 0)])
     np.testing.assert_allclose(joined, expected)
-    np.testing.assert_array_equal(seen.used(joined), np.hstack([seen.used(B), seen.ambient()]))
-    assert observation_of(A, HIDDEN, GAIN).joined(B) is B
+    columns = np.hstack([seen.used(B), seen.monitor_off_columns])
+    np.testing.assert_array_equal(seen.used(joined), columns)
+    assert Fit(A, B, **scene).whole_background is B
 
 
-def test_own_method_is_given_columns_or_photographs_as_it_likes(tmp_path):
+def test_own_method_is_given_columns_of_background_light(tmp_path):
     class Scene:
-        photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
+        photograph_shape, hidden, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
 
     (tmp_path / "own.py").write_text(
         "class Columns:\n"
         "    def __init__(self, scenario, A, B):\n"
-        "        self.B, self.backgrounds = B, None\n"
+        "        self.B = B\n"
         "    def reconstruct(self, photograph): ...\n"
-        "class Photographs(Columns):\n"
-        "    def __init__(self, scenario, A, B, backgrounds=()):\n"
-        "        self.B, self.backgrounds = B, backgrounds\n"
     )
-    given = {"off": OFF}
-    columns = fit_method(f"{tmp_path}/own.py:Columns", Scene(), A, B, None, given)
-    np.testing.assert_allclose(columns.B, np.hstack([B, LAMP]))
-    photographs = fit_method(f"{tmp_path}/own.py:Photographs", Scene(), A, B, None, given)
-    assert photographs.B is B and photographs.backgrounds is given
+    fitted = fit_method(f"{tmp_path}/own.py:Columns", Scene(), A, B, photographed(OFF))
+    np.testing.assert_allclose(fitted.method.B, np.hstack([B, LAMP]))

@@ -1,8 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.model.colour_matrix import ColourMatrix
+from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.storage.tables import read_colour_matrix
 
@@ -18,7 +20,7 @@ STILLS = [name for name, entry in METHODS.items() if not entry.needs]
 
 
 class SCENE:
-    photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
+    photograph_shape, hidden, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
 
 
 @pytest.mark.parametrize("name", STILLS)
@@ -30,13 +32,29 @@ def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
         (None, LIGHT + NOISE, off),
         (colours, colours.mix(LIGHT + NOISE), {"off": colours.mix(off["off"])}),
     ):
-        method = METHODS[name](SCENE, A, B, backgrounds=dark, colour_matrix=matrix)
-        solution = method.solve(y)
+        method = METHODS[name](SCENE, A, B)
+        whole = Photograph.of(y, monitor_off=dark, colour_matrix=matrix)
+        solution = method.solve(whole)
         images.append(solution.image)
-        residuals.append(method.report(y, solution).residual)
+        residuals.append(method.report(whole, solution).residual)
     scale = np.sqrt(np.mean(images[0] ** 2))
     np.testing.assert_allclose(images[1], images[0], atol=0.03 * scale)
     assert residuals[1].unexplained == pytest.approx(residuals[0].unexplained, rel=0.5)
+
+
+@pytest.mark.parametrize("name", STILLS)
+@pytest.mark.parametrize("shape", [(4, 3), (3, 1), (2, 1)])
+def test_cameras_may_have_more_channels_than_the_monitor_primaries(name, shape):
+    colours = ColourMatrix(np.random.default_rng(3).uniform(0.2, 1, shape))
+    grey = {"photograph_shape": PHOTOGRAPH, "hidden": HIDDEN, "channel_gain": None}
+    y = LIGHT[..., : shape[1]] / GAIN[: shape[1]]
+    noise = np.random.default_rng(1).standard_normal((*PHOTOGRAPH, shape[0]))
+    given = Photograph.of(colours.mix(y) + 1e-3 * noise, colour_matrix=colours)
+    scene = SimpleNamespace(**grey)
+    found = METHODS[name](scene, A, B).reconstruct(given)
+    expected = METHODS[name](scene, A, B).reconstruct(y)
+    assert found.shape == (*HIDDEN, shape[1])
+    np.testing.assert_allclose(found, expected, atol=0.1 * np.sqrt(np.mean(expected**2)))
 
 
 def test_light_is_mixed_by_the_matrix():
@@ -48,8 +66,9 @@ def test_light_is_mixed_by_the_matrix():
 @pytest.mark.parametrize(
     ("values", "name"),
     [
-        (np.eye(2), "3 x 3"),
-        (np.eye(3).astype(complex), "3 x 3"),
+        (np.ones(3), "channels, primaries"),
+        (np.eye(3).astype(complex), "real numbers"),
+        (np.eye(3)[:2], "2 x 3"),
         (np.full((3, 3), np.nan), "finite"),
         (np.diag([1.0, 0, 1]), "alike"),
     ],

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.residual import residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import standard_errors
+from periscopy_sim.photograph import Photograph
 
 HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
 M, N = 180, 12
@@ -26,9 +27,10 @@ Y = (SIGNAL + NOISE * RNG.standard_normal((M, 3))) * GAIN
 
 
 def fitted(A=A, B=B, mask=MASK, off=OFF, hidden=HIDDEN, **settings):
-    backgrounds = None if off is None else {"off": off * GAIN}
-    seen = observation_of(A, hidden, GAIN, mask, PHOTOGRAPH, backgrounds)
-    return Fit(seen, A, B, 1e-10, **settings)
+    dark = None if off is None else {"off": (off * GAIN).reshape(*PHOTOGRAPH, 3)}
+    given = Photograph.of(Y.reshape(*PHOTOGRAPH, 3), mask=mask, monitor_off=dark)
+    known = {"hidden": Hidden.of(hidden), "channel_gain": GAIN, "conditions": given}
+    return Fit(A, B, **known, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def measured(fit):
-    return FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
+    return FittedPhotograph(fit.planes(Y[None])[0], fit)
 
 
 AMBIENT = np.hstack([B, OFF])[USED]
@@ -67,7 +69,7 @@ def test_faint_shadow_has_no_negative_energy():
     rng = np.random.default_rng(1)
     faint = B @ rng.random((3, N)) + 1e-4 * rng.random((M, 2)) @ rng.random((2, N))
     fit = fitted(A=faint, off=None)
-    for gram in (fit.gram, TransportOperator(faint[USED], fit.background.T).gram()):
+    for gram in (fit.gram, TransportOperator(faint[USED], fit.background.T).gram):
         assert np.linalg.eigvalsh(gram).min() > -1e-12 * np.trace(gram)
     assert np.isfinite(fit.operator.unexplained(GREY)).all()
 
@@ -129,7 +131,7 @@ def test_patterns_that_the_wall_does_not_show_are_not_counted():
     dark[:, 7] = 0
     fit = fitted(dark)
     assert len(fit.curvatures) == N - 1
-    (evidence,), _ = fit.evidence(fit.observation.planar(Y[None]))
+    (evidence,), _ = fit.evidence(fit.planes(Y[None]))
     rest = unexplained_by(np.hstack([dark[USED], AMBIENT]), GREY)
     expected = np.sqrt(np.sum(rest**2, axis=0) / (USED.sum() - 6 - N + 1))
     np.testing.assert_allclose(evidence.level * evidence.noise, expected, rtol=1e-4)
@@ -138,7 +140,7 @@ def test_patterns_that_the_wall_does_not_show_are_not_counted():
 def test_channel_of_hardly_any_noise_is_believed_up_to_a_ratio():
     fit = fitted(off=None)
     quiet = SIGNAL - 0.5 * OFF + [1e-7, 0.1, 0.2] * np.random.default_rng(1).normal(size=(M, 3))
-    noise = FittedPhotograph(fit.observation.planar(quiet[None] * GAIN)[0], fit).evidence.noise
+    noise = FittedPhotograph(fit.planes(quiet[None] * GAIN)[0], fit).evidence.noise
     assert noise[0] == pytest.approx(noise[2] / LARGEST_NOISE_RATIO)
 
 
@@ -167,31 +169,30 @@ def test_profiles_join_the_smooth_light_where_rows_and_columns_are_known():
     down = np.repeat(np.linspace(-1, 1, 12) ** 2, 15)[USED]
     assert np.abs(more.project_out(down[None])).max() < 1e-10
     assert np.abs(plain.project_out(down[None])).max() > 0.1
-    flat = Fit(observation_of(A, HIDDEN, GAIN, USED), A, B, 1e-10, profiles=True)
-    assert flat.smooth_rank == 3
+    assert Fit(A, B, hidden=Hidden.of(HIDDEN), profiles=True).smooth_rank == 3
     assert fitted(B=None, off=None, profiles=True).smooth_rank == 0
 
 
 def test_matrices_that_cannot_be_used_are_refused():
     with pytest.raises(ValueError, match="B explains all"):
-        fitted(A=np.hstack([B, B, B, B]), off=None)
+        _ = fitted(A=np.hstack([B, B, B, B]), off=None).gram
     for name in "AB":
         broken = {"A": A, "B": B}[name].copy()
         broken[np.flatnonzero(USED)[3], 1] = np.nan
         with pytest.raises(ValueError, match=f"{name} must be finite"):
-            fitted(**{name: broken})
+            _ = fitted(**{name: broken}).gram
     with pytest.raises(ValueError, match="B has 179 rows"):
         fitted(B=B[1:])
 
 
 def test_one_channel_is_as_three_alike(fit):
-    grey = fit.observation.planar(Y[None])[:, 1:2]
+    grey = fit.planes(Y[None])[:, 1:2]
     three = np.repeat(grey, 3, axis=1)
     (one,), _ = fit.evidence(grey)
     (alike,), _ = fit.evidence(three)
     assert one.noise_to_signal == pytest.approx(alike.noise_to_signal, rel=1e-3)
     lights = [planes[0].T for planes in (grey, three)]
-    light = [residual_of(y, 0 * y, fit.operator, fit.observation.placed) for y in lights]
+    light = [residual_of(y, 0 * y, fit) for y in lights]
     assert light[0].unexplained == pytest.approx(light[1].unexplained)
     images = [np.repeat(TRUTH[:, :1], count, axis=1) for count in (1, 3)]
     differences = fit.observation.hidden.differences

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model import paint
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.model.paint import Paint
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 PHOTOGRAPH, HIDDEN = (30, 36), (3, 4)
@@ -19,7 +20,7 @@ TRUTH = RNG.uniform(0.2, 1, (N, 3))
 LAMP, OTHER = B @ RNG.uniform(0.5, 1, (4, 3)), B @ RNG.uniform(0.5, 1, (4, 3))
 PAINT = 0.02 * RNG.normal(size=(M, 1)) * [1.0, 0.8, 1.2]
 NOISE = 0.004
-SCENE = {"hidden_shape": HIDDEN, "photograph_shape": PHOTOGRAPH}
+SCENE = {"hidden": HIDDEN, "photograph_shape": PHOTOGRAPH}
 
 
 def photograph(light, paint=PAINT, noise=NOISE, seed=0):
@@ -30,24 +31,30 @@ Y = photograph(A @ TRUTH + LAMP)
 OFF = photograph(2 * LAMP, seed=1)
 
 
+def whole(y, off, mask=None):
+    """A photograph with others of the monitor off, (M, 3) each."""
+    y, *dark = (each.reshape(*PHOTOGRAPH, 3) for each in (y, *off))
+    return Photograph.of(y, mask=mask, monitor_off=dark)
+
+
 def fitted(off, mask=None, B=B):
-    backgrounds = {str(k): each for k, each in enumerate(off)}
-    return Fit(observation_of(A, HIDDEN, None, mask, PHOTOGRAPH, backgrounds), A, B, 1e-10)
+    return Fit(A, B, hidden=Hidden.of(HIDDEN), conditions=whole(Y, off, mask))
 
 
 def evenness(y, off, mask=None):
     fit = fitted(off, mask)
-    return Paint(fit).evenness(fit.observation.planar(y[None])[0])
+    return Paint(fit).evenness(fit.planes(y[None])[0])
 
 
-def method(off, *corrections):
-    return NoiseAware(A, B, **SCENE, profiles=False, corrections=corrections, backgrounds=off)
+def solved(y, off, *corrections):
+    method = NoiseAware(A, B, **SCENE, profiles=False, corrections=corrections)
+    return method.solve(whole(y, off))
 
 
 def test_wall_is_made_even_and_the_image_is_better_for_it():
     left = evenness(Y, [OFF]).T * (1 + PAINT) - 1
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(PAINT**2))
-    found, columns = (method([OFF], *each).solve(Y) for each in ((Paint,), ()))
+    found, columns = (solved(Y, [OFF], *each) for each in ((Paint,), ()))
     assert found.corrections == {"paint_found": True}
     truth = TRUTH.reshape(*HIDDEN, 3)
     assert np.sum((found.image - truth) ** 2) < 0.5 * np.sum((columns.image - truth) ** 2)
@@ -56,12 +63,12 @@ def test_wall_is_made_even_and_the_image_is_better_for_it():
 
 def test_correction_multiplies_the_photograph_by_the_evenness():
     fit = fitted([OFF])
-    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
+    given = FittedPhotograph(fit.planes(Y[None])[0], fit)
     corrected, found = Paint(fit)(given, None)
     np.testing.assert_allclose(corrected.planes, evenness(Y, [OFF]) * given.planes)
     assert corrected.fit is fit and found == {"paint_found": True}
     even = photograph(A @ TRUTH + LAMP, 0)
-    given = FittedPhotograph(fit.observation.planar(even[None])[0], fit)
+    given = FittedPhotograph(fit.planes(even[None])[0], fit)
     corrected, found = Paint(fit)(given, None)
     assert corrected is given and found == {"paint_found": False}
 
@@ -129,14 +136,14 @@ def test_background_photograph_of_noise_costs_next_to_nothing():
         y = photograph(A @ TRUTH + LAMP, 0, seed=seed)
         off = np.random.default_rng(1000 + seed).uniform(size=(M, 3))
         for k, given in enumerate(([], [off])):
-            image = method(given, *[Paint] * len(given)).reconstruct(y)
+            image = solved(y, given, *[Paint] * len(given)).image
             errors[k] += np.sum((image.reshape(N, 3) - TRUTH) ** 2)
     assert errors[1] < 1.02 * errors[0]  # 0.1 dB
 
 
 def test_nothing_is_found_without_smooth_light_and_nothing_done_without_photographs():
     fit = fitted([OFF], B=None)
-    given = FittedPhotograph(fit.observation.planar(Y[None])[0], fit)
+    given = FittedPhotograph(fit.planes(Y[None])[0], fit)
     assert Paint(fit)(given, None)[0] is given
     with pytest.raises(ValueError, match="monitor off"):
         Paint(fitted([]))

@@ -7,14 +7,13 @@ from scipy import ndimage
 
 from periscopy_sim.model.residual import percentages, residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
 
 SHAPE, HIDDEN = (40, 44), (4, 5)
 V, U = np.meshgrid(*(np.linspace(-1, 1, size) for size in SHAPE), indexing="ij")
-SCENE = SimpleNamespace(
-    photograph_shape=SHAPE, hidden_shape=HIDDEN, channel_gain=np.array([1.2, 1, 0.8])
-)
+SCENE = SimpleNamespace(photograph_shape=SHAPE, hidden=HIDDEN, channel_gain=np.array([1.2, 1, 0.8]))
 TRUTH = np.random.default_rng(7).uniform(0.3, 1, (20, 3))
 NOISE = 2e-3  # over the photograph's root mean square
 
@@ -50,9 +49,9 @@ def photograph(A=A, wall=0.0, noise=NOISE, seed=0):
 
 
 def residual(y, name="noise-aware", mask=None, **options):
-    method = METHODS[name](SCENE, A, B, mask, **options)
-    solution = method.solve(y)
-    return method.report(y, solution).residual, solution
+    method, given = METHODS[name](SCENE, A, B, **options), Photograph.of(y, mask=mask)
+    solution = method.solve(given)
+    return method.report(given, solution).residual, solution
 
 
 # Of so few patches, the paper's total variation and repair take details for noise.
@@ -77,7 +76,7 @@ def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
     rest, grey = rest[used], (y / SCENE.channel_gain)[used]
     freedom = len(rest)
     if name == "noise-aware":  # its ambient light has profiles, too
-        fit = METHODS[name](SCENE, A, B, mask).fit
+        fit = METHODS[name](SCENE, A, B).fitted_to(Photograph.of(y, mask=mask)).fit
         rest, freedom = fit.project_out(rest.T).T, freedom - len(fit.background)
     elif name not in ("truncated-svd", "pseudoinverse"):
         Q = np.linalg.qr(B[used.ravel()])[0]
@@ -146,7 +145,7 @@ class Stripes:
     field = 0.3 * np.where(U > 0, np.sin(9 * V), 0)[..., None] * np.ones(3)
 
     def __init__(self, fit):
-        self.used = fit.observation.planar(self.field[None])[0]
+        self.used = fit.planes(self.field[None])[0]
 
     def __call__(self, photograph, first_image):
         assert first_image(photograph).shape == (*HIDDEN, 3)
@@ -184,7 +183,7 @@ def test_dark_photographs_and_ones_without_rows_are_no_error():
     found, _ = residual(np.zeros((*SHAPE, 3)))
     assert found.unexplained == 0 and found.diagnosis == "unknown"
     assert found.numbers()["noise_alone"] is None
-    flat = NoiseAware(A, B, hidden_shape=HIDDEN)
+    flat = NoiseAware(A, B, hidden=HIDDEN)
     y = photograph().reshape(-1, 3)
     assert flat.report(y, flat.solve(y)).residual is None
 

@@ -13,6 +13,7 @@ from periscopy_sim.model.uncertainty import (
     displacement,
 )
 from periscopy_sim.model.uncertainty import standard_errors as standard_errors_of_vectors
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from tests.surfaces import alone, screen_and_column
 
@@ -166,7 +167,7 @@ SPECKLE = np.random.default_rng(3).random((*HIDDEN, 3))
 @pytest.mark.parametrize("noise", [0.01, 0.05, 0.2])
 @pytest.mark.parametrize("truth", [TRUTH, DOTS, SPECKLE], ids=["block", "dots", "speckle"])
 def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, noise):
-    method = NoiseAware(BLURRED, hidden_shape=HIDDEN)
+    method = NoiseAware(BLURRED, hidden=HIDDEN)
     errors, stated = [], []
     for seed in range(20):
         y = BLURRED @ truth.reshape(-1, 3)
@@ -196,10 +197,11 @@ UNCERTAIN = uncertain_by(("x", "turn"), CHANGES)
 
 @pytest.mark.parametrize("masked", [False, True])
 def test_uncertain_scenes_widen_standard_errors_and_leave_the_image_alone(masked):
-    mask = np.arange(400) % 5 > 0 if masked else None
+    mask = np.arange(400).reshape(20, 20) % 5 > 0 if masked else None
     y = A @ TRUTH.reshape(-1, 3) + 0.05 * np.random.default_rng(0).normal(size=(400, 3))
-    plain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask)
-    uncertain = NoiseAware(A, hidden_shape=HIDDEN, mask=mask, uncertain=UNCERTAIN)
+    y = Photograph.of(y.reshape(20, 20, 3), mask=mask)
+    plain = NoiseAware(A, hidden=HIDDEN)
+    uncertain = NoiseAware(A, hidden=HIDDEN, uncertain=UNCERTAIN)
     one, other = plain.solve(y), uncertain.solve(y)
     np.testing.assert_array_equal(one.image, other.image)
     narrow, wide = (m.report(y, s) for m, s in ((plain, one), (uncertain, other)))
@@ -214,7 +216,7 @@ def test_errors_of_a_scene_that_errs_are_of_the_size_reported():
     change = 0.3 * (shifted - A)[None].astype(np.float32)  # a third of a patch
     uncertain = uncertain_by(("dx",), change)
     methods = [
-        NoiseAware(A, hidden_shape=HIDDEN, max_iterations=5000, uncertain=each)
+        NoiseAware(A, hidden=HIDDEN, max_iterations=5000, uncertain=each)
         for each in (uncertain, None)
     ]
     ratios = []

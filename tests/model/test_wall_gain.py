@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.observation import observation_of
 from periscopy_sim.model.wall_gain import WallGain
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 HIDDEN = (4, 5)
@@ -38,7 +39,8 @@ def monomials(highest, lowest=0):
 
 
 def fitted_to(A, B, mask=None):
-    fit = Fit(observation_of(A, HIDDEN, None, mask, WALL), A, B, 1e-10)
+    given = Photograph.of(photograph(), mask=mask)
+    fit = Fit(A, B, hidden=Hidden.of(HIDDEN), conditions=given)
     wall_gain = WallGain(fit)
     Q = fit.background.T
     used = fit.transport.T.astype(np.float64)
@@ -108,14 +110,14 @@ def test_coefficients_and_probability_are_those_of_nested_least_squares(masked, 
 
 
 def method(corrections=(WallGain,), **settings):
-    known = {"hidden_shape": HIDDEN, "photograph_shape": WALL, "regularization": 0.003}
+    known = {"hidden": HIDDEN, "photograph_shape": WALL, "regularization": 0.003}
     known["corrections"] = corrections
     return NoiseAware(A, B, profiles=False, **(known | settings))
 
 
 def corrected(y, fit, unit=1.0):
     """Return what the correction makes of a photograph whose hidden image is known."""
-    given = FittedPhotograph(fit.observation.planar(unit * y[None])[0], fit)
+    given = FittedPhotograph(fit.planes(unit * y[None])[0], fit)
     return given, *WallGain(fit)(given, lambda _: unit * TRUTH.reshape(*HIDDEN, 3))
 
 
@@ -133,7 +135,7 @@ def test_known_gain_is_recovered_and_the_image_is_better_for_it():
 
 @pytest.mark.parametrize("unit", [1.0, 1e6])
 def test_light_that_the_gain_adds_is_subtracted(unit):
-    fit = Fit(observation_of(A, HIDDEN, None, None, WALL), A, B, 1e-10)
+    fit = Fit(A, B, hidden=Hidden.of(HIDDEN), photograph_shape=WALL)
     given, even, found = corrected(photograph(GAIN), fit, unit)
     assert found["wall_gain_found"]
     added = unit * (GAIN - 1)[:, None] * (A @ TRUTH)

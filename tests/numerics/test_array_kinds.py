@@ -50,9 +50,9 @@ KINDS = {
     "one row a pixel": lambda y: y.reshape(-1, 3),
 }
 METHODS = {
-    "preconditioned": lambda: Periscope(A, B, hidden_shape=HIDDEN).reconstruct,
-    "iterative": lambda: IterativePeriscope(A, B, hidden_shape=HIDDEN).reconstruct,
-    "video": lambda: Video(Periscope(A, B, hidden_shape=HIDDEN)).next_frame,
+    "preconditioned": lambda: Periscope(A, B, hidden=HIDDEN).reconstruct,
+    "iterative": lambda: IterativePeriscope(A, B, hidden=HIDDEN).reconstruct,
+    "video": lambda: Video(Periscope(A, B, hidden=HIDDEN)).next_frame,
 }
 
 

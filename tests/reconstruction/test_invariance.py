@@ -22,7 +22,7 @@ A = (PATTERNS[0] * np.geomspace(1, 3e-2, N)) @ PATTERNS[1].T + 0.5
 B = np.stack([np.ones(M), U, V], axis=1)
 TRUTH = RNG.uniform(0.2, 1, (N, 3))
 Y = A @ TRUTH + B @ np.array([[9], [1], [2]]) + 3e-3 * RNG.standard_normal((M, 3))
-SCENE = SimpleNamespace(photograph_shape=SHAPE, hidden_shape=HIDDEN, channel_gain=np.ones(3))
+SCENE = SimpleNamespace(photograph_shape=SHAPE, hidden=HIDDEN, channel_gain=np.ones(3))
 METHODS = [NoiseAware, Periscope, IterativePeriscope]
 TOLERANCE = 3e-4
 """Relative, of an image: ten times what single precision makes of these A."""
@@ -48,7 +48,7 @@ class Writing:
         method = kind(
             np.array(self.transport * A[self.pixels], order=self.order),
             self.ambient * B[self.pixels][:, self.columns],
-            hidden_shape=HIDDEN,
+            hidden=HIDDEN,
         )
         image = method.reconstruct(y).reshape(N, 3) * self.transport / self.light
         return image[:, np.argsort(self.channels)]

@@ -29,9 +29,8 @@ from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis, joined_basis
-from periscopy_sim.model.observation import Backgrounds, named
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import Photograph, unwrapped
+from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
@@ -55,8 +54,6 @@ def recover_silhouette(
     *,
     shown: Sequence[NDArray[np.floating[Any]]] = (),
     parameters: Mapping[str, str | float] | None = None,
-    backgrounds: Backgrounds | None = None,
-    mask: NDArray[np.bool_] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Silhouette:
@@ -65,8 +62,9 @@ def recover_silhouette(
     Parameters
     ----------
     photograph
-        A `Photograph`, or (rows, columns, 3), linear, of any unit; or one such for each picture
-        shown. The pixels used are those that all masks leave.
+        A `Photograph`, or (rows, columns, C), linear, of any unit; or one such for each picture
+        shown. The pixels used are those that all masks leave; the light of all photographs with the
+        monitor off is projected out. Photographs with a colour matrix are unmixed first.
     scene
         A Mitsuba XML file, or the name of a shipped scene.
     hidden
@@ -78,15 +76,10 @@ def recover_silhouette(
         (rows, columns) into which that is cut; by default 16 along its longer side, as square as
         they can be.
     shown
-        (R, C, 3) pictures that the monitor showed, linear, one for each photograph. Two of them
+        (R, C, P) pictures that the monitor showed, linear, one for each photograph. Two of them
         make the silhouette far more certain than any unknown image.
     parameters
         Values of the scene's ``<default>``s.
-    backgrounds
-        Photographs of the wall with the monitor off, of the photograph's size, or a mapping of
-        their names to them: their light is projected out.
-    mask
-        (rows, columns) pixels to use; None for all.
     seed
         Of the random masks from which a search for an unknown image starts.
     progress
@@ -114,14 +107,13 @@ def recover_silhouette(
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
-    light, mask, off = unwrapped(photograph, mask, named(backgrounds))
-    if len(light) != max(1, len(shown)):
+    read = [each.unmixed() for each in of_one_wall(photograph, first.photograph_shape)]
+    if len(read) != max(1, len(shown)):
         raise PhotographError(
-            f"{len(light)} photographs of {len(shown)} shown pictures: give a photograph of each "
+            f"{len(read)} photographs of {len(shown)} shown pictures: give a photograph of each "
             "picture, or one photograph of an unknown one"
         )
     size = first.photograph_shape
-    read = [Photograph.of(each, size, mask=mask, monitor_off=off) for each in light]
     longest = int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST))
     averaged = [averaged_photograph(each, fitted(size, longest)) for each in read]
     used, agreeing, starts = averaged[0].pixels, 0, 0

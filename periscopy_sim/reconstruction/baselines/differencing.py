@@ -10,15 +10,14 @@ Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear in
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any, Literal, Unpack, get_args
+from functools import cached_property
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.model.fit import Evidence, ambient_basis
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import (
     InputError,
@@ -26,9 +25,12 @@ from periscopy_sim.numerics.validation import (
     check_weight,
     warn_unconverged,
 )
-from periscopy_sim.reconstruction.method import Observed, Precision, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import Objective, Schedule
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.preconditioned.preconditioner import (
+    Preconditioner,
+    form_preconditioner,
+)
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
 
@@ -141,8 +143,10 @@ the mean that a hidden image is taken to have, where it decides when [15] stops.
 class DifferencingResult(Solution[np.float64]):
     """A hidden image by differencing; the noise is that of the differenced photograph."""
 
-    iterations: NDArray[np.int64]  # (3,)
-    residual: Array  # (3,) as in `NoiseAwareReconstruction`; NaN where the published steps ended
+    iterations: NDArray[np.int64]  # (channels,)
+    residual: (
+        Array  # (channels,) as in `NoiseAwareReconstruction`; NaN where the published steps ended
+    )
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weights and the iterations."""
@@ -167,9 +171,8 @@ class Differencing(StillMethod[np.float64]):
     B
         (M, L) prototype backgrounds, for the residual alone; None for none.
     photograph_shape
-        (rows, columns) of photographs; the method must know it.
-    mask
-        A difference counts only if both its pixels are used, see `neighbour_differences`.
+        (rows, columns) of photographs; the method must know it, or get `Photograph`s. Of one with a
+        mask a difference counts only if both its pixels are used, see `neighbour_differences`.
     tv_weight
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop
@@ -195,43 +198,54 @@ class Differencing(StillMethod[np.float64]):
         stop: Stop = "converged",
         tolerance: float = 1e-4,
         max_iterations: int = 10_000,
-        **observed: Unpack[Observed],
+        **scene: Any,
     ) -> None:
-        super().__init__(A, **observed)
-        photograph_shape, mask = self.observation.rows_and_columns, self.observation.mask
-        if photograph_shape is None:
-            raise InputError("differencing needs photograph_shape, (rows, columns)")
+        super().__init__(A, B, **scene)
         if stop not in get_args(Stop):
             raise InputError(f"stop is '{stop}': give 'converged' or 'published'")
         check_weight("tv_weight", tv_weight)
         check_stopping(tolerance, max_iterations)
-        self._B = B
-        self._A = A = self.observation.used(A)
         self.tv_weight = tv_weight
         self.stop = stop
         self.tolerance, self.max_iterations = tolerance, max_iterations
-        self._differenced = partial(
-            neighbour_differences, photograph_shape=photograph_shape, mask=mask
-        )
-        # The pseudoinverse of D A, background photographs projected out: least squares, and what
-        # they leave.
-        DA = self._differenced(np.asarray(A, np.float64))
-        if mask is not None and len(DA) < A.shape[1]:
+
+    def _differenced(self, values: Image) -> Any:
+        """Return D of values, (M', K), in the pixels used."""
+        shape = self.fit.shape
+        if shape is None:
+            raise InputError("differencing needs photograph_shape, (rows, columns)")
+        mask = None if self.fit.mask is None else self.fit.mask.reshape(shape)
+        return neighbour_differences(values, shape, mask=mask)
+
+    @cached_property
+    def _inverse(self) -> Preconditioner:
+        """The pseudoinverse of D A, photographs with the monitor off projected out."""
+        DA, patches = self._differenced(np.asarray(self.fit.rows, np.float64)), self.hidden.patches
+        if self.fit.mask is not None and len(DA) < patches:
             raise InputError(
-                f"the mask leaves {len(DA)} differences of neighbouring pixels for {A.shape[1]} "
+                f"the mask leaves {len(DA)} differences of neighbouring pixels for {patches} "
                 "patches: leave out less of the wall, or use fewer patches"
             )
-        self._inverse = form_preconditioner(DA, self._differenced(self.observation.ambient()))
+        return form_preconditioner(DA, self._differenced(self.fit.monitor_off_columns))
+
+    @cached_property
+    def _gram(self) -> Array:
         R = self._inverse.cholesky
-        self._gram: Array = R.T @ R
-        self._unit = float(np.sqrt(np.trace(self._gram) / len(R)))  # ‖D A‖_F/√N
-        self._mean_entry = float(np.mean(A, dtype=np.float64))
+        return np.asarray(R.T @ R)
+
+    @cached_property
+    def _unit(self) -> float:
+        """‖D A‖_F/√N."""
+        return float(np.sqrt(np.trace(self._gram) / len(self._gram)))
+
+    def prepare(self) -> None:
+        """Form the pseudoinverse of D A; see `StillMethod`."""
+        _ = self._unit, self._objective
 
     @of_all
     def solve(self, photograph: Image) -> DifferencingResult:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
-        y = self.observation.vectorized(photograph)
-        Dy = self._inverse.project_out(self._differenced(y))
+        Dy = self._inverse.project_out(self._differenced(self.fit.vectors(photograph)))
         h = self._inverse.A.T @ Dy
         start = self._inverse.solve(h)
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
@@ -248,7 +262,7 @@ class Differencing(StillMethod[np.float64]):
         if self.stop == "converged":
             error = float(residual.max())
             warn_unconverged("differencing", iterations.max(), error, self.tolerance)
-        image = self.observation.image(np.stack([each.ravel() for each in images], axis=1))
+        image = self.hidden.image(np.stack([each.ravel() for each in images], axis=1))
         return DifferencingResult(image, noise, weight, iterations, residual)
 
     @cached_property
@@ -270,13 +284,10 @@ class Differencing(StillMethod[np.float64]):
     ) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
-        unit, white = PUBLISHED_ENTRY / self._mean_entry, float(np.abs(mean).mean())
+        mean_entry = float(np.mean(np.asarray(self.fit.rows), dtype=np.float64))
+        unit, white = PUBLISHED_ENTRY / mean_entry, float(np.abs(mean).mean())
         first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(
             self._gram, h[:, channel], first, weight, unit=unit, white=white / PUBLISHED_MEAN
         )
         return image, (iterations, np.nan)
-
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(self._A, ambient_basis(self.observation, self._B)[0])

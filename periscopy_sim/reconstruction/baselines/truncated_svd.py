@@ -1,18 +1,17 @@
 """The inverse of A by its top singular vectors, which the paper compares with (Fig. 9)."""
 
 from dataclasses import replace
-from typing import Any, Unpack
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 
-from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.reconstruction.method import Observed, Report, StillMethod, of_all
+from periscopy_sim.reconstruction.method import Report, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
 
 
@@ -57,31 +56,40 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
-        **observed: Unpack[Observed],
+        **scene: Any,
     ) -> None:
-        super().__init__(A, **observed)
+        super().__init__(A, **scene)
         if not 0 < fraction <= 1:
             raise InputError(f"the fraction of singular values is in (0, 1], not {fraction}")
+        self.fraction = fraction
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        used = self.observation.used_transport(A)
-        Q, _ = ambient_basis(self.observation, None)
-        self._background = Q
-        self._A = used - Q @ (Q.T @ used) if Q.size else used
-        N = A.shape[1]
-        self.rank = max(round(fraction * N), 1)
-        energy, V = linalg.eigh(self._A.T @ self._A, subset_by_index=(N - self.rank, N - 1))
-        if not energy[0] > max(1e-14, precision_of(A) ** 2) * energy[-1]:
-            raise InputError(
-                f"A has fewer than {self.rank} singular values above rounding: keep a smaller "
-                f"fraction than {fraction}"
-            )
-        self.V: Array = V
-        self.singular_values: Array = np.sqrt(energy)
 
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(self._A, self._background)
+    @cached_property
+    def _projected(self) -> Array:
+        """(M', N) A⊥ of the pixels used."""
+        used, Q = np.ascontiguousarray(self.fit.rows, np.float64), self.fit.basis
+        if not np.isfinite(used).all():
+            raise InputError("A must be finite")
+        return used - Q @ (Q.T @ used) if Q.size else used
+
+    @cached_property
+    def _singular(self) -> tuple[Array, Array]:
+        """The singular values kept, (k,) ascending, and their right vectors, (N, k)."""
+        N = self.hidden.patches
+        rank = max(round(self.fraction * N), 1)
+        gram = self._projected.T @ self._projected
+        energy, V = linalg.eigh(gram, subset_by_index=(N - rank, N - 1))
+        if not energy[0] > max(1e-14, precision_of(np.asarray(self.fit.A)) ** 2) * energy[-1]:
+            raise InputError(
+                f"A has fewer than {rank} singular values above rounding: keep a smaller fraction "
+                f"than {self.fraction}"
+            )
+        return np.sqrt(energy), V
+
+    def prepare(self) -> None:
+        """Decompose A; see `StillMethod`."""
+        _ = self._singular
 
     @of_all
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
@@ -92,15 +100,14 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     @of_all
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y = self.observation.vectorized(photograph)
-        σ = self.singular_values[:, np.newaxis]
-        Q = self._background
+        y, Q, (singular_values, V) = self.fit.vectors(photograph), self.fit.basis, self._singular
+        σ = singular_values[:, np.newaxis]
         y -= Q @ (Q.T @ y)
-        coefficients = self.V.T @ (self._A.T @ y) / σ  # U_kᵀ y
+        coefficients = V.T @ (self._projected.T @ y) / σ  # U_kᵀ y
         energy, explained = (np.sum(each**2, axis=0) for each in (y, coefficients))
-        noise = residual_noise(energy, explained, len(y) - self.rank - Q.shape[1])
+        noise = residual_noise(energy, explained, len(y) - len(σ) - Q.shape[1])
         # The trace of V_k Σ_k⁻² V_kᵀ.
-        standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
-        estimate = self.V @ (coefficients / σ)
+        standard_error = noise * np.sqrt(np.sum(σ**-2) / len(V))
+        estimate = V @ (coefficients / σ)
         weight = self.tv_weight * standard_error
         return denoise_and_repair(self.hidden, estimate, noise, weight, self.repair_threshold)

@@ -21,23 +21,16 @@ Sun, Zhang, "Scaled sparse linear regression", 2012.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
-from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.model.transport_operator import (
-    Eigenvectors,
-    Matrix,
-    TransportOperator,
-    used_rows,
-)
+from periscopy_sim.model.transport_operator import Eigenvectors, Matrix
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError, check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
-from periscopy_sim.reconstruction.method import Observed, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.method import Solution, StillMethod, of_all
 
 EIGENVECTORS = 60
 """Eigenvectors of A⊥ᵀA⊥, computed once for a scene; of few patches an eighth. See `matrix_free`."""
@@ -81,8 +74,8 @@ class IterativePeriscope(StillMethod[np.float64]):
     Parameters
     ----------
     A
-        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. With a mask, the
-        rows used are copied into memory.
+        (M, N) light transport matrix: an array, a memory map, or `RowBlocks`. For photographs with
+        a mask, the rows used are copied into memory.
     regularization
         λ over σ ‖A⊥‖_F, a number without unit, as in `NoiseAware`.
     tolerance
@@ -97,26 +90,23 @@ class IterativePeriscope(StillMethod[np.float64]):
         A: Matrix,
         B: Image | None = None,
         *,
-        rank_tolerance: float = RANK_TOLERANCE,
         regularization: float = 0.015,
         tolerance: float = 1e-3,
         max_iterations: int = 1000,
-        **observed: Unpack[Observed],
+        **scene: Any,
     ) -> None:
-        super().__init__(A, **observed)
+        super().__init__(A, B, **scene)
         if not 0 < regularization < np.inf:
             raise InputError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
         self.regularization = regularization
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        Q, _ = ambient_basis(self.observation, B, rank_tolerance)
-        if self.observation.mask is not None:
-            A = used_rows(A, self.observation.mask.ravel())
-        self.transport = TransportOperator(A, Q)
-        pixels, patches = self.transport.shape
-        self._strongest = max(min(EIGENVECTORS, patches // 8), 1)
-        if (rank := Q.shape[1]) + patches > pixels:
+
+    def prepare(self) -> None:
+        """Pass over A, and see that the pixels determine the patches; see `StillMethod`."""
+        (pixels, patches), rank = self.fit.operator.shape, self.fit.basis.shape[1]
+        if rank + patches > pixels:
             raise InputError(
                 f"{pixels} pixels do not determine {patches} patches beside {rank} patterns of "
                 "ambient light; use more pixels, or fewer patches or backgrounds"
@@ -125,11 +115,13 @@ class IterativePeriscope(StillMethod[np.float64]):
     @of_all
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
-        y = self.transport.project_out(self.observation.vectorized(photograph))
-        problem = Weighed(self.transport, self.eigenvectors, self.hidden)
-        h = self.transport.rmatmat(y)
+        self.prepare()
+        transport = self.fit.operator
+        y = transport.project_out(self.fit.vectors(photograph))
+        problem = Weighed(transport, self.eigenvectors, self.hidden)
+        h = transport.rmatmat(y)
         data, energy = problem.data(h), problem.energy(y, h)
-        pixels, rank = self.transport.Q.shape
+        pixels, rank = transport.Q.shape
         freedom = pixels - rank - len(problem.eigenvectors.energy)
 
         def noise_of(f: Array, product: Array) -> Array:
@@ -145,7 +137,7 @@ class IterativePeriscope(StillMethod[np.float64]):
         iterations, change = len(end.path), end.path_of_last_third()
         warn_unconverged("iterative recovery", iterations, change, self.tolerance)
         return IterativeReconstruction(
-            image=self.observation.image(end.f),
+            image=self.hidden.image(end.f),
             noise=noise,
             weight=self._weight(noise),
             iterations=iterations,
@@ -153,14 +145,11 @@ class IterativePeriscope(StillMethod[np.float64]):
             converged=change <= self.tolerance,
         )
 
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return self.transport
-
     @cached_property
     def eigenvectors(self) -> Eigenvectors:
         """The strongest eigenvectors of A⊥ᵀA⊥."""
-        return self.transport.strongest_eigenvectors(self._strongest)
+        count = max(min(EIGENVECTORS, self.hidden.patches // 8), 1)
+        return self.fit.operator.strongest_eigenvectors(count)
 
     def _weight(self, noise: Array) -> Array:
-        return np.asarray(self.regularization * noise * np.sqrt(self.transport.squared_norm))
+        return np.asarray(self.regularization * noise * np.sqrt(self.fit.operator.squared_norm))

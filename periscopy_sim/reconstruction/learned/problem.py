@@ -22,10 +22,10 @@ LEAST_ERROR = 1e-4
 class Problem:
     """A photograph as the network reads it, images over their `scale`; see `Problems`."""
 
-    data: Single  # (3, N)
-    weights: Single  # (3, N)
+    data: Single  # (P, N)
+    weights: Single  # (P, N)
     errors: Single  # (R, C)
-    start: Single  # (3, R, C)
+    start: Single  # (P, R, C)
     scale: float  # of the image, in units of the photograph's over those of A
 
 
@@ -33,8 +33,10 @@ def problem_of(method: NoiseAware, solution: NoiseAwareReconstruction) -> Proble
     """Return the problem of a photograph from its noise-aware solution; None of a black image."""
     evidence, patterns = solution.evidence, method.fit.patterns
     # The network takes each of the monitor's primaries on its own.
-    unmixing = np.linalg.inv(method.observation.mixing)
-    coefficients, variances = unmixing @ evidence.coefficients, unmixing**2 @ evidence.noise**2
+    coefficients, variances = evidence.coefficients, evidence.noise**2
+    if method.fit.mixing is not None:
+        unmixing = np.linalg.pinv(method.fit.mixing)
+        coefficients, variances = unmixing @ coefficients, unmixing**2 @ variances
     start = np.moveaxis(solution.image, -1, 0) * (method.fit.unit / evidence.level)
     scale = float(np.sqrt(np.mean(start**2)))
     if not scale > 0:

@@ -8,6 +8,7 @@ The network reads the photograph's coefficients, no pixels.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -16,8 +17,9 @@ import numpy as np
 
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
+from periscopy_sim.reconstruction.learned.weights import CHANNELS, NETWORK, SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Report, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
@@ -52,37 +54,50 @@ class Learned(NoiseAware):
     def __init__(
         self, A: Image, B: Image | None = None, *, weights: str | Path = NETWORK, **settings: Any
     ) -> None:
-        file = SHIPPED if weights == NETWORK else Path(weights)
-        read = read_weights(file)
-        read.check_size(settings["hidden_shape"], file)
         if settings.get("uncertain") is not None:
             raise ValueError(f"{NETWORK} knows no uncertain scenes: take noise-aware")
-        import torch
-
+        super().__init__(A, B, **settings)
+        file = SHIPPED if weights == NETWORK else Path(weights)
+        read = read_weights(file)
+        read.check_size(self.hidden_shape, file)
         self.provenance = {"network": NETWORK, "sha256": read.digest, **read.provenance}
         self._network = read.network(file)
-        super().__init__(A, B, **settings)
-        rows = self.fit.patterns.rows
-        rows_K = (rows @ laplacian(self.hidden.differences)).astype(np.float32)
-        self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
-        self._pattern_curvatures = torch.from_numpy(self.fit.patterns.curvatures.astype(np.float32))
+
+    @cached_property
+    def _basis(self) -> tuple[Any, Any, Any]:
+        """The patterns, (N, N), their products with K, and their curvatures, as tensors."""
+        import torch
+
+        rows, curvatures = self.fit.patterns.rows, self.fit.patterns.curvatures
+        products = rows @ laplacian(self.hidden.differences)
+        each = rows, curvatures.astype(np.float32), products.astype(np.float32)
+        return tuple(map(torch.from_numpy, each))
+
+    def prepare(self) -> None:
+        """Compute the basis as tensors; see `StillMethod`."""
+        super().prepare()
+        _ = self._basis
 
     @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         solution = super().solve(photograph)
+        if solution.image.shape[-1] != CHANNELS:
+            raise InputError(
+                f"{NETWORK} learned from images of {CHANNELS} channels alone: take noise-aware"
+            )
         problem = problem_of(self, solution)
         return solution if problem is None else replace(solution, image=self._refined(problem))
 
     def _refined(self, problem: Problem) -> Array:
-        """Return the network's image, (R, C, 3)."""
+        """Return the network's image, (R, C, channels)."""
         import torch
 
         from periscopy_sim.reconstruction.learned.unrolled_network import Problems
 
         of_photograph = problem.data, problem.weights, problem.errors[None], problem.start
         batch = (torch.from_numpy(each)[None] for each in of_photograph)
-        problems = Problems(self._rows, self._pattern_curvatures, self._rows_K, *batch)
+        problems = Problems(*self._basis, *batch)
         with torch.inference_mode(), _one_thread():
             image = self._network(problems)[0].numpy().astype(np.float64)
         if self.positive:

@@ -21,6 +21,8 @@ from typing import Any
 import torch
 from torch import nn
 
+from periscopy_sim.reconstruction.learned.weights import CHANNELS
+
 DILATIONS = 1, 2, 1, 1
 """Dilations of the four layers of each D_k: a patch depends on neighbours up to 5 away."""
 
@@ -66,7 +68,7 @@ def proximal_step(problems: Problems, v: torch.Tensor, ρ: torch.Tensor) -> torc
 
 
 def _convolutions(width: int) -> Any:
-    channels = (10, width, width, width, 3)
+    channels = (3 * CHANNELS + 1, width, width, width, CHANNELS)
     layers: list[nn.Module] = []
     for before, after, dilation in zip(channels[:-1], channels[1:], DILATIONS, strict=True):
         layers += [nn.Conv2d(before, after, 3, padding=dilation, dilation=dilation), nn.ReLU()]

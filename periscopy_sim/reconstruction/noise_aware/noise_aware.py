@@ -8,38 +8,30 @@ monitor's primaries, in which the image is, to the camera's channels, in which t
 independent; the identity by default. The paper treats the noise of P y as white and equal in all
 patches (Eq. 10), but its covariance is σ² (A⊥ᵀA⊥)⁻¹. This method models the noise in the
 photograph, where it is white, couples edges across colours (‖∇f‖ is the norm over both directions
-and all three primaries), and constrains f ≥ 0.
+and all primaries), and constrains f ≥ 0.
 
-λ is `regularization` ‖A⊥‖_F ‖M1‖/(√3 σ), so that grey images are regularized as without M, and
-where the noise has more energy than the signal, the root of their ratio times as much. f ≥ 0 cuts
-off the remaining noise at zero, which brightens the image: without the root, natural images at
-30 dB and an SBR of 0.5 were up to 1.2 times too bright, with 2.5 times the error. Images with much
-black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
+λ is `regularization` ‖A⊥‖_F ‖M1‖/(√C σ) with C channels, so that grey images are regularized as
+without M, and where the noise has more energy than the signal, the root of their ratio times as
+much. f ≥ 0 cuts off the remaining noise at zero, which brightens the image: without the root,
+natural images at 30 dB and an SBR of 0.5 were up to 1.2 times too bright, with 2.5 times the error.
+Images with much black are still 1.1 to 1.6 times too bright there; `make validate` tabulates it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Unpack
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.correction import Correction
 from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.model.uncertainty import UncertainTransport, displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import check_stopping, plain_array, warn_unconverged
-from periscopy_sim.reconstruction.method import (
-    Note,
-    Observed,
-    Report,
-    Solution,
-    StillMethod,
-    of_all,
-)
+from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     Objective,
     Schedule,
@@ -106,7 +98,7 @@ class NoiseAware(StillMethod[np.float64]):
     Parameters
     ----------
     regularization
-        λ over ‖A⊥‖_F ‖M1‖ / (√3 σ), without unit, which fits any grid of patches.
+        λ over ‖A⊥‖_F ‖M1‖ / (√C σ), without unit, which fits any grid of patches.
     positive
         Whether f ≥ 0.
     tolerance, max_iterations
@@ -121,11 +113,6 @@ class NoiseAware(StillMethod[np.float64]):
         Effect of the scene's parameter errors on light, which standard errors then include. None if
         the scene is right.
 
-    Attributes
-    ----------
-    fit
-        The scene as all photographs share it.
-
     Raises
     ------
     ValueError
@@ -139,7 +126,6 @@ class NoiseAware(StillMethod[np.float64]):
         A: Image,
         B: Image | None = None,
         *,
-        rank_tolerance: float = RANK_TOLERANCE,
         regularization: float = 0.02,
         positive: bool = True,
         tolerance: float = 1e-3,
@@ -147,9 +133,9 @@ class NoiseAware(StillMethod[np.float64]):
         profiles: bool = True,
         corrections: Sequence[Callable[[Fit], Correction]] | None = None,
         uncertain: UncertainTransport | None = None,
-        **observed: Unpack[Observed],
+        **scene: Any,
     ) -> None:
-        super().__init__(A, **observed)
+        super().__init__(A, B, profiles=profiles, **scene)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
@@ -158,33 +144,30 @@ class NoiseAware(StillMethod[np.float64]):
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         self.uncertain = uncertain
-        self.fit = Fit(self.observation, A, B, rank_tolerance, profiles=profiles)
-        if corrections is None:
-            corrections = self._default_corrections()
-        self.corrections = [correction(self.fit) for correction in corrections]
+        self._corrections = corrections
+
+    @cached_property
+    def corrections(self) -> list[Correction]:
+        """The corrections, made for the fit."""
+        chosen = self._corrections
+        return [each(self.fit) for each in (self._defaults() if chosen is None else chosen)]
+
+    def prepare(self) -> None:
+        """Compute the spectral basis, and what corrections need; see `StillMethod`."""
+        _ = self.fit.curvatures, self.fit.transport, self.corrections
 
     @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
-        (planes,) = self.observation.planar(plain_array(photograph)[None])
+        (planes,) = self.fit.planes(plain_array(photograph)[None])
         corrected = FittedPhotograph(planes, self.fit)
-        summary: dict[str, Any] = {}
-        split: Splitting | None = None
-        iterations = 0
-
-        def first_image(fitted: FittedPhotograph) -> Array:
-            nonlocal split, iterations
-            most = min(FIRST, (self.max_iterations - iterations) // 2)
-            first, split = self.recover(fitted.evidence, Schedule(self.tolerance, most), split)
-            iterations += first.iterations
-            return first.image
-
+        first, summary = _FirstImages(self), dict[str, Any]()
         for correction in self.corrections:
-            corrected, numbers = correction(corrected, first_image)
+            corrected, numbers = correction(corrected, first)
             summary.update(numbers)
-        schedule = Schedule(self.tolerance, self.max_iterations - iterations)
-        solution, _ = self.recover(corrected.evidence, schedule, split)
-        iterations += solution.iterations
+        schedule = Schedule(self.tolerance, self.max_iterations - first.iterations)
+        solution, _ = self.recover(corrected.evidence, schedule, first.split)
+        iterations = first.iterations + solution.iterations
         solution = replace(
             solution, iterations=iterations, photograph=corrected, corrections=summary
         )
@@ -203,10 +186,10 @@ class NoiseAware(StillMethod[np.float64]):
 
         The schedule, or that of `solve`, runs from the split variables of a nearby image, `start`,
         or from black. In a video λ₂ = `l1_weight` λ is the weight of the
-        distance to the frame before, `previous`, (R, C, 3).
+        distance to the frame before, `previous`, (R, C, channels).
         """
         schedule = schedule or Schedule(self.tolerance, self.max_iterations)
-        mixing = self.observation.mixing
+        mixing = self._mixing(len(evidence.noise))
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
         before = None if previous is None else self.hidden.vector(previous).T / unit
@@ -230,9 +213,9 @@ class NoiseAware(StillMethod[np.float64]):
     def evidence(self, photographs: Image) -> list[Evidence]:
         """Return what the objective needs of each photograph, Aᵀ applied to all in one product.
 
-        They are (K, rows, columns, 3) or (K, M, 3), linear, each in any unit; nothing is corrected.
+        They are (K, rows, columns, C) or (K, M, C), linear, each in any unit; nothing is corrected.
         """
-        return self.fit.evidence(self.observation.planar(photographs))[0]
+        return self.fit.evidence(self.fit.planes(photographs))[0]
 
     @of_all
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
@@ -260,13 +243,14 @@ class NoiseAware(StillMethod[np.float64]):
     ) -> Array:
         """Return the standard error of each patch of a recovered image, see `model.uncertainty`.
 
-        They are (R, C, 3), in units of the image, and assume that A and B are right but for the
-        errors of uncertain parameters, that the corrections are, and that what the wall hides of
-        the image varies like what it shows. The `response` is that of `model.uncertainty`, None to
-        compute it.
+        They are (R, C, channels), in units of the image, and assume that A and B are right but for
+        the errors of uncertain parameters, that the corrections are, and that what the wall hides
+        of the image varies like what it shows. The `response` is that of `model.uncertainty`, None
+        to compute it.
         """
         response = self._response(solution) if response is None else response
-        evidence, M = solution.evidence, self.observation.mixing
+        evidence = solution.evidence
+        M = self._mixing(len(evidence.noise))
         _, rest = self.fit.explicable(evidence, solution.image)
         errors = standard_errors(
             self.fit.gram,
@@ -282,10 +266,10 @@ class NoiseAware(StillMethod[np.float64]):
         return image
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
-        """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, 3, N)."""
+        """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, channels, N)."""
         if self.uncertain is None:
             return None
-        return self.fit.response(self.uncertain.lights(solution.image, self.observation.mask))
+        return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
         """Return the photograph without the corrections' light; see `StillMethod`."""
@@ -293,12 +277,30 @@ class NoiseAware(StillMethod[np.float64]):
             return super().corrected(photograph, solution)
         return np.ascontiguousarray(solution.photograph.planes.T)
 
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return self.fit.operator
+    def _mixing(self, channels: int) -> Array:
+        """Return the matrix from images to the channels of the evidence, (C, P)."""
+        return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
 
-    def _default_corrections(self) -> list[Callable[[Fit], Correction]]:
-        if self.observation.rows_and_columns is None:
+    def _defaults(self) -> list[Callable[[Fit], Correction]]:
+        """Return the default corrections of a fit; see the class."""
+        if self.fit.shape is None:
             return []
         paint: list[Callable[[Fit], Correction]] = [Paint] if self.fit.smooth_rank else []
-        return [*(paint if self.observation.backgrounds else []), WallGain]
+        return [*(paint if self.fit.monitor_off else []), WallGain]
+
+
+class _FirstImages:
+    """A photograph's first images, each started from the one before, and their iterations."""
+
+    def __init__(self, method: NoiseAware) -> None:
+        self._method = method
+        self.split: Splitting | None = None
+        self.iterations = 0
+
+    def __call__(self, photograph: FittedPhotograph) -> Array:
+        """Return a first image, see `FirstImage`."""
+        most = min(FIRST, (self._method.max_iterations - self.iterations) // 2)
+        schedule = Schedule(self._method.tolerance, most)
+        first, self.split = self._method.recover(photograph.evidence, schedule, self.split)
+        self.iterations += first.iterations
+        return first.image

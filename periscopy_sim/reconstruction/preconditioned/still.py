@@ -2,28 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.model.fit import ambient_basis
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
-from periscopy_sim.reconstruction.method import (
-    Observed,
-    Report,
-    Series,
-    Solution,
-    StillMethod,
-    of_all,
+from periscopy_sim.reconstruction.method import Report, Series, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.preconditioned.preconditioner import (
+    Preconditioner,
+    form_preconditioner,
 )
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 
@@ -31,9 +25,9 @@ from periscopy_sim.reconstruction.total_variation.prox import prox_total_variati
 class Estimate:
     """P applied to photographs, before denoising."""
 
-    preconditioned: Image  # (K, N, 3) P y, float32 where P is explicit
-    noise: Array  # (K, 3), as in `Solution`
-    weight: Array  # (K, 3)
+    preconditioned: Image  # (K, N, channels) P y, float32 where P is explicit
+    noise: Array  # (K, channels), as in `Solution`
+    weight: Array  # (K, channels)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,9 +37,9 @@ class Reconstruction(Solution[np.floating[Any]]):
     Attributes
     ----------
     preconditioned
-        (R, C, 3) the estimate P y.
+        (R, C, channels) the estimate P y.
     denoised
-        (R, C, 3) after the proximal operator of total variation; `image` is this after repair.
+        (R, C, channels) after the proximal operator of total variation; `image` is it repaired.
     threshold
         The repair threshold κ used.
     """
@@ -103,13 +97,12 @@ class Periscope(StillMethod[np.floating[Any]]):
         A: Image,
         B: Image | None = None,
         *,
-        rank_tolerance: float = RANK_TOLERANCE,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         explicit: bool = True,
-        **observed: Unpack[Observed],
+        **scene: Any,
     ) -> None:
-        super().__init__(A, **observed)
+        super().__init__(A, B, **scene)
         if not (tv_weight >= 0 and repair_threshold >= 0):
             raise ValueError(
                 f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
@@ -119,13 +112,30 @@ class Periscope(StillMethod[np.floating[Any]]):
         self.precision = np.float32 if explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
-        ambient, _ = ambient_basis(self.observation, B, rank_tolerance)
-        self.preconditioner = form_preconditioner(self.observation.used(A), ambient)
-        self._matrix = self.preconditioner.matrix().astype(np.float32) if explicit else None
+
+    @cached_property
+    def preconditioner(self) -> Preconditioner:
+        """P in factored form."""
+        return form_preconditioner(np.asarray(self.fit.rows), self.fit.basis)
+
+    @cached_property
+    def _matrix(self) -> Image:
+        return self.preconditioner.matrix().astype(np.float32)
+
+    @cached_property
+    def _factor(self) -> Image | None:
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
-        self._factor = self.preconditioner.cholesky.astype(np.float32) if explicit else None
-        self._background = np.ascontiguousarray(self.preconditioner.Q.T)
-        self._unit_error = np.sqrt(self.preconditioner.noise_gain.mean())
+        return self.preconditioner.cholesky.astype(np.float32) if self.explicit else None
+
+    @cached_property
+    def _background(self) -> Array:
+        return np.ascontiguousarray(self.preconditioner.Q.T)
+
+    def prepare(self) -> None:
+        """Form P; see `StillMethod`."""
+        _ = self.preconditioner.noise_gain, self._factor, self._background
+        if self.explicit:
+            _ = self._matrix
 
     @of_all
     def solve(self, photograph: Image) -> Reconstruction:
@@ -142,21 +152,17 @@ class Periscope(StillMethod[np.floating[Any]]):
         numbers, stages = {**fitted, **report.numbers}, solution.stages("preconditioned, P y")
         return replace(report, numbers=numbers, stages=stages)
 
-    def projected_transport(self) -> TransportOperator:
-        """Return A⊥ of the pixels used; see `StillMethod`."""
-        return TransportOperator(self.preconditioner.A, self.preconditioner.Q)
-
     def estimates(self, photographs: Series) -> Iterator[Estimate]:
-        """Precondition photographs, (K, rows, columns, 3) or (K, M, 3), see `batches`."""
+        """Precondition photographs, (K, rows, columns, C) or (K, M, C), see `batches`."""
         for method, part in self.batches(photographs):
             yield method.estimate(part)
 
     def estimate(self, photographs: Image) -> Estimate:
         """Precondition photographs and estimate the noise of each; see `estimates`."""
-        P, planes = self.preconditioner, self.observation.planar(photographs)
+        P, planes = self.preconditioner, self.fit.planes(photographs)
         # A row for each channel of each photograph.
         y = project_out(planes.reshape(-1, planes.shape[-1]), self._background)
-        if self._matrix is None:
+        if not self.explicit:
             f = P.apply(y.T).T
         else:
             # Single precision needs numbers near 1, in whatever unit the photograph is.
@@ -165,16 +171,16 @@ class Periscope(StillMethod[np.floating[Any]]):
             f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
         noise = P.noise(y, f, self._factor).reshape(planes.shape[:2])
         images = np.moveaxis(f.reshape(*planes.shape[:2], -1), 1, -1)
-        weight = self.tv_weight * self._unit_error * noise
+        weight = self.tv_weight * float(np.sqrt(P.noise_gain.mean())) * noise
         return Estimate(images.astype(self.precision), noise, weight)
 
 
 def denoise_and_repair(
     hidden: Hidden, estimate: Array, noise: Array, weight: Array, repair_threshold: float
 ) -> Reconstruction:
-    """Lead P y, (N, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
+    """Lead P y, (N, channels), through total variation and repair (Algorithm 1, lines 6 and 8).
 
-    The noise, (3,), is for the record; λ is (3,); κ is a part, `repair_threshold`,
+    The noise of each channel is for the record; λ is (channels,); κ is a part, `repair_threshold`,
     of the 99th percentile of the denoised magnitudes.
     """
     denoised = prox_total_variation(estimate, weight, hidden=hidden)
@@ -186,7 +192,7 @@ def denoise_and_repair(
 def repaired(
     hidden: Hidden, denoised: Image, relative_threshold: float, previous: Image | None = None
 ) -> tuple[Image, float]:
-    """Repair images, (N, 3), by a threshold that follows them (Algorithm 2); return κ too.
+    """Repair images, (N, channels), by a threshold that follows them (Algorithm 2); return κ too.
 
     κ is a part of the 99th percentile of the magnitudes; infinity repairs nothing. See `repair` for
     the previous frame of a video.

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.hidden import Differences, Size
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered
 
-Array = NDArray[np.float64]
 Strides = NDArray[np.int64]
 
 GAP_INTERVAL = 10

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.hidden import Differences, Hidden, Size
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import (
     check_stopping,
     checked_companion,
@@ -28,7 +29,6 @@ from periscopy_sim.numerics.validation import (
 )
 from periscopy_sim.reconstruction.total_variation.dual_solver import Frames, solve_dual
 
-Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
 
 

@@ -10,9 +10,12 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.formats.decoding import Picture, Size, check_head, decoding, listed
 from periscopy_sim.storage.outputs.staging import staged_file
 
+NAMES = {1: "Y", 3: "RGB"}
+"""Names of the channels of an image, by how many it has."""
+
 
 def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float]) -> None:
-    """Write a float32 RGB image, (rows, columns, 3) linear light.
+    """Write a float32 image of linear light: (rows, columns, 3) RGB or (rows, columns, 1) grey.
 
     The same inputs give the same bytes. The metadata are text, and numbers at double precision,
     under names that OpenEXR itself does not use. Another shape of the image is a ValueError.
@@ -20,8 +23,8 @@ def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float])
     import OpenEXR
 
     pixels = np.asarray(image, dtype=np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise ValueError(f"image: expected shape (rows, columns, 3), got {pixels.shape}")
+    if pixels.ndim != 3 or pixels.shape[2] not in NAMES or pixels.size == 0:
+        raise ValueError(f"image: expected (rows, columns, 1 or 3), got {pixels.shape}")
     header = {
         # In an array: a Python float would lose its double precision.
         **{n: v if isinstance(v, str) else np.array([v], np.float64) for n, v in metadata.items()},
@@ -29,7 +32,9 @@ def write_exr(path: Path, image: ArrayLike, metadata: Mapping[str, str | float])
         "type": OpenEXR.scanlineimage,
     }
     # OpenEXR ignores strides: each channel must be contiguous.
-    channels = {c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate("RGB")}
+    channels = {
+        c: np.ascontiguousarray(pixels[..., i]) for i, c in enumerate(NAMES[pixels.shape[2]])
+    }
     with staged_file(path) as staged, OpenEXR.File(header, channels) as file:
         file.write(str(staged))
 

@@ -33,11 +33,11 @@ def photograph_of(image, noise=0.0, seed=0, A=A):
 
 
 def differencing(A=A, **options):
-    return Differencing(A, photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN, **options)
+    return Differencing(A, photograph_shape=PHOTOGRAPH, hidden=HIDDEN, **options)
 
 
 def truncated_svd(**options):
-    return TruncatedSVD(A, hidden_shape=HIDDEN, **options)
+    return TruncatedSVD(A, hidden=HIDDEN, **options)
 
 
 def test_differencing_minimizes_eq_2_with_the_weight_it_reports(minimizer):
@@ -139,10 +139,10 @@ def test_patches_that_cannot_be_told_apart_are_refused():
     twins = A.copy()
     twins[:, 7] = twins[:, 8]
     with pytest.raises(ValueError, match="full column rank"):
-        Differencing(twins, photograph_shape=PHOTOGRAPH, hidden_shape=HIDDEN)
+        Differencing(twins, photograph_shape=PHOTOGRAPH, hidden=HIDDEN)
     with pytest.raises(ValueError, match="fewer than 30 singular values"):
-        TruncatedSVD(twins, hidden_shape=HIDDEN, fraction=1.0)
-    TruncatedSVD(twins, hidden_shape=HIDDEN)
+        TruncatedSVD(twins, hidden=HIDDEN, fraction=1.0)
+    TruncatedSVD(twins, hidden=HIDDEN)
 
 
 SHAPES = [(3, 2), (2, 3), (4, 4), (5, 1), (1, 5)]

@@ -34,7 +34,7 @@ def photograph(noise=1e-3, seed=2):
 
 def test_image_and_noise_are_those_of_the_dense_problem(minimizer):
     y = photograph().reshape(M, 3)
-    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN, regularization=0.02).solve(y)
+    solved = IterativePeriscope(A, B, hidden=HIDDEN, regularization=0.02).solve(y)
     Q = background_basis(B)
     dense, rejected = A - Q @ (Q.T @ A), y - Q @ (Q.T @ y)
     U, σ, _ = np.linalg.svd(dense, full_matrices=False)
@@ -56,7 +56,7 @@ def test_image_and_noise_are_those_of_the_dense_problem(minimizer):
 
 @pytest.mark.thorough
 def test_noise_is_estimated_without_bias():
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN)
+    periscope = IterativePeriscope(A, B, hidden=HIDDEN)
     noise = np.array([periscope.solve(photograph(seed=seed)).noise for seed in range(20)])
     # 60 draws of χ² with some 400 degrees of freedom; the image takes up to 27 of them more.
     assert np.mean((noise / 1e-3) ** 2) == pytest.approx(1, abs=0.04)
@@ -67,14 +67,14 @@ def test_noise_is_estimated_without_bias():
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_image_is_settled_where_the_iterations_stop(noise, tolerance):
     y = photograph(noise)
-    settings = {"hidden_shape": HIDDEN, "max_iterations": 20_000}
+    settings = {"hidden": HIDDEN, "max_iterations": 20_000}
     found = IterativePeriscope(A, B, tolerance=tolerance, **settings).reconstruct(y)
     exact = IterativePeriscope(A, B, tolerance=1e-8, **settings).reconstruct(y)
     assert np.linalg.norm(found - exact) < tolerance * np.linalg.norm(exact)
 
 
 def test_total_variation_recovers_an_edge_that_noise_hides_from_least_squares():
-    solved = IterativePeriscope(A, B, hidden_shape=HIDDEN).solve(photograph())
+    solved = IterativePeriscope(A, B, hidden=HIDDEN).solve(photograph())
     exact = form_preconditioner(A, B).apply(photograph().reshape(M, 3)).reshape(*HIDDEN, 3)
     error = np.linalg.norm(solved.image - TRUTH)
     assert error < 0.25 * np.linalg.norm(exact - TRUTH)
@@ -86,7 +86,7 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
     np.save(tmp_path / "A.npy", A)
     mapped = np.load(tmp_path / "A.npy", mmap_mode="r")
     from_array, from_map, from_blocks = (
-        IterativePeriscope(kind, B, hidden_shape=HIDDEN).reconstruct(photograph())
+        IterativePeriscope(kind, B, hidden=HIDDEN).reconstruct(photograph())
         for kind in (A, mapped, Blocks(A))
     )
     np.testing.assert_array_equal(from_map, from_array)
@@ -94,7 +94,7 @@ def test_an_array_a_memory_map_and_blocks_give_the_same_image(tmp_path):
 
 
 def test_iterations_that_do_not_suffice_are_said_to():
-    periscope = IterativePeriscope(A, B, hidden_shape=HIDDEN, tolerance=1e-9, max_iterations=3)
+    periscope = IterativePeriscope(A, B, hidden=HIDDEN, tolerance=1e-9, max_iterations=3)
     with pytest.warns(RuntimeWarning, match="stopped after 3 iterations"):
         solved = periscope.solve(photograph())
     assert not solved.converged and solved.change > 1e-9
@@ -103,15 +103,15 @@ def test_iterations_that_do_not_suffice_are_said_to():
 @pytest.mark.parametrize("wrong", [{"regularization": 0}, {"tolerance": 0}, {"max_iterations": 0}])
 def test_settings_out_of_range_are_rejected(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        IterativePeriscope(A, B, hidden_shape=HIDDEN, **wrong)
+        IterativePeriscope(A, B, hidden=HIDDEN, **wrong)
 
 
 def test_photographs_with_no_more_pixels_than_ambient_light_has_patterns_are_refused():
     with pytest.raises(ValueError, match="36 pixels"):
-        IterativePeriscope(A[:36], np.eye(36)[:, :34], hidden_shape=HIDDEN)
+        IterativePeriscope(A[:36], np.eye(36)[:, :34], hidden=HIDDEN)
 
 
 def test_pixels_that_determine_no_image_are_refused():
     few = slice(0, N + B.shape[1] - 1)
     with pytest.raises(ValueError, match="do not determine"):
-        IterativePeriscope(A[few], B[few], hidden_shape=HIDDEN)
+        IterativePeriscope(A[few], B[few], hidden=HIDDEN)

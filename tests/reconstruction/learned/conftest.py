@@ -17,7 +17,7 @@ class Small:
 
     @property
     def settings(self):
-        return {"hidden_shape": HIDDEN, "photograph_shape": PHOTOGRAPH}
+        return {"hidden": HIDDEN, "photograph_shape": PHOTOGRAPH}
 
 
 @pytest.fixture(scope="session")

@@ -53,7 +53,7 @@ def test_black_photograph_gives_a_black_image(file, small):
 @pytest.mark.torch
 def test_weights_of_another_size_are_refused_by_name_and_hash(file, small):
     digest = read_weights(file).digest[:12]
-    other = {**small.settings, "hidden_shape": (5, 4)}
+    other = {**small.settings, "hidden": (5, 4)}
     with pytest.raises(ValueError, match=rf"mine\.safetensors \({digest}\).*4x5 .* 5x4"):
         Learned(small.A, small.B, weights=file, **other)
 

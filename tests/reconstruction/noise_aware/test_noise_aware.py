@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, minimize
 
-from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.wall_gain import WallGain
+from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
@@ -89,10 +89,10 @@ def test_image_minimizes_the_penalized_likelihood(positive, regularization, matr
     if matrix is not None:
         y, M = matrix.mix(SIGNAL) + photograph() - SIGNAL, matrix.matrix
     method = NoiseAware(
-        A, B, hidden_shape=HIDDEN, regularization=regularization, positive=positive, tolerance=1e-6,
-        max_iterations=20_000, colour_matrix=matrix,
+        A, B, hidden=HIDDEN, regularization=regularization, positive=positive, tolerance=1e-6,
+        max_iterations=20_000,
     )  # fmt: skip
-    found = method.solve(y)
+    found = method.solve(Photograph.of(y, colour_matrix=matrix))
     arguments = (y.reshape(-1, 3), found.noise, found.weight, M)
     expected = brute_force(*arguments, positive)
     least = objective(expected.ravel(), *arguments)
@@ -104,7 +104,7 @@ def test_image_minimizes_the_penalized_likelihood(positive, regularization, matr
 def test_identity_is_the_default_and_the_matrixs_unit_is_that_of_the_image():
     y = photograph()
     plain, identity, mixed, twice = (
-        NoiseAware(A, B, hidden_shape=HIDDEN, colour_matrix=matrix).reconstruct(y)
+        NoiseAware(A, B, hidden=HIDDEN).reconstruct(Photograph.of(y, colour_matrix=matrix))
         for matrix in (None, ColourMatrix(np.eye(3)), MIXING, ColourMatrix(2 * MIXING.matrix))
     )
     np.testing.assert_allclose(identity, plain, rtol=1e-6)
@@ -113,16 +113,16 @@ def test_identity_is_the_default_and_the_matrixs_unit_is_that_of_the_image():
 
 def test_default_tolerance_is_near_the_minimum():
     y = photograph()
-    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    method = NoiseAware(A, B, hidden=HIDDEN)
     found = method.solve(y)
-    exact = NoiseAware(A, B, hidden_shape=HIDDEN, tolerance=1e-6, max_iterations=20_000).solve(y)
+    exact = NoiseAware(A, B, hidden=HIDDEN, tolerance=1e-6, max_iterations=20_000).solve(y)
     assert found.converged and found.iterations < exact.iterations
     assert np.linalg.norm(found.image - exact.image) < 0.02 * np.linalg.norm(exact.image)
 
 
 def test_weight_grows_where_there_is_more_noise_than_signal():
     rejected, Q = projected()
-    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    method = NoiseAware(A, B, hidden=HIDDEN)
     bright = SIGNAL.reshape(-1, 3) - Q @ (Q.T @ SIGNAL.reshape(-1, 3))
     for noise in np.array([0.3, 1.0, 3.0]) * np.sqrt(np.mean(bright**2)):
         weights, ratios = [], []
@@ -151,7 +151,7 @@ def test_noise_above_the_signal_brightens_the_image_little():
     grey = 0.5 + 0.1 * rng.standard_normal((*HIDDEN, 3))
     signal = blurred @ grey.reshape(-1, 3)
     left = signal - smooth @ np.linalg.lstsq(smooth, signal, rcond=None)[0]
-    method = NoiseAware(blurred, smooth, hidden_shape=HIDDEN)
+    method = NoiseAware(blurred, smooth, hidden=HIDDEN)
     noise = 4 * np.sqrt(np.mean(left**2)) * rng.standard_normal((40, *signal.shape))
     found = np.array(
         [
@@ -168,7 +168,7 @@ def test_noise_above_the_signal_brightens_the_image_little():
 
 def test_it_errs_less_than_the_papers_method():
     ours, theirs = [], []
-    methods = [kind(A, B, hidden_shape=HIDDEN) for kind in (NoiseAware, Periscope)]
+    methods = [kind(A, B, hidden=HIDDEN) for kind in (NoiseAware, Periscope)]
     for seed in range(20):
         y = photograph(seed)
         for errors, method in zip((ours, theirs), methods, strict=True):
@@ -178,11 +178,11 @@ def test_it_errs_less_than_the_papers_method():
 
 def test_background_is_rejected_and_the_walls_colour_divided_out():
     y = photograph()
-    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    method = NoiseAware(A, B, hidden=HIDDEN)
     lit = y + (100 * B @ RNG.random((4, 3))).reshape(y.shape)
     np.testing.assert_allclose(method.reconstruct(lit), method.reconstruct(y), atol=1e-3)
     gain = np.array([1.2, 0.8, 1.0])
-    coloured = NoiseAware(A, B, hidden_shape=HIDDEN, channel_gain=gain)
+    coloured = NoiseAware(A, B, hidden=HIDDEN, channel_gain=gain)
     np.testing.assert_allclose(coloured.reconstruct(y * gain), method.reconstruct(y), atol=1e-5)
 
 
@@ -190,7 +190,7 @@ def test_channels_share_their_edges():
     # A grey scene of which one channel is nearly all noise: the others show it where edges are.
     grey = np.repeat(TRUTH[..., :1], 3, axis=2)
     noise = np.array([0.05, 0.05, 0.5])
-    method = NoiseAware(A, hidden_shape=HIDDEN)
+    method = NoiseAware(A, hidden=HIDDEN)
     together, apart = [], []
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -205,7 +205,7 @@ def test_channels_share_their_edges():
 def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
     dark = A.copy()
     dark[:, 7] = 0
-    image = NoiseAware(dark, B, hidden_shape=HIDDEN).reconstruct(
+    image = NoiseAware(dark, B, hidden=HIDDEN).reconstruct(
         photograph() - (A[:, 7:8] @ TRUTH.reshape(-1, 3)[7:8]).reshape(SIGNAL.shape)
     )
     assert np.isfinite(image).all()
@@ -213,7 +213,7 @@ def test_patches_that_the_wall_does_not_show_take_their_neighbours_light():
 
 
 def warns(y):
-    method = NoiseAware(A, B, hidden_shape=HIDDEN)
+    method = NoiseAware(A, B, hidden=HIDDEN)
     solution = method.solve(y)
     codes = [note.code for note in method.report(y, solution).warnings]
     assert codes in ([], ["no_hidden_image"])
@@ -244,7 +244,7 @@ def test_photograph_that_shows_something_is_not_warned_of(noise):
 )
 def test_settings_out_of_range_are_rejected(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        NoiseAware(A, B, **{"hidden_shape": HIDDEN, **wrong})
+        NoiseAware(A, B, **{"hidden": HIDDEN, **wrong})
 
 
 class Twice:
@@ -260,7 +260,7 @@ class Twice:
 
 
 def test_a_correction_is_given_the_fit_and_first_images_and_changes_the_photograph():
-    settings = {"hidden_shape": HIDDEN, "tolerance": 1e-5, "max_iterations": 20_000}
+    settings = {"hidden": HIDDEN, "tolerance": 1e-5, "max_iterations": 20_000}
     method, plain = (
         NoiseAware(A, B, corrections=corrections, **settings) for corrections in ([Twice], ())
     )
@@ -280,7 +280,7 @@ def test_a_correction_is_given_the_fit_and_first_images_and_changes_the_photogra
 @pytest.mark.parametrize("most", [1, 2, 3, 30])
 def test_iterations_for_first_images_are_counted(most):
     method = NoiseAware(
-        A, B, hidden_shape=HIDDEN, corrections=[Twice], max_iterations=most, tolerance=1e-7
+        A, B, hidden=HIDDEN, corrections=[Twice], max_iterations=most, tolerance=1e-7
     )
     with pytest.warns(RuntimeWarning, match="stopped"):
         solution = method.solve(photograph())
@@ -289,13 +289,13 @@ def test_iterations_for_first_images_are_counted(most):
 
 
 def test_default_corrections_are_those_that_the_photographs_allow():
-    def kinds(**settings):
-        method = NoiseAware(A, settings.pop("B", B), hidden_shape=HIDDEN, **settings)
+    def kinds(photograph=SIGNAL, B=B, **settings):
+        method = NoiseAware(A, B, hidden=HIDDEN, **settings).fitted_to(photograph)
         return [type(each) for each in method.corrections]
 
-    known = {"photograph_shape": PHOTOGRAPH}
-    assert kinds() == kinds(backgrounds=[SIGNAL]) == []
-    assert kinds(**known) == kinds(mask=np.ones(PHOTOGRAPH, bool)) == [WallGain]
-    assert kinds(**known, backgrounds=[SIGNAL]) == [Paint, WallGain]
-    assert kinds(**known, backgrounds=[SIGNAL], B=None) == [WallGain]
+    known, dark = {"photograph_shape": PHOTOGRAPH}, Photograph.of(SIGNAL, monitor_off=[SIGNAL])
+    assert kinds() == []
+    masked = Photograph.of(SIGNAL, mask=np.ones(PHOTOGRAPH, bool))
+    assert kinds(**known) == kinds(masked) == [WallGain]
+    assert kinds(dark) == [Paint, WallGain] and kinds(dark, None) == [WallGain]
     assert kinds(**known, corrections=()) == []

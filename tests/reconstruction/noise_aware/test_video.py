@@ -24,13 +24,13 @@ PHOTOGRAPHS = SIGNAL + NOISE * RNG.standard_normal(SIGNAL.shape)
 
 @pytest.fixture(scope="module")
 def still():
-    return NoiseAware(A, B, hidden_shape=HIDDEN, regularization=0.1)
+    return NoiseAware(A, B, hidden=HIDDEN, regularization=0.1)
 
 
 @pytest.fixture(scope="module")
 def exact():
     settings = {"regularization": 0.1, "tolerance": 1e-6, "max_iterations": 20_000}
-    return NoiseAware(A, B, hidden_shape=HIDDEN, **settings)
+    return NoiseAware(A, B, hidden=HIDDEN, **settings)
 
 
 def distance(image, other):

@@ -39,7 +39,7 @@ def projected_pseudoinverse():
 @explicit_or_factored
 @pytest.mark.parametrize("background", [0.0, 1.0, 100.0])
 def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(explicit, background):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
+    periscope = Periscope(A, B, hidden=HIDDEN, explicit=explicit)
     result = periscope.reconstruct(
         photograph_of(penumbrae.two_halves(HIDDEN), background=background)
     )
@@ -51,7 +51,7 @@ def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(expli
 @explicit_or_factored
 def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
     periscope = Periscope(
-        A, B, hidden_shape=HIDDEN, rank_tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
+        A, B, hidden=HIDDEN, rank_tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
     )
     image = np.random.default_rng(3).random((*HIDDEN, 3))
     without = periscope.reconstruct(photograph_of(image, noise=1e-3))
@@ -61,7 +61,7 @@ def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
 
 @explicit_or_factored
 def test_noise_is_estimated_within_its_statistical_error(explicit):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
+    periscope = Periscope(A, B, hidden=HIDDEN, explicit=explicit)
     freedom = M - projected_pseudoinverse()[1]
     σ = np.array([0.01, 0.03, 0.002])
     clean = photograph_of(penumbrae.two_halves(HIDDEN), background=1.0)
@@ -81,9 +81,7 @@ def test_noise_is_estimated_within_its_statistical_error(explicit):
 
 def test_weights_follow_the_estimates_noise_and_scale():
     pseudoinverse, _ = projected_pseudoinverse()
-    periscope = Periscope(
-        A, B, hidden_shape=HIDDEN, tv_weight=0.7, repair_threshold=0.25, explicit=False
-    )
+    periscope = Periscope(A, B, hidden=HIDDEN, tv_weight=0.7, repair_threshold=0.25, explicit=False)
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=1e-3, background=1.0) * [1.0, 0.5, 3.0]
     result = periscope.solve(y)
     gain = np.mean(np.sum(pseudoinverse**2, axis=1)) ** 0.5
@@ -95,7 +93,7 @@ def test_weights_follow_the_estimates_noise_and_scale():
 
 
 def test_standard_error_is_that_of_repeated_photographs():
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, **LINEAR)
+    periscope = Periscope(A, B, hidden=HIDDEN, **LINEAR)
     clean = photograph_of(penumbrae.two_halves(HIDDEN), background=1.0)
     rng = np.random.default_rng(5)
     estimates = np.array(
@@ -111,7 +109,7 @@ def test_standard_error_is_that_of_repeated_photographs():
 @explicit_or_factored
 def test_stages_are_estimate_then_total_variation_then_repair(explicit):
     pseudoinverse, _ = projected_pseudoinverse()
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, explicit=explicit)
+    periscope = Periscope(A, B, hidden=HIDDEN, explicit=explicit)
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=3e-3, background=1.0) * [1.0, 0.5, 3.0]
     result = periscope.solve(y)
     estimate = (pseudoinverse @ y.reshape(M, 3)).reshape(*HIDDEN, 3)
@@ -126,7 +124,7 @@ def test_stages_are_estimate_then_total_variation_then_repair(explicit):
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(1e-4, 1e-2), (1e-3, 1e-4), (1e-2, 1e-5)])
 def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, tolerance):
-    fast, exact = (Periscope(A, B, hidden_shape=HIDDEN, explicit=e) for e in (True, False))
+    fast, exact = (Periscope(A, B, hidden=HIDDEN, explicit=e) for e in (True, False))
     y = photograph_of(penumbrae.two_halves(HIDDEN), noise=noise, background=5.0)
     single, double = fast.solve(y), exact.solve(y)
     for field in fields(Reconstruction):
@@ -138,7 +136,7 @@ def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, to
     "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (3, 20, 20), (1200,), ()]
 )
 def test_photograph_of_another_shape_is_refused(shape):
-    periscope = Periscope(A, B, hidden_shape=HIDDEN)
+    periscope = Periscope(A, B, hidden=HIDDEN)
     with pytest.raises(ValueError, match="A has 400 rows"):
         periscope.reconstruct(np.ones(shape))
 
@@ -148,13 +146,13 @@ def test_photograph_of_another_shape_is_refused(shape):
 )
 def test_weights_out_of_range_are_refused_at_once(settings):
     with pytest.raises(ValueError, match="not negative"):
-        Periscope(A, B, hidden_shape=HIDDEN, **settings)
+        Periscope(A, B, hidden=HIDDEN, **settings)
 
 
 def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch):
     monkeypatch.setattr("periscopy_sim.reconstruction.method.BATCH", 2)
     rng = np.random.default_rng(1)
-    periscope = Periscope(rng.random((20, 6)), hidden_shape=(2, 3))
+    periscope = Periscope(rng.random((20, 6)), hidden=(2, 3))
     photographs = rng.random((5, 20, 3))
     estimates = list(periscope.estimates(photographs))
     assert [len(e.noise) for e in estimates] == [2, 2, 1]

@@ -22,7 +22,7 @@ PHOTOGRAPHS = SIGNAL + NOISE * RNG.standard_normal(SIGNAL.shape)
 
 @pytest.fixture(params=[True, False], ids=["explicit", "factored"])
 def periscope(request):
-    return Periscope(A, B, hidden_shape=HIDDEN, explicit=request.param)
+    return Periscope(A, B, hidden=HIDDEN, explicit=request.param)
 
 
 COUPLINGS = ["total-variation", "l1", "none"]
@@ -95,7 +95,7 @@ def test_without_coupling_every_frame_is_a_still(periscope):
 @pytest.mark.parametrize("coupling", ["total-variation", "l1"])
 def test_scene_at_rest_is_recovered_better_than_by_stills(coupling):
     # Repair would take the corners off so small an image.
-    periscope = Periscope(A, B, hidden_shape=HIDDEN, repair_threshold=np.inf)
+    periscope = Periscope(A, B, hidden=HIDDEN, repair_threshold=np.inf)
     rng = np.random.default_rng(1)
     gains = []
     for _ in range(30):
@@ -109,7 +109,7 @@ def test_scene_at_rest_is_recovered_better_than_by_stills(coupling):
 
 
 def test_flat_frames_cannot_be_coupled():
-    flat = Periscope(A, B, hidden_shape=HIDDEN, tv_weight=np.inf)
+    flat = Periscope(A, B, hidden=HIDDEN, tv_weight=np.inf)
     for coupling in ("total-variation", "l1"):
         with pytest.raises(ValueError, match="infinite tv_weight"):
             Video(flat, coupling=coupling)
