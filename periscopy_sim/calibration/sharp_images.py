@@ -49,11 +49,10 @@ class SharpImages:
 
         The background is an orthonormal basis of range(B), (M, r).
         """
-        (surface,) = self.hidden.values()
         method = NoiseAware(
             A,
             background,
-            hidden_shape=surface.shape,
+            hidden=self.hidden,
             profiles=False,
             corrections=(),
             tolerance=TOLERANCE,

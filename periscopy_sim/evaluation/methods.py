@@ -118,7 +118,7 @@ def fit_method(
     scenario: Scenario,
     A: Matrix,
     B: Matrix,
-    photograph: Photograph | Image,
+    photograph: Photograph | Image | None = None,
     uncertain: UncertainTransport | None = None,
     **options: float,
 ) -> StillMethod[Any]:
@@ -132,7 +132,7 @@ def fit_method(
     from threadpoolctl import threadpool_limits
 
     entry = find_method(name)
-    with threadpool_limits(1), own_errors(name, "cannot be fitted"):
+    with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
 
 
