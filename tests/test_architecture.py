@@ -38,7 +38,7 @@ FLOORS = [
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
-    {"photograph", "hidden", "view", "scene", "scenario", "shipped", "extras"},
+    {"photograph", "hidden", "view", "scene", "scenario", "shipped", "extras", "testing"},
     {"numerics", "errors"},
 ]
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}
