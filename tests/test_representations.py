@@ -21,16 +21,6 @@ def photograph(transport):
     )
 
 
-@pytest.mark.parametrize(
-    "kind", [ps.NoiseAware, ps.Periscope, ps.TruncatedSVD, ps.IterativePeriscope, ps.Differencing]
-)
-def test_methods_and_solutions_are_told_briefly(transport, photograph, kind):
-    method = kind(transport, **SHAPES)
-    assert repr(method) == f"{kind.__name__}(3x4 patches, 6x8 pixels)"
-    solution = method.solve(photograph)
-    assert repr(solution).startswith(f"{type(solution).__name__}(3x4, noise ")
-
-
 def test_other_things_are_told_briefly(transport, photograph):
     still = ps.NoiseAware(transport, **SHAPES)
     values = photograph.copy()

@@ -96,19 +96,6 @@ def test_the_methods_of_the_paper_and_its_comparisons_are_there():
     assert (converged.stop, published.stop) == ("converged", "published")
 
 
-def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
-    for name, background, recovered in [
-        ("preconditioned", 0, True),
-        ("preconditioned", 5, True),
-        ("pseudoinverse", 0, True),
-        ("pseudoinverse", 5, False),
-    ]:
-        method = fit_method(name, Scene(), A, B)
-        method.tv_weight, method.repair_threshold = 0, np.inf
-        image = image_by(method, photograph(background), (2, 3))
-        assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
-
-
 MASK = np.random.default_rng(6).random((8, 6)) > 0.2
 
 

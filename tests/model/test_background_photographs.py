@@ -1,15 +1,12 @@
-from functools import partial
-
 import numpy as np
 import pytest
 
 from periscopy_sim.evaluation.methods import fit_method
 from periscopy_sim.model.observation import observation_of
-from periscopy_sim.reconstruction.baselines.differencing import Differencing
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.registry import METHODS
 
 PHOTOGRAPH, HIDDEN = (20, 24), (3, 4)
 M, N = 480, 12
@@ -23,53 +20,20 @@ OFF = LAMP * GAIN
 Y = ((A @ TRUTH + LAMP @ RNG.uniform(0, 2, (3, 3))) * GAIN).reshape(*PHOTOGRAPH, 3)
 Y += 1e-3 * RNG.normal(size=Y.shape)
 MASK = RNG.random(PHOTOGRAPH) > 0.25
-SCENE = {"hidden_shape": HIDDEN, "channel_gain": GAIN, "photograph_shape": PHOTOGRAPH}
-
-WITH_B = {
-    "periscope": partial(Periscope, **SCENE, repair_threshold=np.inf),
-    "factored": partial(Periscope, **SCENE, repair_threshold=np.inf, explicit=False),
-    "iterative": partial(IterativePeriscope, **SCENE),
-    "noise-aware": partial(NoiseAware, **SCENE, profiles=False, corrections=()),
-}
-ALL = WITH_B | {
-    "svd": lambda A, _=None, **more: TruncatedSVD(A, **SCENE, **more),
-    "differencing": lambda A, _=None, **more: Differencing(A, **SCENE, **more),
-}
 
 
-@pytest.mark.parametrize("mask", [None, MASK])
-@pytest.mark.parametrize("method", WITH_B)
-def test_each_channel_is_one_more_column(method, mask):
-    off = OFF.reshape(*PHOTOGRAPH, 3)
-    given = off if mask is None else np.where(mask[..., None], off, np.nan)
-    found = WITH_B[method](A, B, mask=mask, backgrounds=[given]).reconstruct(Y)
-    by_hand = WITH_B[method](A, np.hstack([B, LAMP]), mask=mask).reconstruct(Y)
-    np.testing.assert_allclose(found, by_hand, rtol=1e-5, atol=1e-5)
-    assert np.abs(found - WITH_B[method](A, B, mask=mask).reconstruct(Y)).max() > 0.01
+class Scene:
+    photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
 
 
-@pytest.mark.parametrize("method", ALL)
-def test_background_photographs_recover_what_their_light_drowns(method):
-    truth = TRUTH.reshape(*HIDDEN, 3)
-    errors = [
-        np.sqrt(np.mean((ALL[method](A, B, **more).reconstruct(Y) - truth) ** 2))
-        for more in ({"backgrounds": [OFF]}, {})
-    ]
-    assert errors[0] < 0.5 * errors[1]
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_exposure_form_and_order_of_background_photographs_do_not_matter(method):
-    other = OFF[::-1]
-    expected = ALL[method](A, B, backgrounds=[OFF, other]).reconstruct(Y)
-    again = {"b": 1e3 * other.reshape(*PHOTOGRAPH, 3), "a": np.float32(OFF)}
-    found = ALL[method](A, B, backgrounds=again).reconstruct(Y)
-    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-4)
+def photographed(y, off):
+    """Return a photograph of (M, 3) light, and of light with the monitor off."""
+    return Photograph.of(y.reshape(Y.shape), monitor_off=[off.reshape(Y.shape)])
 
 
 def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
-    plain = {"tv_weight": 0, "repair_threshold": np.inf}
-    solved = ALL["svd"](A, fraction=0.5, backgrounds=[OFF], **plain).solve(Y)
+    svd = TruncatedSVD.for_scene(Scene, A, fraction=0.5, tv_weight=0, repair_threshold=np.inf)
+    solved = svd.solve(photographed(Y, OFF))
     Q = np.linalg.qr(LAMP)[0]
     U, σ, Vt = np.linalg.svd(A - Q @ (Q.T @ A), full_matrices=False)
     y = Y.reshape(M, 3) / GAIN
@@ -80,8 +44,8 @@ def test_singular_vectors_are_those_of_the_matrix_without_the_photographs():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("method", ["periscope", "noise-aware", "iterative"])
-def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method):
+@pytest.mark.parametrize("name", ["preconditioned", "noise-aware", "iterative"])
+def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(name):
     # Of one grey lamp the photograph needs c times its background photograph, whose channels may
     # share it. Where they do, with noise τ each, y is left the variance σ² + c² τ²/3.
     σ, τ, c = 0.02, 0.05, 1.5
@@ -91,7 +55,7 @@ def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method
         rng = np.random.default_rng(100 + seed)
         y = A @ TRUTH + c * lamp + σ * rng.normal(size=(M, 3))
         off = lamp + τ * rng.normal(size=(M, 3))
-        found = ALL[method](A, B, backgrounds=[off * GAIN]).solve(y * GAIN)
+        found = METHODS[name](Scene, A, B).solve(photographed(y * GAIN, off * GAIN))
         variances.append(found.noise**2)
     variances = np.reshape(variances, (40, 3)).mean(axis=1)  # the channels share the lamp's noise
     error = np.std(variances) / np.sqrt(40)
@@ -103,13 +67,14 @@ def test_noise_of_a_background_photograph_counts_as_often_as_it_is_needed(method
 
 
 def test_background_photograph_of_much_noise_does_no_harm():
+    method = NoiseAware.for_scene(Scene, A, B, profiles=False, corrections=())
     errors = {"none": [], "given": []}
     for seed in range(20):
         rng = np.random.default_rng(seed)
         y = (A @ TRUTH + 0.02 * B @ np.ones((3, 3)) + 0.02 * rng.normal(size=(M, 3))) * GAIN
         off = 1 + rng.normal(size=(M, 3))
-        for name, more in {"none": {}, "given": {"backgrounds": [off]}}.items():
-            image = WITH_B["noise-aware"](A, B, **more).reconstruct(y)
+        for name, given in {"none": y, "given": photographed(y, off)}.items():
+            image = method.reconstruct(given)
             errors[name].append(np.mean((image.reshape(N, 3) - TRUTH) ** 2))
     assert np.mean(errors["given"]) < 1.05 * np.mean(errors["none"])
 
@@ -126,10 +91,9 @@ def test_background_photograph_of_much_noise_does_no_harm():
     ],
 )
 def test_what_is_no_background_photograph_is_rejected_by_name(off, message):
-    with pytest.raises(ValueError, match=f"photograph 1 of 1: .*{message}"):
-        ALL["svd"](A, B, backgrounds=[off])
-    with pytest.raises(ValueError, match=f"off.exr: .*{message}"):
-        ALL["noise-aware"](A, B, backgrounds={"off.exr": off})
+    for given, name in (([off], "photograph 1 of 1"), ({"off.exr": off}, r"off\.exr")):
+        with pytest.raises(ValueError, match=f"{name}: .*{message}"):
+            observation_of(A, HIDDEN, GAIN, None, PHOTOGRAPH, given)
 
 
 def test_joined_columns_are_black_where_the_mask_is():
@@ -143,9 +107,6 @@ def test_joined_columns_are_black_where_the_mask_is():
 
 
 def test_own_method_is_given_columns_or_photographs_as_it_likes(tmp_path):
-    class Scene:
-        photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
-
     (tmp_path / "own.py").write_text(
         "class Columns:\n"
         "    def __init__(self, scenario, A, B):\n"

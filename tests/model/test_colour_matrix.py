@@ -3,40 +3,10 @@ import pytest
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.model.colour_matrix import ColourMatrix
-from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.storage.tables import read_colour_matrix
 
-HIDDEN, PHOTOGRAPH = (4, 5), (14, 15)
-RNG = np.random.default_rng(0)
-A, B = RNG.random((210, 20)) ** 3 + 0.1, RNG.random((210, 3))
 M = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
-GAIN = np.array([1.2, 1.0, 0.8])
-TRUTH = RNG.uniform(0.2, 1, (20, 3))
-LIGHT = (A @ TRUTH + B @ RNG.random((3, 3))).reshape(*PHOTOGRAPH, 3) * GAIN
-NOISE = 1e-3 * RNG.standard_normal(LIGHT.shape)
-STILLS = [name for name, entry in METHODS.items() if not entry.needs]
-
-
-class SCENE:
-    photograph_shape, hidden_shape, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
-
-
-@pytest.mark.parametrize("name", STILLS)
-def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
-    colours = ColourMatrix(M)
-    off = {"off": RNG.random(LIGHT.shape)}
-    images, residuals = [], []
-    for matrix, y, dark in (
-        (None, LIGHT + NOISE, off),
-        (colours, colours.mix(LIGHT + NOISE), {"off": colours.mix(off["off"])}),
-    ):
-        method = METHODS[name](SCENE, A, B, backgrounds=dark, colour_matrix=matrix)
-        solution = method.solve(y)
-        images.append(solution.image)
-        residuals.append(method.report(y, solution).residual)
-    scale = np.sqrt(np.mean(images[0] ** 2))
-    np.testing.assert_allclose(images[1], images[0], atol=0.03 * scale)
-    assert residuals[1].unexplained == pytest.approx(residuals[0].unexplained, rel=0.5)
+TRUTH = np.random.default_rng(0).uniform(0.2, 1, (20, 3))
 
 
 def test_light_is_mixed_by_the_matrix():
