@@ -292,6 +292,17 @@ def test_stub_lists_the_names_that_it_imports():
     assert len(imported) > 20
 
 
+def test_tests_share_scenes_and_import_no_other_tests():
+    """A fixture, or a module of `tests/scenes`; else the tests of one room depend on another's."""
+    borrowed = [
+        f"{path.name}: {name}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for name in imported_names(path.stem, ast.parse(path.read_text("utf-8")))
+        if name.startswith("tests") and not name.startswith("tests.scenes")
+    ]
+    assert not borrowed
+
+
 def test_modules_are_short_documented_and_named_for_what_they_hold():
     for module, path in SOURCES.items():
         assert len(path.read_text("utf-8").splitlines()) <= 450, module

@@ -3,7 +3,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.photograph import Photograph
-from tests.calibration.conftest import calibration
+from tests.scenes.calibration import calibration
 
 SHAPES = {"hidden_shape": (3, 4), "photograph_shape": (6, 8)}
 

@@ -13,7 +13,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import EmissionProfile, Occluder
 from periscopy_sim.testing import derivative_test
-from tests.analytic.test_transport import (
+from tests.scenes.boxes import (
     LAMBERTIAN,
     LCD,
     Box,

@@ -7,7 +7,7 @@ from periscopy_sim.analytic.border_motion import light_derivatives
 from periscopy_sim.analytic.outline import borders_of
 from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.testing import derivative_test
-from tests.analytic.test_transport import Box
+from tests.scenes.boxes import Box
 
 SHAPE = np.array([25, 24])
 CUT = np.array([5, 4])

@@ -15,7 +15,7 @@ from periscopy_sim.calibration.search import descend
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.testing import derivative_test
-from tests.calibration.conftest import ERRORS, TRUTH, Small
+from tests.scenes.calibration import ERRORS, TRUTH, Small
 
 POINT = np.array([0.003, -0.004, 0.2, 0.05, -0.03, 0.04, 0.02, -0.05])
 

@@ -10,7 +10,7 @@ from periscopy_sim.rendering.scene.load import load_scene
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.testing import derivative_test
 from periscopy_sim.view import View
-from tests.calibration.conftest import ERRORS, HIDDEN, SIDE
+from tests.scenes.calibration import ERRORS, HIDDEN, SIDE
 
 FINER = 2
 VALUES = np.array([0.003, -0.002, 0.4])

@@ -21,7 +21,6 @@ from periscopy_sim.live.page import Offered
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.load import load_scenario
-from tests.live.conftest import HIDDEN, PHOTOGRAPH
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -30,6 +29,7 @@ zstandard = pytest.importorskip("zstandard")
 from websockets.http11 import Headers, Request  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
+PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 PATIENCE = 240.0  # another process may be compiling, on a busy machine
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1.5),

@@ -7,21 +7,7 @@ from scipy.sparse.linalg import LinearOperator
 from periscopy_sim.model import transport_operator
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.testing import adjoint_test
-
-
-class Blocks:
-    """A matrix in blocks of three rows, which counts how often each was asked for."""
-
-    def __init__(self, A):
-        self.A = A
-        self.shape = A.shape
-        self.reads = 0
-
-    def row_blocks(self):
-        for start in range(0, len(self.A), 3):
-            rows = slice(start, min(start + 3, len(self.A)))
-            self.reads += rows.stop - rows.start
-            yield rows, self.A[rows].copy()
+from tests.scenes.blocks import Blocks
 
 
 def matrix(pixels=41, patches=1031, dtype=np.float32, seed=0):

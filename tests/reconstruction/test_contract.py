@@ -97,7 +97,7 @@ def test_options_reach_their_parameters_from_the_least_to_the_most(name):
             if option.name != "rank_tolerance":  # not kept
                 assert getattr(method, option.parameter or option.name) == value
         for wrong in (-1, np.nan):
-            with pytest.raises(ValueError, match="negative|tolerance|regularization|threshold"):
+            with pytest.raises(ValueError, match=r"negative|tolerance|regularization|threshold"):
                 METHODS[name](Scene(), A, B, **{option.name: wrong}).reconstruct(Y)
     with pytest.raises(KeyError):
         METHODS[name](Scene(), A, B, unknown=1.0)

@@ -18,7 +18,7 @@ from periscopy_sim.calibration.silhouette.mask import (
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import UnknownImage
 from periscopy_sim.testing import derivative_test
-from tests.calibration.silhouette.conftest import FLAG
+from tests.scenes.silhouette import FLAG
 
 SIZE, HIDDEN, CELLS = (6, 10), (3, 4), (2, 3)
 PIXELS, PATCHES, COUNT = 60, 12, 6

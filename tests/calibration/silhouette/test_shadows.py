@@ -5,7 +5,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.testing import adjoint_test
-from tests.calibration.silhouette.conftest import FLAG, HIDDEN
+from tests.scenes.silhouette import FLAG, HIDDEN
 
 ALL = np.ones((40, 40), bool)
 

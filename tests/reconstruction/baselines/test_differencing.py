@@ -11,8 +11,8 @@ from periscopy_sim.reconstruction.baselines.differencing import (
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.still import repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import relative_error
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)

@@ -6,8 +6,8 @@ from scipy import stats
 
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import relative_error
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
