@@ -7,7 +7,7 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered
+from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
@@ -31,18 +31,21 @@ def session():
         saved.append(pictures)
         return "saved it"
 
-    with LiveSession(
-        scenario, Choice({}, "mushroom", "lamp"), offered, save, lambda _: [], light=light
-    ) as opened:
-        opened.saved, opened.shown = saved, []
-        show = opened.page.show
+    shown, show = [], Page.show
 
-        def watched(pictures):
-            show(pictures)
-            opened.shown.append((time.monotonic(), pictures))
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append((time.monotonic(), pictures))
 
-        opened._laboratory._show = watched
-        with live.running(opened):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Page, "show", watched)
+        with (
+            LiveSession(
+                scenario, Choice({}, "mushroom", "lamp"), offered, save, lambda _: [], light=light
+            ) as opened,
+            live.running(opened),
+        ):
+            opened.saved, opened.shown = saved, shown
             yield opened
 
 

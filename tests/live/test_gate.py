@@ -7,6 +7,7 @@ import urllib.error
 import urllib.request
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from html.parser import HTMLParser
 from types import SimpleNamespace
 from urllib.parse import urlsplit
@@ -17,7 +18,7 @@ import pytest
 from experiments.benchmarks import live
 from periscopy_sim.live import gate
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered
+from periscopy_sim.live.page import Offered, Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -69,10 +70,24 @@ class Target:
             self.until(lambda: set(self.page.server.get_clients()) - before)
             yield client
 
+    def messages(self):
+        """Return all that the page's server tells a new client."""
+        messages = []
+        with self.client() as client:
+            while not messages or messages[-1]["type"] != "ReplayDoneMessage":
+                raw = client.recv(PATIENCE)
+                packed = raw[16 : 16 + int.from_bytes(raw[8:16], "little")]
+                messages += msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]
+        return messages
+
+    @cached_property
+    def controls(self):
+        """The names that the page's client gives to controls, by their labels."""
+        controls = (each for each in self.messages() if "label" in (each.get("props") or {}))
+        return {each["props"]["label"]: each["uuid"] for each in controls}
+
     def control(self, label):
-        """Return the name that the page's client gives to a control."""
-        controls = self.page.server.gui._gui_input_handle_from_uuid.items()
-        return next(uuid for uuid, each in controls if each.label == label)
+        return self.controls[label]
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -105,18 +120,24 @@ def target():
         saved.append(pictures)
         return "saved"
 
+    shown, show = [], Page.show
+
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append(pictures)
+
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with LiveSession(scenario, first, offered, save, lambda _: [HOSTILE], light=light) as session:
-        made = Target(session)
-        made.saved, show = saved, session.page.show
-
-        def watched(pictures):
-            show(pictures)
-            made.shown.append(pictures)
-
-        session._laboratory._show = watched
-        with live.running(session):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Page, "show", watched)
+        with (
+            LiveSession(
+                scenario, first, offered, save, lambda _: [HOSTILE], light=light
+            ) as session,
+            live.running(session),
+        ):
+            made = Target(session)
+            made.saved, made.shown = saved, shown
             made.until(lambda: made.shown)
             yield made
 
@@ -128,12 +149,7 @@ def test_no_text_of_the_page_is_markup(target):
     choice = replace(pictures.choice, method=HOSTILE)
     target.page.show(replace(pictures, choice=choice, report=Report()))
     target.page.tell(f"failed: {HOSTILE}")
-    messages = []
-    with target.client() as client:
-        while not messages or messages[-1]["type"] != "ReplayDoneMessage":
-            raw = client.recv(PATIENCE)
-            packed = raw[16 : 16 + int.from_bytes(raw[8:16], "little")]
-            messages += msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]
+    messages = target.messages()
     assert not {"GuiMarkdownMessage", "GuiModalMessage"} & {each["type"] for each in messages}
     tags, texts, parser = set(), [], HTMLParser()
     parser.handle_starttag, parser.handle_data = lambda tag, _: tags.add(tag), texts.append
@@ -274,5 +290,5 @@ def test_what_the_page_offers_is_granted(target):
         parameter = handle.names[0]
         target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
     assert target.saved[0].choice.image == "bars"
-    target.until(lambda: target.page._dragged is None)  # the client left while it dragged
+    # The client left while it dragged.
     target.until(lambda: not target.shown[-1].is_coarse)

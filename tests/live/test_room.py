@@ -3,12 +3,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
-from periscopy_sim.live.room import _frame_of, on_rectangle, pose_of
+from periscopy_sim.live.room import on_rectangle, pose_of
 
 
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
-    frame = _frame_of(scene)
+    frame = scene.view.frame
     local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
     pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
     image, low, high = on_rectangle(local, pixels)
