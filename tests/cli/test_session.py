@@ -77,36 +77,22 @@ def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
         session.wall(wrong if place == "photograph" else right)
 
 
-def test_image_is_that_of_the_rows_used(
-    reconstruct, saved, photographs, scenario, transport, tmp_path
-):
-    Image.fromarray(MASK).save(tmp_path / "mask.png")
-    saved(y=np.where(MASK[..., None], photographs[0], GARBAGE))
-    image, summary = reconstruct("y.npy", "--mask", "mask.png", "--method", "preconditioned")
-    assert (summary["mask"], summary["pixels_left_out"]) == ("mask.png", LEFT_OUT)
-    used = MASK.ravel()
-    B = ps.point_light_backgrounds(scenario)
-    by_hand = ps.Periscope(transport[used], B[used], hidden_shape=(4, 5), explicit=False)
-    solution = by_hand.solve(photographs[0].reshape(576, 3)[used])
-    np.testing.assert_allclose(image, solution.image, rtol=1e-4, atol=1e-4)
-    # The command's P and R are of single precision, and noise² is ‖y⊥‖² less ‖R f‖², here up to 30
-    # times what is left: four roundings of 6e-8 become 30 × 4 × 6e-8 / 2 = 4e-6 of the noise.
-    np.testing.assert_allclose(summary["noise"], solution.noise, rtol=1e-5)
-
-
-def test_monitor_off_photographs_are_projected_out(
-    reconstruct, saved, photographs, scenario, transport, clip
+def test_image_is_that_of_the_photograph_with_all_that_belongs_to_it(
+    reconstruct, saved, photographs, scenario, transport, clip, tmp_path
 ):
     rng = np.random.default_rng(8)
     lamp = photographs.mean() * rng.uniform(0.5, 1.5, (24, 24, 3))
     off, other = 3 * lamp + 0.002 * photographs.mean() * rng.normal(size=(2, 24, 24, 3))
     y = photographs[0] + lamp
-    saved(y=y, off=off, other=other)
+    Image.fromarray(MASK).save(tmp_path / "mask.png")
+    saved(y=np.where(MASK[..., None], y, GARBAGE), off=off, other=other)
     # By the former name, too.
-    image, summary = reconstruct("y.npy", "--monitor-off", "off.npy", "--background", "other.npy")
+    options = ("--mask", "mask.png", "--monitor-off", "off.npy", "--background", "other.npy")
+    image, summary = reconstruct("y.npy", *options)
+    assert (summary["mask"], summary["pixels_left_out"]) == ("mask.png", LEFT_OUT)
     assert summary["backgrounds"] == ["off.npy", "other.npy"]
-    B = ps.point_light_backgrounds(scenario)
-    method = ps.NoiseAware.for_scene(scenario, transport, B, backgrounds=[off, other])
-    np.testing.assert_allclose(image, method.reconstruct(y), rtol=1e-3, atol=1e-4)
-    without, _ = reconstruct("y.npy")
+    method = ps.NoiseAware.for_scene(scenario, transport, ps.point_light_backgrounds(scenario))
+    photograph = ps.Photograph.of(y, mask=MASK, monitor_off=[off, other])
+    np.testing.assert_allclose(image, method.reconstruct(photograph), rtol=1e-3, atol=1e-4)
+    without, _ = reconstruct("y.npy", *options[:2])
     assert ps.psnr(image, clip[0]) > ps.psnr(without, clip[0]) + 3

@@ -218,21 +218,6 @@ def test_errors_of_the_transport_matrix_are_no_gain():
     assert np.sum(np.array(probabilities) < 0.05) <= 7
 
 
-@pytest.mark.parametrize("flat", [False, True])
-def test_pixels_under_the_mask_do_not_matter(flat):
-    mask = np.ones(WALL, bool)
-    mask[3:9, 5:12] = False
-    y = photograph(GAIN)
-    spoilt = y.copy()
-    spoilt[~mask] = np.nan
-    # Its rows and columns are known from the mask, or else given.
-    given = {"mask": mask.ravel()} if flat else {"mask": mask, "photograph_shape": None}
-    found = method(**given).solve(spoilt)
-    limits = found.corrections["wall_gain_range"]
-    assert limits == pytest.approx([GAIN.min(), GAIN.max()], abs=0.08)
-    np.testing.assert_array_equal(method(**given).solve(np.nan_to_num(spoilt)).image, found.image)
-
-
 def test_dark_and_noiseless_photographs_have_no_gain():
     for y in (np.zeros((*WALL, 3)), (A @ TRUTH + AMBIENT).reshape(*WALL, 3)):
         limits = method().solve(y).corrections["wall_gain_range"]

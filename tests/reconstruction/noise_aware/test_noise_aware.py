@@ -101,16 +101,6 @@ def test_image_minimizes_the_penalized_likelihood(positive, regularization, matr
     assert (found.image >= 0).all() == positive
 
 
-def test_identity_is_the_default_and_the_matrixs_unit_is_that_of_the_image():
-    y = photograph()
-    plain, identity, mixed, twice = (
-        NoiseAware(A, B, hidden_shape=HIDDEN, colour_matrix=matrix).reconstruct(y)
-        for matrix in (None, ColourMatrix(np.eye(3)), MIXING, ColourMatrix(2 * MIXING.matrix))
-    )
-    np.testing.assert_allclose(identity, plain, rtol=1e-6)
-    np.testing.assert_allclose(2 * twice, mixed, rtol=1e-4, atol=1e-4)
-
-
 def test_default_tolerance_is_near_the_minimum():
     y = photograph()
     method = NoiseAware(A, B, hidden_shape=HIDDEN)

@@ -2,9 +2,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from periscopy_sim.reconstruction.total_variation.prox import (
     prox_total_variation,
@@ -85,28 +82,6 @@ def test_the_objective_is_within_the_reported_gap_of_the_least(
     reached, least = objective(result.image, *problem), objective(exact, *problem)
     assert least * (1 - 1e-9) <= reached <= least / (1 - result.gap) + 1e-9
     assert ((result.image - exact) ** 2).sum() <= result.gap * reached + 1e-9
-
-
-small_images = arrays(
-    np.float64,
-    st.tuples(st.integers(1, 6), st.integers(1, 6)),
-    elements=st.floats(-100, 100, allow_subnormal=False),
-)
-
-
-@settings(deadline=None, max_examples=60)
-@given(g=small_images, weight=st.floats(0, 300), seed=st.integers(0, 1000))
-def test_the_result_is_optimal_against_every_other_image_up_to_its_gap(
-    g, weight, seed, random_image, objective, variation
-):
-    # ⟨g − f, u − f⟩ ≤ λ/2 (‖u‖_TV − ‖f‖_TV) for all u says that f is the minimizer.
-    result = solve_total_variation(g, weight, max_iterations=2000)
-    f = result.image
-    slack = result.gap * objective(f, g, weight) / 2 + 1e-9
-    others = [np.zeros_like(g), g, 2 * f - g, 1.1 * f, 0.9 * f, random_image(*g.shape, seed=seed)]
-    for u in others:
-        gain = weight / 2 * (variation(u) - variation(f))
-        assert ((g - f) * (u - f)).sum() <= gain + slack
 
 
 @pytest.mark.parametrize("scale", [1000, 1e-3, 1e250, 1e-250, 1e-300])
