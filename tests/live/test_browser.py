@@ -7,8 +7,6 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered, Page
-from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("viser")
@@ -21,32 +19,11 @@ PATIENCE = live.PATIENCE
 
 
 @pytest.fixture(scope="module")
-def session():
-    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
+def session(running):
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
-    saved = []
-
-    def save(pictures):
-        saved.append(pictures)
-        return "saved it"
-
-    shown, show = [], Page.show
-
-    def watched(page, pictures):
-        show(page, pictures)
-        shown.append((time.monotonic(), pictures))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Page, "show", watched)
-        with (
-            LiveSession(
-                scenario, Choice({}, "mushroom", "lamp"), offered, save, lambda _: [], light=light
-            ) as opened,
-            live.running(opened),
-        ):
-            opened.saved, opened.shown = saved, shown
-            yield opened
+    with running(scenario, Choice({}, "mushroom", "lamp"), [], light) as opened:
+        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +45,10 @@ def wait_for_full(session, holds=lambda pictures: True, since=0.0):  # noqa: ARG
     """Wait for the full pictures of what is set, and return when they came, and them."""
     end = time.monotonic() + PATIENCE
     while True:
-        when, pictures = session.shown[-1] if session.shown else (0.0, None)
+        count = len(session.shown)
+        when, pictures = (
+            each[count - 1] if count else 0 for each in (session.times, session.shown)
+        )
         if when > since and pictures and not pictures.is_coarse and holds(pictures):
             return when, pictures
         assert time.monotonic() < end
@@ -81,7 +61,7 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
     live.drag(session, page, "chair", seconds=4.0)
     released = time.monotonic()
     after = wait_for_full(session, since=released)[1]
-    assert any(each.is_coarse for _, each in session.shown[count:])
+    assert any(each.is_coarse for each in session.shown[count:])
     moved = session.page.choice.values["occluder_dx"]
     assert 0.02 < moved < 0.06 and session.page.choice.values["occluder_dz"] == 0
     assert after.choice.values["occluder_dx"] == pytest.approx(moved)

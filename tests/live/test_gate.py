@@ -15,11 +15,8 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from experiments.benchmarks import live
 from periscopy_sim.live import gate
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Offered, Page
-from periscopy_sim.live.session import LiveSession
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.load import load_scenario
 
@@ -49,7 +46,7 @@ class Target:
     """A session that runs, what it has shown, and what an attacker knows of it."""
 
     def __init__(self, session):
-        self.session, self.shown, self.saved = session, [], []
+        self.shown, self.saved = session.shown, session.saved
         self.page, self.gate = session.page, session.page.gate
         self.origin = f"http://127.0.0.1:{self.gate.port}"
 
@@ -112,34 +109,13 @@ def value_of(uuid, value):
 
 
 @pytest.fixture(scope="module")
-def target():
-    offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
-    saved = []
-
-    def save(pictures):
-        saved.append(pictures)
-        return "saved"
-
-    shown, show = [], Page.show
-
-    def watched(page, pictures):
-        show(page, pictures)
-        shown.append(pictures)
-
+def target(running):
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Page, "show", watched)
-        with (
-            LiveSession(
-                scenario, first, offered, save, lambda _: [HOSTILE], light=light
-            ) as session,
-            live.running(session),
-        ):
-            made = Target(session)
-            made.saved, made.shown = saved, shown
-            made.until(lambda: made.shown)
-            yield made
+    with running(scenario, first, [HOSTILE], light) as session:
+        made = Target(session)
+        made.until(lambda: made.shown)
+        yield made
 
 
 def test_no_text_of_the_page_is_markup(target):
