@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,14 +28,3 @@ def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) 
     if warm:
         task()
     return clocked(task, runs)[0]
-
-
-def interleaved_seconds(tasks: dict[str, Callable[[], Any]], runs: int) -> dict[str, float]:
-    """Return the median of each task's seconds; every round runs all of them once."""
-    seconds: dict[str, list[float]] = {name: [] for name in tasks}
-    for turn in range(runs + 1):
-        for name, task in tasks.items():
-            took, _ = clocked(task)
-            if turn:  # the first warms
-                seconds[name].append(took)
-    return {name: float(np.median(each)) for name, each in seconds.items()}

@@ -13,7 +13,7 @@ EXTRA_OF = {
     "cv2": "tags",
     **dict.fromkeys(("torch", "safetensors"), "torch"),
     "deepinv": "deepinv",
-    "viser": "live",
+    "websockets": "live",
     "av": "video",
 }
 """The extra that brings each library."""

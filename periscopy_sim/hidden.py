@@ -3,7 +3,7 @@
 Arrays over all patches are row-major, surface after surface, with row 0 at a viewer's top.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -87,6 +87,8 @@ class Hidden(Mapping[str, Surface]):
     ----------
     patches
         N.
+    slices
+        The columns of A that each surface has, by its id.
     """
 
     def __init__(self, surfaces: Mapping[str, Surface]) -> None:
@@ -94,7 +96,7 @@ class Hidden(Mapping[str, Surface]):
             raise InputError("there is no hidden surface; give one at least")
         self._surfaces = dict(surfaces)
         ends = np.cumsum([0, *(np.prod(each.shape, dtype=int) for each in surfaces.values())])
-        self._slices = {
+        self.slices = {
             name: slice(int(start), int(stop))
             for name, start, stop in zip(surfaces, ends[:-1], ends[1:], strict=True)
         }
@@ -175,7 +177,7 @@ class Hidden(Mapping[str, Surface]):
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
         return {
             name: f[part].reshape(*self[name].shape, *f.shape[1:])
-            for name, part in self._slices.items()
+            for name, part in self.slices.items()
         }
 
     def join(self, images: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
@@ -203,19 +205,13 @@ class Hidden(Mapping[str, Surface]):
     @cached_property
     def differences(self) -> "Differences":
         """The gradient operator ∇ of images on these surfaces."""
-        following, weights, borders = [], [], []
-        for part, surface in zip(self._slices.values(), self.values(), strict=True):
-            numbers = np.arange(part.start, part.stop).reshape(surface.shape)
-            places = surface.centers.reshape(*surface.shape, 3)
-            for axis, size in enumerate(surface.shape):
-                steps = np.linalg.norm(np.diff(places, axis=axis), axis=-1)
-                last = [(0, int(k == axis)) for k in (0, 1)]
-                weights.append(np.pad(_even(steps.mean() / steps) if size > 1 else steps, last))
-                following.append(np.where(weights[-1] > 0, np.roll(numbers, -1, axis), numbers))
-                place = np.arange(size)
-                dark = np.sqrt((place == 0) * 1.0 + (place == size - 1))
-                borders.append(np.broadcast_to(np.expand_dims(dark, 1 - axis), surface.shape))
-        return Differences(*map(_by_axis, (following, weights, borders)))
+        return Differences.joined([*self.differences_by_surface.values()])
+
+    @cached_property
+    def differences_by_surface(self) -> "dict[str, Differences]":
+        """Each surface's own ∇ by its id: no difference crosses from one surface to another."""
+        grids = {name: (each.shape, each.centers) for name, each in self.items()}
+        return {name: Differences.of_grid(*grid) for name, grid in grids.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,13 +229,54 @@ class Differences:
     weights
         (2, N) weights of these differences; 0 at a border.
     borders
-        (2, N) weights of the differences to darkness beyond the borders: 1 at a border, else 0; √2
-        where one patch lies at both.
+        (2, N) number of borders at which a patch lies down and across: 0 or 1, or 2 if it is alone.
     """
 
     following: NDArray[np.intp]
     weights: Array
-    borders: Array
+    borders: NDArray[np.intp]
+
+    @classmethod
+    def of_grid(cls, shape: Size, centers: Array | None = None) -> "Differences":
+        """Return ∇ on one surface, (R, C), whose centres are (R C, 3); None for equal squares."""
+        numbers = np.arange(shape[0] * shape[1]).reshape(shape)
+        following, weights, borders = np.stack([numbers] * 2), np.zeros((2, *shape)), []
+        for axis, size in enumerate(shape):
+            inside = (slice(None),) * axis + (slice(-1),)
+            following[axis] = np.take(numbers, np.minimum(np.arange(size) + 1, size - 1), axis)
+            if centers is None:
+                weights[axis][inside] = 1
+            elif size > 1:
+                steps = np.linalg.norm(np.diff(centers.reshape(*shape, 3), axis=axis), axis=-1)
+                weights[axis][inside] = _even(steps.mean() / steps)
+            ends = np.bincount([0, size - 1], minlength=size)
+            borders.append(np.broadcast_to(np.expand_dims(ends, 1 - axis), shape).ravel())
+        return cls(following.reshape(2, -1), weights.reshape(2, -1), np.stack(borders))
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Differences]") -> "Differences":
+        """Return ∇ on several surfaces, one after the other."""
+        starts = np.cumsum([0, *(each.weights.shape[1] for each in parts[:-1])])
+        following = [each.following + start for each, start in zip(parts, starts, strict=True)]
+        weights, borders = (
+            [getattr(each, name) for each in parts] for name in ("weights", "borders")
+        )
+        return cls(*(np.concatenate(each, axis=1) for each in (following, weights, borders)))
+
+    def over_time(self, frames: int, weight: float) -> "Differences":
+        """Return ∇ of the frames of a video, one after the other; the third difference is in time.
+
+        Differences to the next frame have this weight, and there is none to darkness.
+        """
+        patches = self.weights.shape[1]
+        still = self.joined([self] * frames)
+        numbers = np.arange(frames * patches)
+        has_next = numbers < (frames - 1) * patches
+        return Differences(
+            np.vstack([still.following, numbers + patches * has_next]),
+            np.vstack([still.weights, weight * has_next]),
+            np.vstack([still.borders, 0 * numbers]),
+        )
 
     def __call__(self, f: NDArray[Any]) -> NDArray[Any]:
         """Return ∇f, (2, N, ...), of images f, (N, ...)."""
@@ -251,31 +288,60 @@ class Differences:
     def norms(self, f: NDArray[Any]) -> NDArray[Any]:
         """Return ‖∇f‖, (N,), over both directions and all channels of (N, C) or (N,) images."""
         steps = self(f)
-        return np.asarray(np.sqrt(np.sum(steps.reshape(2, len(f), -1) ** 2, axis=(0, 2))))
+        return np.asarray(np.sqrt(np.sum(steps.reshape(*steps.shape[:2], -1) ** 2, axis=(0, 2))))
 
     @cached_property
     def matrix(self) -> Any:
         """∇ as a sparse matrix, (2 N, N): differences down first."""
         from scipy import sparse
 
-        N = self.weights.shape[1]
-        rows, weights = np.arange(2 * N), self.weights.ravel()
-        ahead = sparse.csr_array((weights, (rows, self.following.ravel())), (2 * N, N))
-        own = sparse.csr_array((weights, (rows, np.tile(np.arange(N), 2))), (2 * N, N))
-        return (ahead - own).tocsr()
+        weights = sparse.diags_array(self.weights.ravel())
+        own = sparse.vstack([sparse.eye_array(self.weights.shape[1])] * len(self.weights))
+        return (weights @ (sparse.vstack(self._shifts) - own)).tocsr()
 
     @cached_property
     def in_the_dark(self) -> Any:
-        """∇ of images that are dark beyond the borders, sparse (2 N + borders, N)."""
+        """∇ of images that are dark beyond the borders, a row for each difference, sparse."""
         from scipy import sparse
 
-        borders = sparse.vstack([sparse.diags_array(each) for each in self.borders], format="csr")
-        return sparse.vstack([self.matrix, borders[self.borders.ravel() > 0]], format="csr")
+        inside = self.matrix[self.weights.ravel() > 0]
+        dark = sparse.eye_array(self.borders.shape[1], format="csr")
+        beyond = [np.repeat(np.arange(len(each)), each) for each in self.borders]
+        return sparse.vstack([inside, dark[np.concatenate(beyond)]], format="csr")
 
+    @cached_property
+    def norm_bound(self) -> float:
+        """An upper bound of ‖∇‖², 8 on equal squares, by Gershgorin's circles of ∇ᵀ∇."""
+        squares = self.weights**2
+        degree = squares.sum(axis=0) + np.bincount(
+            self.following.ravel(), squares.ravel(), squares.shape[1]
+        )
+        return 2 * float(degree.max())
 
-def _by_axis(parts: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return values of patches, (2, N), from those of each surface down and across, in turn."""
-    return np.stack([np.concatenate([each.ravel() for each in parts[axis::2]]) for axis in (0, 1)])
+    def slopes(self, f: NDArray[Any]) -> NDArray[Any]:
+        """Return derivatives by patches, (2, N, ...), of images, (N, ...), dark beyond the borders.
+
+        They are central differences over five patches, (8 (f₊ − f₋) − (f₊₊ − f₋₋))/12, exact for
+        polynomials of degree 4.
+        """
+        flat = f.reshape(len(f), -1)
+        moved = []
+        for ahead in self._shifts:
+            near = ahead @ flat - ahead.T @ flat
+            far = ahead @ (ahead @ flat) - ahead.T @ (ahead.T @ flat)
+            moved.append((8 * near - far) / 12)
+        return np.reshape(moved, (len(moved), *f.shape))
+
+    @property
+    def _shifts(self) -> list[Any]:
+        """For each axis the sparse matrix, (N, N), that puts the next patch in each one's place."""
+        from scipy import sparse
+
+        N = self.weights.shape[1]
+        rows = np.arange(N)
+        ahead = (self.weights > 0).astype(np.float64)
+        places = zip(ahead, self.following, strict=True)
+        return [sparse.csr_array((each, (rows, next_)), (N, N)) for each, next_ in places]
 
 
 def _even(weights: Array) -> Array:

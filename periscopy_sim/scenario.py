@@ -47,8 +47,8 @@ class Scenario:
         if (size and far > FARTHEST * size) or not size < 1e30:
             raise SceneError(
                 f"scene '{self.path}': wall or monitor are {far:.3g} from the origin, and the "
-                f"camera sees {size:.3g} of the wall, which single precision does not resolve; "
-                "move all to the origin, or widen the camera's view"
+                f"camera sees {size:.3g} of the wall: too far for float32. Move the scene to the "
+                "origin, or widen the camera's view"
             )
         for center, normal in zip(self.hidden.centers, self.hidden.normals, strict=True):
             way = center - points

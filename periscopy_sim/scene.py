@@ -109,6 +109,8 @@ class Scene:
         (8, 3) corners of a box about each shape but the wall, by id.
     occluders
         Every shape but the wall and the hidden surfaces.
+    surfaces
+        The shapes of the hidden surfaces, which hide each other.
     emission
         Angular profile of each hidden surface where a closed form is known, else None; by id.
     lights
@@ -122,6 +124,7 @@ class Scene:
     plugins: Mapping[str, str] = field(repr=False)
     boxes: Mapping[str, Array] = field(repr=False)
     occluders: tuple[Occluder, ...] = field(repr=False)
+    surfaces: tuple[Occluder, ...] = field(repr=False)
     emission: Mapping[str, EmissionProfile | None]
     lights: tuple[str, ...] = ()
     source: Any = field(default=None, repr=False)
@@ -155,6 +158,10 @@ class Scene:
         given = {name: str(value) for name, value in values.items()}
         scene: Scene = self.source.at(self, {**self.parameters, **given})
         return scene
+
+    def before(self, name: str) -> tuple[Occluder, ...]:
+        """Return all that may hide a hidden surface: occluders, and the other surfaces."""
+        return *self.occluders, *(each for each in self.surfaces if each.name != name)
 
     def without(self, name: str) -> "Scene":
         """Return the scene without one of its occluders."""

@@ -5,15 +5,7 @@ import pytest
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden, Surface
-
-
-def curved(rows: int, columns: int) -> Surface:
-    """Return a quarter of a cylinder of radius 1 whose patches widen from left to right."""
-    angle = np.linspace(0, 1, columns) ** 2 * np.pi / 2
-    y, x = np.divmod(np.arange(rows * columns), columns)
-    centers = np.stack([np.sin(angle[x]), -y, np.cos(angle[x])], axis=1)
-    flat = Surface.flat((rows, columns))
-    return Surface(flat.shape, centers, flat.normals, flat.across, flat.up)
+from tests.scenes.surfaces import curved, screen_and_column
 
 
 @pytest.mark.parametrize("shape", [(4, 5), (1, 6), (3, 1), (1, 1)])
@@ -30,6 +22,36 @@ def test_flat_differences_are_numpys(shape: tuple[int, int]) -> None:
     dark = [np.diff(padded[:, 1:-1], axis=0), np.diff(padded[1:-1], axis=1)]
     energy = sum(float(np.sum(step**2)) for step in dark)
     assert np.sum((differences.in_the_dark @ f) ** 2) == pytest.approx(energy, rel=1e-12)
+    largest = np.linalg.norm(differences.matrix.toarray(), 2) ** 2
+    assert largest * (1 - 1e-9) <= differences.norm_bound <= 8
+
+
+def test_differences_in_time_join_each_patch_to_the_next_frame() -> None:
+    hidden, weight = screen_and_column(), 0.7
+    video = np.random.default_rng(4).normal(size=(3, hidden.patches))
+    differences = hidden.differences.over_time(3, weight)
+    found = differences(video.ravel()).reshape(3, 3, -1)
+    for frame in range(3):
+        np.testing.assert_allclose(found[:2, frame], hidden.differences(video[frame]), atol=1e-14)
+    ahead = weight * np.diff(video, axis=0, append=video[-1:])
+    np.testing.assert_allclose(found[2], ahead, atol=1e-14)
+    matrix = differences.matrix.toarray()
+    np.testing.assert_allclose(matrix @ video.ravel(), found.ravel(), atol=1e-14)
+    assert np.linalg.norm(matrix, 2) ** 2 <= differences.norm_bound
+
+
+def test_slopes_are_exact_for_polynomials_and_see_darkness_beyond_the_borders() -> None:
+    hidden = Hidden.of({"screen": (7, 8), "card": (5, 1)})
+    y, x = np.mgrid[:7, :8] / 4
+    f = hidden.join({"screen": x**4 - y**3 * x, "card": np.ones((5, 1))})
+    down, across = (hidden.split(each) for each in hidden.differences.slopes(f))
+    np.testing.assert_allclose(4 * down["screen"][2:-2], (-3 * y**2 * x)[2:-2], atol=1e-12)
+    np.testing.assert_allclose(
+        4 * across["screen"][:, 2:-2], (4 * x**3 - y**3)[:, 2:-2], atol=1e-12
+    )
+    # A bar that moves down loses light at its top and gains it beyond its bottom.
+    np.testing.assert_allclose(12 * down["card"].ravel(), [7, -1, 0, 1, -7], atol=1e-12)
+    assert not across["card"].any()
 
 
 def test_differences_of_surfaces_do_not_meet_and_follow_distances() -> None:

@@ -31,15 +31,11 @@ class Tikhonov:
         U, s, _ = np.linalg.svd(B, full_matrices=False)
         Q = U[:, s > 1e-10 * s[0]]
         projected = A - Q @ (Q.T @ A)  # A⊥
-        rows, columns = scenario.hidden_shape
-        D = np.vstack([
-            np.kron(np.diff(np.eye(rows), axis=0), np.eye(columns)),
-            np.kron(np.eye(rows), np.diff(np.eye(columns), axis=0)),
-        ])
+        D = scenario.hidden.differences.matrix.toarray()
         gram = projected.T @ projected
         mu = self.weight * np.trace(gram) / len(gram)
         self.inverse = np.linalg.solve(gram + mu * D.T @ D, projected.T)
-        self.gain, self.shape = scenario.channel_gain, (rows, columns, 3)
+        self.gain, self.shape = scenario.channel_gain, (*scenario.hidden_shape, 3)
 
     def reconstruct(self, photograph):
         return (self.inverse @ photograph.reshape(-1, 3) / self.gain).reshape(self.shape)

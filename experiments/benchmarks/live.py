@@ -21,7 +21,7 @@ from experiments.benchmarks.scene import SMALL
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
 from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import GIZMO, Offered
+from periscopy_sim.live.page import GIZMO
 from periscopy_sim.live.session import LiveSession
 
 UPDATES, FULL = 5.0, 5.0
@@ -32,25 +32,23 @@ PATIENCE = 120.0
 CHROMIUM = "chromium-headless-shell", "chromium", "chromium-browser"
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 
-SHEET = "[...document.images].find(image => image.naturalWidth > 600)"
-"""The pictures on the page, in its own language."""
-
-COUNT = f"""() => {{
+COUNT = """() => {
     window.pictures = 0;
     new MutationObserver(() => window.pictures++).observe(
-        {SHEET}, {{attributes: true, attributeFilter: ["src"]}});
-}}"""
+        document.getElementById("sheet"), {attributes: true, attributeFilter: ["src"]});
+}"""
+"""Counts the pictures on the page, in its own language."""
 
 
 def live(_: Setting) -> Section:
     """Drag the chair on the page, and count the pictures that come."""
     first = Choice({}, "mushroom")
-    offered = Offered(["mushroom"], ["noise-aware"])
+    offered = ["mushroom"], ["noise-aware"]
     before = os.getloadavg()[0]
     with (
         chromium() as browser,
         LiveSession(
-            ps.load_scenario("chair", SMALL), first, offered, lambda _: "", lambda _: []
+            ps.load_scenario("chair", SMALL), first, *offered, lambda _: "", lambda _: []
         ) as session,
         running(session),
     ):
@@ -123,7 +121,6 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
         page.on("request", lambda request: requests.append(request.url))
         page.on("websocket", lambda websocket: requests.append(websocket.url))
     page.goto(session.page.gate.url)
-    page.wait_for_function(f"!!{SHEET}")
     page.get_by_text("full pictures").wait_for()
     page.wait_for_timeout(2000)  # the scene's first frames
     return page
@@ -132,9 +129,10 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
 def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
     """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
     at = session.page.handles[name].position(session.page.choice.values)
-    grip = at + np.array([0.75 * GIZMO, 0, 0])
-    start = np.array(_on_screen(session, page, grip))
-    end = np.array(_on_screen(session, page, grip + np.array([0.04, 0, 0])))
+    start, end = (
+        np.array(page.evaluate("onScreen", [at[0] + 0.75 * GIZMO + dx, *at[1:]]))
+        for dx in (0, 0.04)
+    )
     page.mouse.move(*start)
     page.wait_for_timeout(300)
     page.mouse.down()
@@ -155,19 +153,3 @@ def _dragged(session: LiveSession, page: Any) -> tuple[float, float]:
     rate = page.evaluate("window.pictures") / (released - begun)
     page.get_by_text("full pictures").wait_for()
     return rate, time.monotonic() - released
-
-
-def _on_screen(session: LiveSession, page: Any, point: np.ndarray) -> tuple[float, float]:
-    """Return where a point of the scene, (3,), is drawn, in pixels of the page."""
-    from scipy.spatial.transform import Rotation
-
-    (client,) = session.page.server.get_clients().values()
-    camera = client.camera
-    w, x, y, z = camera.wxyz
-    local = Rotation.from_quat([x, y, z, w]).inv().apply(np.asarray(point) - camera.position)
-    box = page.locator("canvas").first.bounding_box()
-    focal = box["height"] / 2 / np.tan(camera.fov / 2)
-    return (
-        box["x"] + box["width"] / 2 + focal * local[0] / local[2],
-        box["y"] + box["height"] / 2 + focal * local[1] / local[2],
-    )

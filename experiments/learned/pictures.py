@@ -19,10 +19,11 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from experiments.learned.resuming import digest_of, hold_settings
 from periscopy_sim.figures.style import mpl
 from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.outputs.provenance import sha256_of
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Picture = NDArray[np.float64]
@@ -148,8 +149,9 @@ def main(
     from PIL import Image
 
     others = [] if also is None else sorted(file for file in also.iterdir() if file.is_file())
-    settings = {"seed": seed, "crops": crops, "leaves": leaves, "also_sha256": digest_of(others)}
-    hold_settings(out, "*.png", "set of pictures", settings)
+    settings = {"seed": seed, "crops": crops, "leaves": leaves, "also_sha256": sha256_of(others)}
+    with resumed_folder(out, settings, "set of pictures", ["*.png"]):
+        pass
     photographs = {name: photograph(name) for name in (*COLOURED, *GREY)}
     if also is not None:
         photographs |= photographs_of(also)

@@ -20,10 +20,10 @@ import typer
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.learned.resuming import hold_settings
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 HIDDEN = 29, 36
@@ -142,7 +142,8 @@ def main(
     """Solve the photographs of every geometry, in the true scene and in the ruler's."""
     data = ps.open_dataset(photographs)
     settings = {"seed": seed, "photographs": json.loads(json.dumps(dict(data.attrs)))}
-    hold_settings(out, "*.npz", "set of samples", settings)
+    with resumed_folder(out, settings, "set of samples", ["*.npz"]):
+        pass
     first, _, of = part.partition("/")
     geometries = np.unique(data.geometry.values)[int(first) :: int(of)]
     for number in geometries:

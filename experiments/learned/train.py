@@ -24,11 +24,12 @@ import typer
 from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn, styled
-from experiments.learned.resuming import digest_of
 from experiments.learned.samples import HIDDEN, Samples
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
 from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
+from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 BATCH = 16
@@ -78,7 +79,7 @@ class Geometry:
 
     def __init__(self, samples: Samples, right: bool) -> None:
         self.right = right
-        rows_K = (samples.rows @ laplacian(HIDDEN)).astype(np.float32)
+        rows_K = (samples.rows @ laplacian(Hidden.of(HIDDEN).differences)).astype(np.float32)
         self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
         stacks = samples.data, samples.weights, samples.errors[:, None], samples.start
         self.stacks = [torch.from_numpy(each) for each in stacks]
@@ -128,7 +129,7 @@ def main(
     optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
     curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
-    state, samples_sha256 = out / f"{NETWORK}.pt", digest_of(sorted(samples.glob("*.npz")))
+    state, samples_sha256 = out / f"{NETWORK}.pt", sha256_of(sorted(samples.glob("*.npz")))
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:

@@ -55,19 +55,8 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    from periscopy_sim.analytic.patch_light import Lighting, light_rows
-
-    seen = _seen(scenario)
-    A = np.empty(scenario.transport_shape, np.float32)
-
-    def part(some: tuple[int, int]) -> None:
-        at = slice(*some)
-        lit = Lighting(seen.points[at], seen.normals[at], seen.cells, seen.exponents)
-        light_rows(lit, seen.borders, seen.shape, seen.cut, A[at])
-
-    in_parallel(part, ranges(len(A)))
-    A *= seen.scale
-    return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
+    blocks = [_seen(scenario, name).light() for name in scenario.hidden]
+    return np.hstack(blocks) if len(blocks) > 1 else blocks[0]
 
 
 analytic_transport = area_transport  # the public name
@@ -94,7 +83,8 @@ def has_areas(scenario: Scenario) -> bool:
 
 def require_areas(scenario: Scenario) -> None:
     """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
-    _seen(scenario)
+    for name in scenario.hidden:
+        _seen(scenario, name)
 
 
 def area_derivatives(
@@ -126,16 +116,19 @@ def area_derivatives(
     ClosedFormError
         As there, of any of the scenes.
     """
-    seen = _seen(scenario)
-    moved = [_moved(_seen(b), _seen(a), apart) for a, b, apart in sides]
-    changes = np.empty((len(sides), *scenario.transport_shape), np.float32)
-    _fill_changes(changes, seen, moved)
-    changes *= seen.scale
-    for change, by in zip(changes, moved, strict=True):
-        if by.scale:
-            A = area_transport(scenario) if A is None else A
-            change += by.scale / seen.scale * A
-    return changes
+    blocks = []
+    for name, part in scenario.hidden.slices.items():
+        seen = _seen(scenario, name)
+        moved = [_moved(_seen(b, name), _seen(a, name), apart) for a, b, apart in sides]
+        changes = np.empty((len(sides), len(seen.points), part.stop - part.start), np.float32)
+        _fill_changes(changes, seen, moved)
+        changes *= seen.scale
+        for change, by in zip(changes, moved, strict=True):
+            if by.scale:
+                A = area_transport(scenario) if A is None else A
+                change += by.scale / seen.scale * A[:, part]
+        blocks.append(changes)
+    return np.concatenate(blocks, axis=2) if len(blocks) > 1 else blocks[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +154,25 @@ class _Seen:
         """The edges of the meshes."""
         return borders_of(self.meshes)
 
+    def light(self) -> NDArray[np.float32]:
+        """Return the surface's columns of A, (M, R C)."""
+        from periscopy_sim.analytic.patch_light import Lighting, light_rows
 
-def _seen(scenario: Scenario) -> _Seen:
-    """Bring a scene into the monitor's coordinates; a ClosedFormError says that it cannot."""
-    view, scene = scenario.view, scenario.scene
-    ((name, surface),) = scenario.hidden.items()
+        A = np.empty((len(self.points), int(np.prod(self.shape // self.cut))), np.float32)
+
+        def part(some: tuple[int, int]) -> None:
+            at = slice(*some)
+            lit = Lighting(self.points[at], self.normals[at], self.cells, self.exponents)
+            light_rows(lit, self.borders, self.shape, self.cut, A[at])
+
+        in_parallel(part, ranges(len(A)))
+        A *= self.scale
+        return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
+
+
+def _seen(scenario: Scenario, name: str) -> _Seen:
+    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
     emission = scene.emission[name]
     if view.reflectance is None:
         raise refusal(scene, "wall", "is not diffuse; give it a diffuse bsdf")
@@ -189,12 +196,14 @@ def _seen(scenario: Scenario) -> _Seen:
     if points[..., 2].min() <= 0:
         raise refusal(scene, name, "does not face all of the wall that the camera sees")
     meshes = []
-    for occluder in scene.occluders:
+    for occluder in scene.before(name):
         if occluder.vertices is None or occluder.faces is None:
             raise refusal(scene, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
-        meshes.append((vertices, occluder.faces))
         above = vertices[:, 2] / points[..., 2].min()
+        if above.max() <= FLATNESS:  # behind the surface, it hides nothing of it
+            continue
+        meshes.append((vertices, occluder.faces))
         if above.min() <= FLATNESS or above.max() >= 1 - FLATNESS:
             end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
             raise refusal(scene, occluder.name, f"reaches the {end}; move it between the two")

@@ -77,8 +77,8 @@ def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) ->
         orientation.
     grid
         (L, 3) lights in metres, as (across, distance from the wall, up) about the centre of the
-        field of view; None for the paper's, stretched as the field of view is over the paper's, so
-        that the scene's unit does not matter.
+        field of view; None for the paper's, scaled by the ratio of the fields of view, so that
+        the scene's unit does not matter.
 
     Returns
     -------

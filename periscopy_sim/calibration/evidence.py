@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.hidden import Hidden
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.floating[Any]]
@@ -121,21 +122,23 @@ class SmoothImages:
     precision: Array  # (J, J) K
 
     @classmethod
-    def hats(cls, shape: tuple[int, int], coarse: tuple[int, int]) -> SmoothImages:
-        """Return smooth sums of (r, c) bilinear hat functions, at (R, C) patches.
+    def hats(cls, hidden: Hidden, coarse: Hidden) -> SmoothImages:
+        """Return smooth sums of bilinear hat functions at the patches of hidden surfaces.
 
-        As many hats as patches are the patches. Images of patches cannot follow a shift by half a
-        patch, so the evidence has a minimum at each whole one. Wider hats can.
+        `coarse` has the same surfaces in (r, c) patches, at whose middles the hats stand. As many
+        hats as patches are the patches. Images of patches cannot follow a shift by half a patch, so
+        the evidence has a minimum at each whole one. Wider hats can.
         """
-        down, across = (_hats_along(size, count) for size, count in zip(shape, coarse, strict=True))
-        return cls(sparse.kron(down, across, format="csr"), smoothness(coarse))
+        hats = []
+        for surface, wide in zip(hidden.values(), coarse.values(), strict=True):
+            down, across = map(_hats_along, surface.shape, wide.shape)
+            hats.append(sparse.kron(down, across))
+        return cls(sparse.block_diag(hats, format="csr"), smoothness(coarse))
 
     @classmethod
-    def like(cls, image: Array) -> SmoothImages:
-        """Return images of patches with the edges of an image, (R, C, 3)."""
-        rows, columns, _ = image.shape
-        patches = sparse.identity(rows * columns, format="csr")
-        return cls(patches, smoothness((rows, columns), image))
+    def like(cls, hidden: Hidden, f: Array) -> SmoothImages:
+        """Return images of patches with the edges of images f, (N, C)."""
+        return cls(sparse.eye_array(len(f), format="csr"), smoothness(hidden, f))
 
     @classmethod
     def shown(cls, picture: Matrix) -> SmoothImages:
@@ -189,34 +192,24 @@ class SmoothImages:
         )
 
 
-def smoothness(shape: tuple[int, int], image: Array | None = None) -> Array:
-    """Return K for images of (R, C) patches, (R C, R C), row-major.
+def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
+    """Return K for images of the N patches of hidden surfaces, (N, N).
 
-    fᵀ K f = Σ w (difference of neighbours)² + ε ‖f‖², w = 1, or of an image, (R, C, 3), in
-    proportion to 1/√(‖difference‖² + `FLAT`² its mean square): fᵀ K f is then near its total
-    variation (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond the monitor all is dark: else an
-    image moved until it touches the border would be smoother than one that does not, and the
-    evidence would favour a place whole patches from the right one.
+    xᵀ K x = Σ w (difference of neighbours)² + ε ‖x‖², w = 1, or of images f, (N, C), in proportion
+    to 1/√(‖difference‖² + `FLAT`² their mean square): xᵀ K x is then near the total variation
+    (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an image moved
+    until it touches the border would be smoother than one that does not, and the evidence would
+    favour a place whole patches from the right one.
     """
-    rows, columns = shape
-    along = (
-        sparse.kron(_differences(rows), np.eye(columns)),
-        sparse.kron(np.eye(rows), _differences(columns)),
-    )
-    D = sparse.vstack(along, format="csr")
+    D = hidden.differences.in_the_dark
     weights = np.ones(D.shape[0])
-    if image is not None:
-        edges = np.sum((D @ image.reshape(rows * columns, -1)) ** 2, axis=1)
-        weights = (edges + FLAT**2 * (np.mean(image**2) or 1.0)) ** -0.5
+    if f is not None:
+        edges = np.sum((D @ f) ** 2, axis=1)
+        weights = (edges + FLAT**2 * (np.mean(f**2) or 1.0)) ** -0.5
         weights /= weights.mean()
-    K: Array = D.T @ (weights[:, None] * D.toarray())
+    K: Array = (D.T @ sparse.diags_array(weights) @ D).toarray()
     K[np.diag_indices_from(K)] += BRIGHTNESS
     return K
-
-
-def _differences(size: int) -> Array:
-    """Return the differences, (size + 1, size), of a row of patches in the dark."""
-    return np.diff(np.eye(size + 2)[:, 1:-1], axis=0)
 
 
 def _hats_along(size: int, count: int) -> Any:

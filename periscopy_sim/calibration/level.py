@@ -132,12 +132,13 @@ class ResolutionLevel:
         return float(self.precision @ (point - self.center) ** 2)
 
     def with_edges(self, found: Candidate) -> ResolutionLevel:
-        """Return the level whose unknown images are smooth but for the edges of those found."""
+        """Return a level whose image prior uses the edges of the estimated images."""
         groups = []
         for group, explained in zip(self.groups, found.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
-                for light, image in zip(group.light, explained.images, strict=True):
-                    groups.append(Group(light[None], SmoothImages.like(image)))
+                for light, f in zip(group.light, explained.images, strict=True):
+                    images = SmoothImages.like(self.scene.scenario.hidden, f)
+                    groups.append(Group(light[None], images))
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))

@@ -15,7 +15,7 @@ from periscopy_sim.calibration.moving_scene import MovingScene, fitted
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.hidden import Hidden
+from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.numerics import Array, Image
@@ -69,7 +69,7 @@ class CalibrationProblem:
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
         channels = self.photographs[0].values.shape[2]
-        return self._level(PIXELS_A_PATCH, SharpImages(self._hidden, channels))
+        return self._level(PIXELS_A_PATCH, SharpImages(self._in_patches(self._hidden), channels))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -91,7 +91,11 @@ class CalibrationProblem:
 
     @property
     def _smooth(self) -> SmoothImages:
-        return SmoothImages.hats(self._hidden, fitted(self._hidden, COARSE_HATS))
+        coarse = fitted(self._hidden, COARSE_HATS)
+        return SmoothImages.hats(*map(self._in_patches, (self._hidden, coarse)))
+
+    def _in_patches(self, size: Size) -> Hidden:
+        return Hidden.of_scene(self.scenario.scene, size)
 
     @cached_property
     def _averaged(self) -> list[Photograph]:
@@ -111,7 +115,7 @@ class CalibrationProblem:
         shape = pixels.shape[0], pixels.shape[1]
         world = self.scenario.scene
         view = View.of(world, shape, across=-(-LARGEST // max(shape)))
-        part = Scenario(view.of_pixels(pixels), Hidden.of_scene(world, self._hidden))
+        part = Scenario(view.of_pixels(pixels), self._in_patches(self._hidden))
         scene = MovingScene(part, self.names, self.errors)
         Q = background_basis(point_light_backgrounds(view)[pixels.ravel()])
         off = [each[pixels] for each in first.monitor_off.values()]

@@ -21,6 +21,7 @@ import numpy as np
 from scipy import linalg
 
 from periscopy_sim.calibration.evidence import ROUNDING, Explanation, Matrix
+from periscopy_sim.hidden import Differences, Hidden
 from periscopy_sim.model.uncertainty import curvature_of_total_variation
 from periscopy_sim.numerics import Array
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
@@ -38,9 +39,9 @@ DARK = 1e-4
 
 @dataclass(frozen=True)
 class SharpImages:
-    """What a monitor of (R, C) patches may have shown in some channels; see the module."""
+    """What hidden surfaces may have shown in some channels; see the module."""
 
-    shape: tuple[int, int]
+    hidden: Hidden
     channels: int = 3
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SharpExplanation:
@@ -48,15 +49,17 @@ class SharpImages:
 
         The background is an orthonormal basis of range(B), (M, r).
         """
+        (surface,) = self.hidden.values()
         method = NoiseAware(
             A,
             background,
-            hidden_shape=self.shape,
+            hidden_shape=surface.shape,
             profiles=False,
             corrections=(),
             tolerance=TOLERANCE,
         )
         freedom, dimensions = len(A) - background.shape[1], self.channels * A.shape[1]
+        differences = self.hidden.differences
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
         evidence, images, residuals, noises = 0.0, [], [], []
         for light in y.T.reshape(-1, self.channels, len(A)):
@@ -64,41 +67,37 @@ class SharpImages:
             method.regularization, split = REGULARIZATION, None
             for _ in range(ROUNDS):
                 solution, split = method.recover(shown, start=split)
-                image = solution.image
-                residual = method.fit.project_out(light - (A @ image.reshape(-1, self.channels)).T)
+                f = self.hidden.vector(solution.image)
+                residual = method.fit.project_out(light - (A @ f).T)
                 noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
-                variation = _variation(image) + darkest / method.fit.norm
+                variation = differences.norms(f).sum() + darkest / method.fit.norm
                 λ = 2 * dimensions / variation
                 shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
                 method.regularization = λ * float(noise.mean()) / method.fit.norm
             evidence += 2 * freedom * float(np.log(noise).sum())
             evidence += 2 * dimensions * np.log(method.fit.norm * variation)
-            images.append(image)
+            images.append(f)
             residuals.append(residual)
             noises.append(noise)
         return SharpExplanation(
             evidence=evidence,
             noise=np.concatenate(noises),
-            lights=np.hstack([image.reshape(-1, self.channels) for image in images]),
+            lights=np.hstack(images),
             residual=np.concatenate(residuals).T.astype(np.float64),
             energy=np.sum(method.fit.project_out(y.T) ** 2, axis=1, dtype=np.float64),
             background=background,
             images=tuple(images),
+            differences=differences,
             columns=A - background @ (background.T @ A),
         )
-
-
-def _variation(image: Array) -> float:
-    """Return Σ ‖∇f‖ of an image, (R, C, 3), over both directions and all colours."""
-    steps = [np.diff(image, axis=axis, append=np.take(image, [-1], axis)) for axis in (0, 1)]
-    return float(np.sqrt(np.sum(np.square(steps), axis=(0, 3))).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class SharpExplanation(Explanation):
     """Photographs explained by a transport matrix, images of few edges and ambient light."""
 
-    images: tuple[Array, ...]  # K of (R, C, 3) f̂
+    images: tuple[Array, ...]  # K of (N, C) f̂
+    differences: Differences  # ∇ of the images
     columns: Array  # (M, N) A⊥
 
     @cached_property
@@ -114,11 +113,12 @@ class SharpExplanation(Explanation):
         are lit.
         """
         beyond, gram = np.empty_like(motion), self.columns.T @ self.columns
-        for k, image in enumerate(self.images):
-            λ = 2 * image.size / (_variation(image) or 1.0)  # of a black image nothing is lit
-            stiffness = curvature_of_total_variation(image, λ).toarray()
-            for c, values in enumerate(image.reshape(len(gram), -1).T, k * image.shape[2]):
-                lit = values > DARK * image.max()
+        for k, f in enumerate(self.images):
+            variation = self.differences.norms(f).sum() or 1.0  # of a black image nothing is lit
+            λ = 2 * f.size / variation
+            stiffness = curvature_of_total_variation(self.differences, f, λ).toarray()
+            for c, values in enumerate(f.T, k * f.shape[1]):
+                lit = values > DARK * f.max()
                 X, J = self.columns[:, lit], motion[:, :, c].T
                 H = gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
                 beyond[:, :, c] = (J - X @ linalg.solve(H, X.T @ J, assume_a="pos")).T

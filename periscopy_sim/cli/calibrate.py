@@ -262,11 +262,11 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     from periscopy_sim.model.residual import percentages, with_error
 
     before, after = percentages(*result.unexplained)
-    verdict = "" if result.moved else "; the measured values explain as much, and stay"
+    verdict = "" if result.moved else "; no significant improvement, the measured values are kept"
     say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
     if result.overdispersion > 1:
-        weight = f"1/{result.overdispersion:g} of its weight"
-        say(f"the photograph has {weight}, because the scene does not explain all of it")
+        reason = "because the scene does not explain it fully"
+        say(f"the photograph's weight was divided by {result.overdispersion:g} {reason}")
     width = max(len(p.name) for p in result.parameters)
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))

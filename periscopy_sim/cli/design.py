@@ -1,8 +1,9 @@
 """`periscopy design`: where to look, and which occluder to take."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +21,9 @@ from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
+if TYPE_CHECKING:
+    from periscopy_sim.evaluation.design import Row
+
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
 
@@ -27,7 +31,7 @@ class By(StrEnum):
     """Criterion that ranks the points."""
 
     bound = "bound"
-    told = "told"
+    reported = "reported"
 
 
 def design(
@@ -58,29 +62,27 @@ def design(
     """
     from periscopy_sim.evaluation import design as designs
     from periscopy_sim.evaluation.sweep import image_sha256
-    from periscopy_sim.figures.design import draw_design
     from periscopy_sim.rendering.transport.bounced import channels_mean
 
-    path, given, seed = session.path, session.definitions, session.seed
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
         raise PeriscopyError("--vary: name one or two parameters")
+    names = [] if images == "none" else options.parse_list("--images", images)
+    if by is By.reported and not names:
+        raise PeriscopyError("--by reported needs images; leave --images out")
     start = start_values(session.scenario.document, list(ranges))
     given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
     points = [given_point, *designs.grid_of(ranges, grid)]
-    names = [] if images == "none" else options.parse_list("--images", images)
-    if by is By.told and not names:
-        raise PeriscopyError("--by told needs images; leave --images out")
     shown = {name: session.hidden_image(name) for name in names}
     check_memory(session.scenario)
     session.check_lights()
-    plan = light.plan(session.scenario, noise_to_signal(snr, sbr), seed)
+    plan = light.plan(session.scenario, noise_to_signal(snr, sbr), session.seed)
     pixels = session.scenario.transport_shape[0]
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:
         """Return the errors of the scene with these values."""
-        scenario = ps.load_scenario(path, session.size, {**given, **values})
-        A = channels_mean(light.transport(scenario, plan, seed, "gauss"))
+        scenario = ps.load_scenario(session.path, session.size, {**session.definitions, **values})
+        A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
         B, images = light.backgrounds(scenario), list(shown.values())
         return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
 
@@ -88,7 +90,7 @@ def design(
         "hidden_shape": list(session.size),
         "ranges": {name: list(ends) for name, ends in ranges.items()},
         "grid": grid,
-        "seed": seed,
+        "seed": session.seed,
         "snr": snr,
         "sbr": str(sbr),
         "images": [[name, image_sha256(image)] for name, image in shown.items()],
@@ -96,38 +98,61 @@ def design(
         **light.origin,
     }
     origin = {n: each for n, each in session.provenance.items() if n not in ("command", "scene")}
-    caption = f"{session.hidden} patches, SNR {snr:g} dB, SBR {sbr:g}"
     with resumed_folder(out, {**origin, **settings}, "design", FILES):
         with progress("designing", "scenes") as report:
             rows = designs.run_design(points, errors, out / TABLE, report)
-        order = designs.ranked(rows, "told_error" if by is By.told else "bound")
-        best = order[0] if order else None
-        with staged_file(out / PICTURE) as file:
-            draw_design(file, rows, best, caption=caption, metadata=session.metadata)
-        (out / BEST).unlink(missing_ok=True)  # of another --by
-        if best is not None:
-            remark = f"periscopy design: best of {len(order)} by {by.value}; {caption}"
-            with staged_file(out / BEST) as file:
-                write_copy(session.scenario.document, designs.values_of(best), file, remark)
-                ps.load_scenario(file, session.size)
-        record = {
-            **settings,
-            "by": by.value,
-            "best": best,
-            "ranking": [row["point"] for row in order],
-            "failed": {row["point"]: row["failure"] for row in rows if row["failure"]},
-            "provenance": session.provenance,
-        }
-        with staged_file(out / RECORD) as file:
-            write_json(file, record)
+        ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
+        _write_results(session, out, rows, ranking, {**settings, "by": by.value})
+    best = ranking[0] if ranking else None
+    _say_rows(rows, best)
+    say_written(*(out / name for name in FILES if name != BEST or best is not None))
+
+
+def _write_results(
+    session: Session,
+    out: Path,
+    rows: "Sequence[Row]",
+    ranking: "Sequence[Row]",
+    settings: Mapping[str, Any],
+) -> None:
+    """Write the picture, the best scene, if there is one, and the record."""
+    from periscopy_sim.evaluation.design import values_of
+    from periscopy_sim.figures.design import draw_design
+
+    best = ranking[0] if ranking else None
+    caption = "{} patches, SNR {:g} dB, SBR {:g}".format(
+        session.hidden, settings["snr"], float(settings["sbr"])
+    )
+    with staged_file(out / PICTURE) as file:
+        draw_design(file, rows, best, caption=caption, metadata=session.metadata)
+    (out / BEST).unlink(missing_ok=True)  # of another --by
+    if best is not None:
+        remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
+        with staged_file(out / BEST) as file:
+            write_copy(session.scenario.document, values_of(best), file, remark)
+            ps.load_scenario(file, session.size)
+    record = {
+        **settings,
+        "best": best,
+        "ranking": [row["point"] for row in ranking],
+        "failed": {row["point"]: row["failure"] for row in rows if row["failure"]},
+        "provenance": session.provenance,
+    }
+    with staged_file(out / RECORD) as file:
+        write_json(file, record)
+
+
+def _say_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
+    """Print the errors of the given and the best scene; warn of points that are no scenes."""
+    from periscopy_sim.evaluation.design import NUMBERS, values_of
+
     for row in rows:
-        place = ", ".join(f"{name}={value}" for name, value in designs.values_of(row).items())
+        place = ", ".join(f"{name}={value}" for name, value in values_of(row).items())
         if row["failure"]:
             warn(f"{place}: {row['failure']}")
         elif row["point"] == 0 or row is best:
-            numbers = {name: row[name] for name in designs.NUMBERS if row[name] is not None}
-            shown_errors = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
-            say(f"{'best' if row is best else 'given scene'} ({place}): {shown_errors} of white")
+            numbers = {name: row[name] for name in NUMBERS if row[name] is not None}
+            shown = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
+            say(f"{'best' if row is best else 'given scene'} ({place}): {shown} of white")
     if best is None:
         warn(sentence("no_best"))
-    say_written(*(out / name for name in FILES if name != BEST or best is not None))

@@ -82,37 +82,38 @@ class OptionGroup:
     ``Annotated[Group, {"hidden": "29x36"}]`` with other defaults.
     """
 
+    @classmethod
+    def parameters(cls, defaults: Mapping[str, Any]) -> list[inspect.Parameter]:
+        """Return the parameters of the constructor, some of them with other defaults."""
+        members = inspect.signature(cls, eval_str=True).parameters.values()
+        return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
+
 
 def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that takes the options of its groups one by one."""
-    parameters: dict[str, inspect.Parameter] = {}
+    parameters: list[inspect.Parameter] = []
     groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
     for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
         group, *others = get_args(parameter.annotation) or (parameter.annotation,)
-        if not (isinstance(group, type) and issubclass(group, OptionGroup)):
-            parameters[name] = parameter
-            continue
-        members = inspect.signature(group, eval_str=True).parameters
-        groups[name] = group, list(members)
-        defaults: Mapping[str, Any] = others[0] if others else {}
-        for each, member in members.items():
-            parameters[each] = member.replace(default=defaults.get(each, member.default))
+        members = [parameter]
+        if isinstance(group, type) and issubclass(group, OptionGroup):
+            members = group.parameters(*others or ({},))
+            groups[name] = group, [each.name for each in members]
+        parameters += members
 
     def run(**values: Any) -> None:
         for name, (group, members) in groups.items():
             values[name] = group(**{each: values.pop(each) for each in members})
         command(**values)
 
-    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters.values()]
-    keywords.sort(
-        key=lambda p: GROUPS.index(
-            getattr((p, *get_args(p.annotation))[-1], "rich_help_panel", None)
-        )
-    )
+    def place(parameter: inspect.Parameter) -> int:
+        *_, described = (None, *get_args(parameter.annotation))
+        return GROUPS.index(getattr(described, "rich_help_panel", None))
+
+    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
     described: Any = run
     described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
-    described.__signature__ = inspect.Signature(keywords)
-    described.__annotations__ = {each.name: each.annotation for each in keywords}
+    described.__signature__ = inspect.Signature(sorted(keywords, key=place))
     return run
 
 
@@ -162,7 +163,7 @@ MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH, exis
 MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH, exists=True)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
-ModelOption = Annotated[Model | None, typer.Option(help=_MODEL, rich_help_panel=LIGHT)]
+ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 MatrixOption = Annotated[
     Path | None, option("FILE", "Read A from an NPY file.", "--transport", group=LIGHT, exists=True)
@@ -249,36 +250,32 @@ def _argument(taken: Mapping[str, Option]) -> Any:
     listed = "; ".join(f"{default} for {', '.join(names)}" for default, names in defaults.items())
     group = SOLVER if first.name.endswith("weight") else EXPERT
     least, most = min(e.least for e in taken.values()), max(e.most for e in taken.values())
-    limits: dict[str, Any] = {"min": least, "max": most, "show_default": False}
     words = f"{first.help} Default: {listed}."
-    return Annotated[float | None, option("NUMBER", words, group=group, **limits)]
+    return Annotated[float | None, option("NUMBER", words, group=group, min=least, max=most)]
 
 
-def _signature(offered: Offered) -> inspect.Signature:
-    by_name: dict[str, dict[str, Option]] = {}
-    for method, options in offered.items():
-        for each in options:
-            by_name.setdefault(each.name, {})[method] = each
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Signature([
-        inspect.Parameter(name, kind, default=None, annotation=_argument(taken))
-        for name, taken in by_name.items()
-    ])  # fmt: skip
-
-
-class StillNumbers(OptionGroup):
-    """The values of the options of methods for stills, None where the user gave none."""
-
-    __signature__ = _signature(FOR_STILLS)
+class MethodNumbers(OptionGroup):
+    """The values of the options of methods, None where the user gave none."""
 
     def __init__(self, **values: float | None) -> None:
         self.values = values
 
+    @classmethod
+    def parameters(cls, offered: Offered) -> list[inspect.Parameter]:
+        """Return a parameter for each option that any of the offered methods takes."""
+        by_name: dict[str, dict[str, Option]] = {}
+        for method, options in offered.items():
+            for each in options:
+                by_name.setdefault(each.name, {})[method] = each
+        kind = inspect.Parameter.KEYWORD_ONLY
+        return [
+            inspect.Parameter(name, kind, default=None, annotation=_argument(taken))
+            for name, taken in by_name.items()
+        ]
 
-class VideoNumbers(StillNumbers):
-    """The values of the options of methods for videos."""
 
-    __signature__ = _signature(FOR_VIDEOS)
+StillNumbers = Annotated[MethodNumbers, FOR_STILLS]
+VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 
 
 # -- forms of values -----------------------------------------------------------------------------

@@ -16,6 +16,8 @@ from pydantic.dataclasses import dataclass
 
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
+from periscopy_sim.figures.animation import draw_contact_sheet
+from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
@@ -253,9 +255,6 @@ def export_samples(
     ``sheet.png``, where a photograph is scaled to its brightest value. `progress` is called with
     the samples written and their number.
     """
-    from periscopy_sim.figures.animation import draw_contact_sheet
-    from periscopy_sim.storage.formats.exr import write_exr
-
     path = Path(path)
     data = open_dataset(path, incomplete=True)
     last = data.sizes["sample"] - 1

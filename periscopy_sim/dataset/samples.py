@@ -33,7 +33,9 @@ from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import times_rows
-from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
 from periscopy_sim.storage.photographs import read_photograph
@@ -92,7 +94,7 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     among them as nearly by their sizes as it can be, the first to the largest. A scene of which
     nothing varies continuously comes again: its splits follow from what it is.
     """
-    golden = (np.sqrt(5) - 1) / 2
+    golden = (np.sqrt(5) - 1) / 2  # its multiples mod 1 fill [0, 1) most evenly at any count
     rng = generator(configuration, GEOMETRY, number)
     source = _weighted(rng, configuration.scenes)
     scene = configuration.scenes[source]
@@ -103,7 +105,7 @@ def draw_geometry(configuration: Configuration, number: int) -> GeometryDraw:
     sizes = np.array([getattr(configuration.splits, name) for name in SPLITS])
     edges = np.cumsum(sizes)
     if any(isinstance(q, Distribution) and q.is_continuous for q in scene.parameters.values()):
-        largest = int(sizes.argmax())
+        largest = int(sizes.argmax())  # the first is in its middle: few geometries are for training
         place = (edges[largest] - sizes[largest] / 2 + number * golden) % 1
     else:
         # By the file's name, not its folder: the same data set on every machine.
@@ -118,6 +120,8 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     rng = generator(configuration, CLIP, number)
     source = configuration.hidden_images[_weighted(rng, configuration.hidden_images)]
     size = configuration.hidden
+    # Every draw is taken, even of an SBR that darkness does not use: other settings of one kind of
+    # draw leave the later ones as they are.
     shown = source.draw(rng, size, configuration.clip_length)
     hidden = np.broadcast_to(shown, (configuration.clip_length, *size, 3))
     ambient = _draw_ambient(configuration, rng)
@@ -136,6 +140,7 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
     names = source.names if isinstance(source, Conditions) else source.files
     count = min(round(source.mixed.draw(rng)), len(names))
     chosen = np.sort(rng.choice(len(names), count, replace=False)).tolist()
+    # Uniform over all mixtures: weights that add up to 1.
     weights = rng.dirichlet(np.ones(count)) if count > 1 else np.ones(1)
     turned = rng.random((count, 2)) < (0.5 if source.flip else 0)
     mixture = tuple(zip(chosen, weights.tolist(), *turned.T.tolist(), strict=True))
@@ -172,37 +177,38 @@ def make_samples(
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
     scales = np.empty(len(hidden))
 
+    def mixed(light: Array) -> Array:
+        return light if configuration.colours is None else configuration.colours.mix(light)
+
     def expose(number: int) -> None:
         """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
-        clip, first = clips[number], number * length
+        clip, frames = clips[number], slice(number * length, (number + 1) * length)
         light = _background(clip.ambient, scenario, frame, backgrounds)
-        frames = slice(first, first + length)
-        mean = signals[frames].mean()
+        signal, mean = signals[frames], signals[frames].mean()  # of the clip: frames may differ
         if not mean > 0:
             raise ConfigurationError(
-                f"sample {start + first}: no light of the monitor reaches the wall; move what "
-                "stands between them, or raise the samples of light"
+                f"sample {start + frames.start}: no light of the monitor reaches the wall; move "
+                "what stands between them, or raise the samples of light"
             )
-        exposed, share = signals[frames] / mean, 1.0
+        # y = t (s A f / mean A f + (1 - s) b / mean b): exposure t, the monitor's share s of a
+        # light of unit mean, so that exposure and SBR vary independently.
+        share = 1.0 if light is None else clip.sbr / (1 + clip.sbr)
+        scales[frames] = clip.exposure * share / mean  # y = scale A f + background + noise
+        exposed = signal / mean
         if light is not None:
-            share = clip.sbr / (1 + clip.sbr)
-            exposed = composite(signals[frames], np.stack([light] * length), clip.sbr)
+            exposed = composite(signal, np.stack([light] * length), clip.sbr)
             if configuration.keep_background:
-                ambient[frames] = light * (clip.exposure * (1 - share) / light.mean())
-                if configuration.colours is not None:
-                    ambient[frames] = configuration.colours.mix(ambient[frames])
-        scales[frames] = clip.exposure * share / mean
-        if configuration.colours is not None:
-            exposed = configuration.colours.mix(exposed)
-        for k, picture in enumerate(exposed, first):
+                ambient[frames] = mixed(light * (clip.exposure * (1 - share) / light.mean()))
+        for k, picture in enumerate(mixed(exposed), frames.start):
+            # A stream for each sample: the same noise in whichever block it is made.
             noise = int(generator(configuration, NOISE, start + k).integers(2**31))
             photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)
 
     in_parallel(expose, range(len(clips)))
-    if configuration.saturation is not None:
+    if configuration.saturation is not None:  # after the noise, as in a sensor
         np.minimum(photographs, configuration.saturation, out=photographs)
     dtype = configuration.photograph_type
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # half precision ends at 65504; the check below says so
         kept = photographs.astype(dtype, copy=False)
     if not np.isfinite(kept).all():
         raise ConfigurationError(f"samples from {start} on do not fit {dtype}; lower the exposure")
@@ -222,6 +228,8 @@ def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
     scenario, A = geometry.scenario, geometry.transport
     f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
+    # One product with the channels' mean of A serves all frames and channels; bounced light alone
+    # differs by channel, and is added as the small difference from that mean.
     y = times_rows(rows, channels_mean(A)).reshape(len(hidden), 3, -1)
     if isinstance(A, BouncedTransport):
         y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
@@ -245,7 +253,7 @@ def _background(
     total = np.zeros(shape)
     for which, weight, down, across in ambient.mixture:
         picture = pictures[which, :: -1 if down else 1, :: -1 if across else 1].astype(np.float64)
-        total += weight / picture.mean() * picture
+        total += weight / picture.mean() * picture  # weights are of light, whatever the unit
     return total * scenario.channel_gain
 
 
@@ -298,8 +306,6 @@ class Geometry:
 
 def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
     """Return the scene of a geometry; the error of one that cannot be loaded has its parameters."""
-    from periscopy_sim.rendering.scene.load import load_scenario
-
     scene = configuration.scenes[draw.source].scene
     place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
     try:
@@ -317,9 +323,6 @@ def geometry_of(configuration: str, number: int) -> Geometry:
 
 @lru_cache(maxsize=4)  # direct light takes 66 MB each at 36 x 29 patches and 126 x 126 pixels
 def _rendered(configuration: str, number: int) -> Geometry:
-    from periscopy_sim.rendering.transport.bounced import add_bounces
-    from periscopy_sim.rendering.transport.shadow_rays import render_transport
-
     settings = Configuration.model_validate_json(configuration)
     draw, light = draw_geometry(settings, number), settings.light
     scenario = scenario_of(settings, draw)

@@ -27,7 +27,7 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.staging import staged_file
 
-NUMBERS = ("bound", "told_error", "error")
+NUMBERS = ("bound", "reported_error", "error")
 """Errors of a scene, as `errors_of` returns them: standard deviations, white is 1."""
 
 FIXED = ("point", *NUMBERS, "failure")
@@ -62,9 +62,9 @@ def errors_of(
 
     ``bound`` is the root of the patches' mean Cramér-Rao bound, σ² tr (A⊥ᵀA⊥)⁻¹ / N, with range(B)
     projected out and σ the noise of a white screen's photograph; it is infinite if the photograph
-    does not determine all patches. ``told_error`` and ``error`` are the root mean squares of the
-    standard errors that the noise-aware method reports and of its actual errors, over the images;
-    without images, the bound is alone.
+    does not determine all patches. ``reported_error`` and ``error`` are the root mean squares of
+    the standard errors that the noise-aware method reports and of its actual errors, over the
+    images; without images, the bound is alone.
 
     A is (M, N), B (M, L), the images are (R, C, 3) in [0, 1], the SNR is in dB; an infinite SBR is
     no ambient light. A photograph of `pixels` has this SNR, which others share the electrons of;
@@ -97,8 +97,8 @@ def errors_of(
             solution = method.solve(noisy.reshape(*scenario.photograph_shape, 3))
             errors = method.standard_errors(solution), solution.image - image
             squares.append([np.mean(each**2) for each in errors])
-    told_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()
-    return {"bound": bound, "told_error": told_error, "error": error}
+    reported_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()
+    return {"bound": bound, "reported_error": reported_error, "error": error}
 
 
 def _unit_bound(fit: Fit) -> float:

@@ -200,7 +200,7 @@ def promised(image: Any, hidden_shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 class OwnMethod(StillMethod[np.float64]):
-    """A user's own method; its report is that of the multiple of each channel that fits best."""
+    """A user's own method; its report rescales each channel to the best fit."""
 
     def __init__(self, A: Matrix, B: Matrix | None = None, *, method: Method, **observed: Any):
         super().__init__(A, **observed)

@@ -11,6 +11,8 @@ from importlib import metadata
 from itertools import islice
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from periscopy_sim.errors import PeriscopyError
 
 if TYPE_CHECKING:
@@ -37,7 +39,6 @@ def connect(scheduler: str | None) -> "Iterator[Client]":
     the same versions.
     """
     from distributed import Client
-    from threadpoolctl import threadpool_limits
 
     check_scheduler(scheduler)
     settings: dict[str, Any] = {"address": scheduler, "timeout": CONNECTING}
@@ -158,8 +159,6 @@ class _Parcel:
 def _on_one_thread(
     task: Callable[[Any, Item], Result], parcel: _Parcel, item: Item
 ) -> tuple[Item, Result]:
-    from threadpoolctl import threadpool_limits
-
     # Never undone: another task of this process may be in the midst of its products.
     threadpool_limits(1)
     return item, task(parcel.content, item)

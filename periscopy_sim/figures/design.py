@@ -14,7 +14,7 @@ Marked = Sequence[tuple[Row, str]]
 
 DRAWN = {
     "bound": "Cramér-Rao bound",
-    "told_error": "reported error, noise-aware",
+    "reported_error": "reported error, noise-aware",
     "error": "actual error, noise-aware",
 }
 """Numbers of a row that are drawn, in percent of white, and their titles."""

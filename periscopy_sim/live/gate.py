@@ -1,25 +1,27 @@
-"""The gate of the page: who may connect to its server, and which messages may enter.
+"""The server of the page, and its gate: who may connect, and which messages may enter.
 
-A websocket accepts connections from every page that the browser shows, and viser applies whatever
-a client sends. The gate stands before both: it asks for the page's own Host and Origin and for the
-token in the page's address, and it passes on a message only if a control of the page can send it.
-Rejections are logged, at most one line a second.
+A websocket accepts connections from every page that the browser shows. The gate asks for the page's
+own Host and Origin and for the token in the page's address, and it passes on a message only if the
+page offers what the message asks for. Rejections are logged, at most one line a second.
 """
 
+import asyncio
 import contextlib
 import ipaddress
+import json
 import logging
 import secrets
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
 from http import HTTPStatus
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from threading import Lock, Thread
+from typing import Any
 from urllib.parse import urlsplit
 
-import msgspec
-import websockets.asyncio.server as websockets_server
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from periscopy_sim.errors import PeriscopyError
@@ -27,42 +29,36 @@ from periscopy_sim.errors import PeriscopyError
 LOG = logging.getLogger(__name__)
 
 LARGEST = 2**14
-"""Bytes of a message; those of the page have some 300."""
+"""Bytes of a message; those of the page have some 100."""
 
-Number = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
-"""A finite number, as a camera or a handle has them."""
-
-Place = tuple[Number, Number, Number]
-
-_NAME = [("name", str), ("owner", str)]
-_POSE = [("wxyz", tuple[Number, Number, Number, Number]), ("position", Place)]
-_LOOK = [("look_at", Place), ("up_direction", Place)]
-_LENS = [(name, Number) for name in ("fov", "near", "far", "image_height", "image_width")]
-
-MESSAGES: dict[str, Any] = {
-    name: msgspec.defstruct(name, fields, forbid_unknown_fields=True)
-    for name, fields in (
-        ("GuiUpdateMessage", [("uuid", str), ("updates", dict[Literal["value"], Any])]),
-        ("TransformControlsDragStartMessage", _NAME),
-        ("TransformControlsUpdateMessage", _NAME + _POSE),
-        ("TransformControlsDragEndMessage", _NAME),
-        ("ViewerCameraMessage", _POSE + _LOOK + _LENS),
-    )
+FILES = {
+    f"/{'' if name == 'page.html' else name}": (kind, Path(__file__).with_name(name).read_bytes())
+    for name, kind in (("page.html", "text/html"), ("page.js", "text/javascript"))
 }
-"""The messages that the page sends, by viser's names, and their fields."""
+"""What the server serves, by its path behind the token."""
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; img-src data:; "
+    "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+"""The page's own script alone runs, and no other page may frame it."""
 
 
 class Gate:
-    """A listening socket, the token of its page, and the values that the page's controls offer.
+    """The server of a page: a listening socket, a token, and the state that all viewers see.
 
-    Port 0 takes a free one. `token` begins every path that the server serves, `rejected` counts
-    connections and messages. A PeriscopyError says that the port is taken, or the address is none
-    of this computer.
+    Port 0 takes a free one. `receive` takes a message of a viewer, decoded, and raises a ValueError
+    if the page offers nothing like it; `leave` is called when a viewer is gone. Both are called in
+    the server's thread, and must be quick. `token` begins every path that the server serves,
+    `rejected` counts connections and messages. A PeriscopyError says that the port is taken, or the
+    address is none of this computer.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(
+        self, host: str, port: int, receive: Callable[[Any], None], leave: Callable[[], None]
+    ) -> None:
         self._host, self.token = host, secrets.token_urlsafe(16)
-        self._offered: dict[str, Any] = {}
+        self._receive, self._leave = receive, leave
         self.rejected, self._logged, self._last_line = 0, 0, -1.0
         try:
             family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -73,6 +69,12 @@ class Gate:
             ) from None
         bound, self.port, *_ = self._socket.getsockname()
         self._address = ipaddress.ip_address(bound)
+        self._state: dict[str, tuple[int, str]] = {}  # by name: when it changed, and as JSON
+        self._changes, self._lock = 0, Lock()
+        self._loop = asyncio.new_event_loop()
+        self._changed, self._closed = asyncio.Event(), asyncio.Event()
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     @property
     def url(self) -> str:
@@ -92,61 +94,91 @@ class Gate:
         """Whether other computers can connect."""
         return not self._address.is_loopback
 
-    def offer_names(self, control: str, names: Sequence[str]) -> None:
-        """Accept one of some names from a control; the control "handle" is all handles."""
-        self._offered[control] = Literal[tuple(names)]
+    def publish(self, **state: Any) -> None:
+        """Show all viewers parts of the state, by name, in one message.
 
-    def offer_values(self, control: str, ends: tuple[float, float] | None = None) -> None:
-        """Accept numbers from one end to the other from a control, or true and false."""
-        within = ends and Annotated[float, msgspec.Meta(ge=ends[0], le=ends[1])]
-        self._offered[control] = within or bool
-
-    @contextlib.contextmanager
-    def guarding(self) -> Iterator[None]:
-        """Let the viser server that is made in this context serve behind the gate.
-
-        A RuntimeError says that no server did, and that it may serve without it.
+        A viewer who is slow gets the latest of each part, and none that is out of date.
         """
-        gate, original, is_guarded = self, websockets_server.serve, False
+        with self._lock:
+            self._changes += 1
+            self._state |= {name: (self._changes, json.dumps(each)) for name, each in state.items()}
+        with contextlib.suppress(RuntimeError):  # the server is closed
+            self._loop.call_soon_threadsafe(self._wake)
+
+    def close(self) -> None:
+        """End the page for all viewers."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._closed.set)
+        self._thread.join()
+
+    # -- the server's thread -----------------------------------------------------------------------
+
+    def _run(self) -> None:
         quiet = LOG.getChild("connections")  # would show the traceback of each that fails
         quiet.setLevel(logging.CRITICAL + 1)
 
-        class Guarded(ServerConnection):
-            async def recv(self, decode: bool | None = None) -> Any:
-                while True:
-                    message = await super().recv(decode)
-                    if not (fault := gate.fault_of(message)):
-                        return message
-                    gate.reject(fault)
+        async def until_closed() -> None:
+            async with serve(
+                self._attend, sock=self._socket, process_request=self._answer, max_size=LARGEST,
+                compression=None, logger=quiet,
+            ):  # fmt: skip
+                await self._closed.wait()
 
-        def serve(handler: Any, *_: Any, **options: Any) -> Any:
-            nonlocal is_guarded
-            is_guarded = True
-            answer = options["process_request"]
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(until_closed())
 
-            def process(connection: ServerConnection, request: Request) -> Response | None:
-                if fault := gate.fault_of_request(request):
-                    gate.reject(fault)
-                    return connection.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
-                request.path = request.path.removeprefix(f"/{gate.token}") or "/"
-                response: Response | None = answer(connection, request)
-                return response
+    def _wake(self) -> None:
+        """Let every viewer's task look for news."""
+        self._changed.set()
+        self._changed = asyncio.Event()
 
-            options |= {
-                "process_request": process, "create_connection": Guarded, "max_size": LARGEST,
-                "logger": quiet, "sock": gate._socket,
-            }  # fmt: skip
-            return original(handler, **options)
-
-        websockets_server.serve = serve  # type: ignore[assignment,misc]
+    async def _attend(self, viewer: ServerConnection) -> None:
+        news = asyncio.create_task(self._send_news(viewer))
         try:
-            yield
+            async for message in viewer:
+                try:
+                    self._receive(json.loads(message))
+                except (ValueError, RecursionError) as error:
+                    self.reject(f"a message that no control sends: {error}")
         finally:
-            websockets_server.serve = original  # type: ignore[misc]
-        if not is_guarded:
-            raise RuntimeError("this version of viser does not serve through websockets' serve")
+            news.cancel()
+            self._leave()
 
-    def fault_of_request(self, request: Request) -> str:
+    async def _send_news(self, viewer: ServerConnection) -> None:
+        sent = 0
+        while True:
+            changed = self._changed  # taken before a look at the state: no change is missed
+            with self._lock:
+                news = {name: text for name, (when, text) in self._state.items() if when > sent}
+                sent = self._changes
+            if news:
+                members = (f"{json.dumps(name)}:{text}" for name, text in news.items())
+                await viewer.send(f"{{{','.join(members)}}}")
+            await changed.wait()
+
+    def _answer(self, viewer: ServerConnection, request: Request) -> Response | None:
+        """Answer an HTTP request; None lets a websocket in."""
+        if fault := self._fault_of_request(request):
+            self.reject(fault)
+            return viewer.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
+        if "Upgrade" in request.headers:
+            return None
+        path = request.path.partition("?")[0].removeprefix(f"/{self.token}")
+        if not path:  # the page's script lies beside it, behind the slash
+            moved = viewer.respond(HTTPStatus.PERMANENT_REDIRECT, "")
+            moved.headers["Location"] = f"/{self.token}/"
+            return moved
+        if path not in FILES:
+            return viewer.respond(HTTPStatus.NOT_FOUND, "no such file\n")
+        kind, content = FILES[path]
+        headers = Headers({
+            "Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content)),
+            "Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer", "Cache-Control": "no-store", "Connection": "close",
+        })  # fmt: skip
+        return Response(HTTPStatus.OK, "OK", headers, content)
+
+    def _fault_of_request(self, request: Request) -> str:
         """Return why a request is not one of the page; empty if it is."""
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         if len(hosts) != 1 or not self._is_own(hosts[0]):
@@ -166,21 +198,6 @@ class Gate:
             own = {"localhost", self._host.lower(), socket.gethostname().lower()}
             return name in own or bool(ipaddress.ip_address(name).packed)
         return False
-
-    def fault_of(self, message: bytes | str) -> str:
-        """Return what of a message no control of the page offers; empty if one does."""
-        if isinstance(message, str):
-            return "a text message"
-        try:
-            fields = msgspec.msgpack.decode(message, type=dict[str, Any])
-            sent = msgspec.convert(fields, MESSAGES[fields.pop("type")])
-            if hasattr(sent, "uuid"):
-                msgspec.convert(sent.updates["value"], self._offered[sent.uuid])
-            elif hasattr(sent, "name"):
-                msgspec.convert(sent.name, self._offered["handle"])
-        except (msgspec.MsgspecError, LookupError, TypeError, ValueError, RecursionError) as error:
-            return f"a message that no control sends: {error}"
-        return ""
 
     def reject(self, fault: str) -> None:
         """Log a rejection, and how many others since the last line, which is a second old."""

@@ -1,13 +1,11 @@
 """The page that shows a laboratory: handles in its scene, controls beside it.
 
-All viewers see and set the same. The page computes nothing.
+All viewers see and set the same. The page computes nothing: `page.js` draws what `Gate.publish`
+sends, and sends what a person sets.
 """
 
-import contextlib
-import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -16,7 +14,7 @@ import numpy as np
 from periscopy_sim.extras import require
 from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
-from periscopy_sim.live.room import Room
+from periscopy_sim.live.room import as_source, room_of, things_in
 from periscopy_sim.live.sheet import draw_sheet
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
@@ -24,33 +22,33 @@ from periscopy_sim.scenario import Scenario
 REST = {"slider": 0.3, "handle": 1.0}
 """Seconds after which a control counts as at rest; only a handle reports its release."""
 
+SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
+"""The signal-to-background ratios of the page's list."""
+
 GIZMO = 0.14
 """Length of a handle's arrows, in metres."""
 
-LOOK = (
-    "display: grid; gap: 0.2em 1em; margin: 0 0.9em 0.6em; font-size: 14px; overflow-wrap: anywhere"
-)
-"""The style of text on the page: the size of its labels, and their distance from the edge."""
-
 
 @dataclass(frozen=True)
-class Offered:
-    """The hidden images, methods and SBRs among which a viewer can choose.
+class Control:
+    """A control of the page: how it looks, which values it offers, and what setting one does.
 
-    No images: the photograph is given, and only its method can be chosen.
+    `look` is what `page.js` draws; `value` returns the present value of the choice.
     """
 
-    images: Sequence[str]
-    methods: Sequence[str]
-    sbrs: Sequence[float] = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+    look: Mapping[str, Any]
+    offers: Callable[[Any], bool]
+    act: Callable[[Any], None]
+    value: Callable[[], Any] = lambda: None
 
 
 class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
-    It calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences. `server` is viser's,
-    behind `gate`. A PeriscopyError says that the extra is not installed, or the port is taken.
+    A viewer chooses among `images` and `methods`; no images: the photograph is given. The page
+    calls `want` with each new choice and the seconds after which that counts as at rest, and
+    `save` when its button is pressed. `describe` returns a report's sentences. `gate` serves the
+    page. A PeriscopyError says that the extra is not installed, or the port is taken.
     """
 
     def __init__(
@@ -60,11 +58,12 @@ class Page:
         scenario: Scenario,
         movables: Sequence[Movable],
         handles: Sequence[Handle],
-        offered: Offered,
+        images: Sequence[str],
+        methods: Sequence[str],
         first: Choice,
         describe: Callable[[Report], Sequence[str]],
     ) -> None:
-        viser = require("viser")
+        require("websockets")
         from periscopy_sim.live.gate import Gate
 
         self._describe = describe
@@ -73,119 +72,120 @@ class Page:
         self._dragged: Handle | None = None
         self.want: Callable[[Choice, float], None] = lambda *_: None
         self.save: Callable[[], None] = lambda: None
-        self.gate = Gate(host, port)
-        with contextlib.redirect_stdout(None), self.gate.guarding():
-            self.server = viser.ViserServer(host=host, port=port, label="periscopy", verbose=False)
-        self._room = Room(self.server, scenario)
         self.handles = {each.name: each for each in handles}
-        self._gizmos = {each.name: self._add_handle(each) for each in handles}
-        self.gate.offer_names("handle", [f"/handles/{name}" for name in self.handles])
-        self._sliders: dict[str, Any] = {}
-        self._lay_out(offered, first)
+        self.controls = self._controls(images, methods, first)
+        self.gate = Gate(host, port, self._receive, self._release)
+        self.gate.publish(
+            room=room_of(scenario), gizmo=GIZMO, trouble=["computing the first pictures"],
+            controls=[{"id": name, **each.look} for name, each in self.controls.items()],
+        )  # fmt: skip
+        self._publish_choice()
 
     def show(self, pictures: LivePictures) -> None:
-        """Show pictures and their values, but for the handle that is being dragged."""
+        """Show pictures, their captions and what they tell."""
         sheet, captions = draw_sheet(pictures)
-        with self.server.atomic(), self._lock:
-            self._room.show(pictures)
-            self._sheet.image = sheet
-            _write(self._captions, captions, "grid-template-columns: 1fr 1fr")
-            for name, slider in self._sliders.items():
-                if self._differs(name, slider.value):
-                    slider.value = self.choice.values[name]
-            for name, handle in self.handles.items():
-                if handle is not self._dragged:
-                    self._gizmos[name].position = tuple(handle.position(self.choice.values))
-        self.server.flush()
         size = "coarse" if pictures.is_coarse else "full"
         notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
-        _write(self._notes, notes)
+        self.gate.publish(
+            sheet=as_source(sheet, "JPEG", quality=90), captions=captions, notes=notes,
+            **things_in(pictures),
+        )  # fmt: skip
 
     def tell(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""
-        _write(self._trouble, [text] if text else [], "font-weight: bold")
+        self.gate.publish(trouble=[text] if text else [])
 
     def close(self) -> None:
         """End the page for all viewers."""
-        with contextlib.redirect_stdout(None):  # it would print a line
-            self.server.stop()
+        self.gate.close()
 
     # -- controls ----------------------------------------------------------------------------------
 
-    def _lay_out(self, offered: Offered, first: Choice) -> None:
-        gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(470)
-        blank = np.full((8, 8, 3), 255, np.uint8)
-        self._sheet = gui.add_image(blank, format="jpeg", jpeg_quality=90)
-        self._captions, self._trouble = gui.add_html(""), gui.add_html("")
-        _write(self._trouble, ["computing the first pictures"])
-        self._choose("Method", "method", {name: name for name in (*offered.methods, first.method)})
-        if offered.images:
-            self._choose("Hidden image", "image", {n: n for n in (*offered.images, first.image)})
-            noise = Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0)
-            self._slide(noise, lambda snr: self._change(REST["slider"], snr=snr))
+    def _controls(
+        self, images: Sequence[str], methods: Sequence[str], first: Choice
+    ) -> dict[str, Control]:
+        """Return the page's controls, by the names in its messages, from top to bottom."""
+
+        def chosen(label: str, field: str, options: Mapping[str, Any]) -> Control:
+            names = {each: name for name, each in options.items()}
+            return Control(
+                {"kind": "choice", "label": label, "options": list(options)},
+                lambda value: isinstance(value, str) and value in options,
+                lambda value: self._change(0.0, **{field: options[value]}),
+                lambda: names[getattr(self.choice, field)],
+            )
+
+        def slid(number: Movable, group: str, act: Any, value: Callable[[], float]) -> Control:
+            return Control(
+                {"kind": "slider", "group": group, "label": number.name}
+                | {"low": number.low, "high": number.high, "step": number.step},
+                lambda value: _is_number(value) and number.low <= value <= number.high,
+                lambda value: act(float(value)),
+                value,
+            )
+
+        def placed(name: str, group: str) -> Control:
+            return slid(
+                self._movables[name], group,
+                lambda value: self._set({name: value}, REST["slider"]),
+                lambda: self.choice.values[name],
+            )  # fmt: skip
+
+        def pressed(label: str, act: Callable[[], None]) -> Control:
+            look = {"kind": "button", "label": label}
+            return Control(look, lambda value: value is True, lambda _: act())
+
+        named = {name: name for name in (*methods, first.method)}
+        controls = {"method": chosen("Method", "method", named)}
+        if images:
+            named = {name: name for name in (*images, first.image)}
+            controls["image"] = chosen("Hidden image", "image", named)
+            controls["snr"] = slid(
+                Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0), "",
+                lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
+            )  # fmt: skip
         if first.place:
-            self._choose("Ambient light", "place", {first.place: first.place, "none": ""})
-            self._choose("SBR", "sbr", {str(sbr): sbr for sbr in offered.sbrs})
+            places = {first.place: first.place, "none": ""}
+            controls["place"] = chosen("Ambient light", "place", places)
+            controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in SBRS})
         placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
-        for title, names in ("places", placing), ("other parameters", others):
-            if names:
-                with gui.add_folder(title, expand_by_default=names is placing or not placing):
-                    for name in filter(names.__contains__, self._movables):
-                        act = partial(self._follow_slider, name)
-                        self._sliders[name] = self._slide(self._movables[name], act)
-        self._press("Back to the file's values", lambda: self._set(first.values, 0.0))
-        self._press("Write scene and pictures", lambda: self.save())
-        self._notes = gui.add_html("")
+        for group, names in ("places", placing), ("other parameters", others):
+            for name in filter(names.__contains__, self._movables):
+                controls[f"value {name}"] = placed(name, group)
+        reset = "Back to the file's values"
+        controls["reset"] = pressed(reset, lambda: self._set(first.values, 0.0))
+        controls["save"] = pressed("Write scene and pictures", lambda: self.save())
+        return controls
 
-    def _choose(self, label: str, field: str, options: Mapping[str, Any]) -> None:
-        first = next(name for name, each in options.items() if each == getattr(self.choice, field))
-        box = self.server.gui.add_dropdown(label, list(options), initial_value=first)
-        self.gate.offer_names(box._impl.uuid, list(options))
-        box.on_update(lambda event: self._change(0.0, **{field: options[event.target.value]}))
+    def _receive(self, message: Any) -> None:
+        """Do what a message asks for; a ValueError says that the page offers nothing like it.
 
-    def _slide(self, number: Movable, act: Callable[[float], None]) -> Any:
-        ends = number.low, number.high
-        slider = self.server.gui.add_slider(number.name, *ends, number.step, number.value)
-        self.gate.offer_values(slider._impl.uuid, ends)
-        slider.on_update(lambda event: act(float(event.target.value)))
-        return slider
+        A message sets a control, {"control": name, "value": value}, or drags a handle,
+        {"handle": name, "position": [x, y, z], "ends": whether it is let go}.
+        """
+        match message:
+            case {"control": str(name), "value": value, **others} if not others:
+                control = self.controls.get(name)
+                if control is not None and control.offers(value):
+                    return control.act(value)
+            case {"handle": str(name), "position": [_, _, _] as position, "ends": bool(ends)}:
+                handle = self.handles.get(name)
+                if handle is not None and all(map(_is_number, position)) and len(message) == 3:
+                    with self._lock:
+                        self._dragged = None if ends else handle
+                        values = handle.values(np.array(position, float))
+                        return self._set(values, 0.0 if ends else REST["handle"])
+        raise ValueError(f"{message}")
 
-    def _press(self, label: str, act: Callable[[], None]) -> None:
-        button = self.server.gui.add_button(label)
-        self.gate.offer_values(button._impl.uuid)
-        button.on_click(lambda _: act())
-
-    def _add_handle(self, handle: Handle) -> Any:
-        path = f"/handles/{handle.name}"
-        gizmo = self.server.scene.add_transform_controls(
-            path, scale=GIZMO, active_axes=handle.axes, disable_rotations=True, depth_test=False,
-            position=tuple(handle.center),
-        )  # fmt: skip
-        self.server.scene.add_label(
-            f"{path}/label", handle.name, position=(0, 0, 1.3 * GIZMO), anchor="bottom-center"
-        )
-
-        async def drag(event: Any) -> None:
-            has_ended = event.phase == "end"
-            self._dragged = None if has_ended else handle
-            position = np.asarray(event.target.position, np.float64)
-            self._set(handle.values(position), 0.0 if has_ended else REST["handle"])
-
-        gizmo.on_update(drag)
-        return gizmo
+    def _release(self) -> None:
+        """Let go what a viewer who is gone may have dragged."""
+        with self._lock:
+            if self._dragged is not None:
+                self._dragged = None
+                self._change(0.0)
 
     # -- choices -----------------------------------------------------------------------------------
-
-    def _differs(self, name: str, value: float) -> bool:
-        return abs(value - self.choice.values[name]) > self._movables[name].step / 2
-
-    def _follow_slider(self, name: str, value: float) -> None:
-        if self._differs(name, value):  # a slider also follows a handle
-            self._set({name: value}, REST["slider"])
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
@@ -198,12 +198,22 @@ class Page:
         with self._lock:
             self.choice = replace(self.choice, **changes)
             self.want(self.choice, rest)
+            self._publish_choice()
+
+    def _publish_choice(self) -> None:
+        """Show what is set: the controls' values, and where handles are."""
+        values = {name: each.value() for name, each in self.controls.items()}
+        handles = [
+            {
+                "name": name,
+                "axes": each.axes,
+                "position": each.position(self.choice.values).tolist(),
+            }
+            for name, each in self.handles.items()
+        ]
+        self.gate.publish(values=values, handles=handles)
 
 
-def _write(place: Any, lines: Sequence[str], style: str = "") -> None:
-    """Show lines on the page; none of their characters is markup, wherever they come from.
-
-    All text but that of labels and options, which viser never takes for markup, enters here.
-    """
-    cells = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
-    place.content = f'<div style="{LOOK}; {style}">{cells}</div>' if cells else ""
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a number as a slider or a handle has them, and no truth value."""
+    return type(value) in (int, float) and abs(value) <= 1e6  # NaN is not

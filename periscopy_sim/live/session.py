@@ -6,11 +6,12 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.live.laboratory import LiveLaboratory
 from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.live.page import Offered, Page
+from periscopy_sim.live.page import Page
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
@@ -22,16 +23,17 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
-    synthetic ones. The page's button calls `save` with the full pictures and shows the line that it
-    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
-    port is taken, or nothing of the scene can be moved.
+    synthetic ones, which a viewer makes of `images`. The page's button calls `save` with the full
+    pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says that
+    the extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
         self,
         scenario: Scenario,
         first: Choice,
-        offered: Offered,
+        images: Sequence[str],
+        methods: Sequence[str],
         save: Callable[[LivePictures], str],
         describe: Callable[[Report], Sequence[str]],
         *,
@@ -50,8 +52,8 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         movables, handles = find_movables(given, coarse.scenario)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
-            offered = replace(offered, images=())
-        self.page = Page(host, port, scenario, movables, handles, offered, first, describe)
+            images = ()
+        self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
         self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
         self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
@@ -63,8 +65,6 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
-        from threadpoolctl import threadpool_limits
-
         # Coarse pictures, full ones and the browser share the cores: products split among threads
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():

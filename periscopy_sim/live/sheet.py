@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from periscopy_sim.figures.panels import displayable, residual_map
 from periscopy_sim.figures.style import mpl
@@ -35,8 +36,6 @@ def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[
 
     Tiles have a longest side of `side` pixels, and `gap` pixels between them.
     """
-    from PIL import Image
-
     tiles = [_photograph(pictures), _reconstruction(pictures), _third(pictures), _errors(pictures)]
     pitch = side + gap
     sheet = Image.new("RGB", (pitch + side, pitch + side), "white")

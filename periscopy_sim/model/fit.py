@@ -134,7 +134,7 @@ class Fit:
             raise InputError(NOTHING_LEFT)
         self.norm = float(np.sqrt(energy))
         self.unit = float(np.sqrt(energy / len(self.gram)))
-        self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden_shape)
+        self.patterns = SpectralBasis(self.gram / self.unit**2, observation.hidden)
         curvatures = self.patterns.curvatures  # ascending
         self.least_curvature = max(ROUNDING, precision**2)
         self.visible = slice(int((curvatures <= self.least_curvature * curvatures[-1]).sum()), None)

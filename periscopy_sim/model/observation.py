@@ -10,10 +10,12 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.colour_matrix import ColourMatrix
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
@@ -39,6 +41,11 @@ class Observation:
     backgrounds: Mapping[str, Array] = field(default_factory=dict)  # (3, M') planes, by name
     mixing: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) from f_k to grey planes
     unmixing: Array | None = None  # (3, 3) that `planar` applies; None for none
+
+    @cached_property
+    def hidden(self) -> Hidden:
+        """The hidden surfaces."""
+        return Hidden.of(self.hidden_shape)
 
     def used(self, matrix: Image | None) -> Image:
         """Return the rows of A or B, (M, K), of the M' pixels used; of no B, (M', 0)."""

@@ -9,25 +9,30 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
 
+from periscopy_sim.hidden import Differences, Hidden, Size
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import filter_rows
+
+Inverse: TypeAlias = Callable[[Image], Image]
 
 
 class SpectralBasis:
     """The generalized eigenvectors of one scene, its patterns.
 
-    They follow from A⊥ᵀA⊥, (N, N), for images of (R, C) patches.
+    They follow from A⊥ᵀA⊥, (N, N), for images on hidden surfaces of N patches.
     """
 
-    def __init__(self, gram: Array, shape: tuple[int, int]) -> None:
-        curvatures, W = linalg.eigh(gram, laplacian(shape))
+    def __init__(self, gram: Array, hidden: Hidden) -> None:
+        curvatures, W = linalg.eigh(gram, laplacian(hidden.differences).toarray())
         self.curvatures: Array = np.maximum(curvatures, 0)  # (N,) λ, ascending
         self.rows = np.ascontiguousarray(W.T, np.float32)  # (N, N), W_k in row k
-        self.inverse_laplacian = InverseLaplacian(shape)
+        self.inverse_laplacian = InverseLaplacian(hidden)
 
     def combined(self, coefficients: Array) -> Image:
         """Return the sum of patterns by (3, N) coefficients, (3, N)."""
@@ -77,29 +82,64 @@ class Solver:
 
 
 class InverseLaplacian:
-    """K⁻¹ for images of (R, C) patches, by the eigenvectors of K down and across."""
+    """K⁻¹ of hidden surfaces, which K does not join.
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        (down, U), (across, V) = (linalg.eigh(second_differences(size)) for size in shape)
-        self._gain = (1 / (1 + down[:, None] + across)).astype(np.float32)
-        self._U, self._V = (np.ascontiguousarray(each, np.float32) for each in (U, V))
+    Where a surface's columns are alike, and its rows, as on planes and cylinders, the eigenvectors
+    down and across give it in a third of the time that a sparse factorization takes.
+    """
+
+    def __init__(self, hidden: Hidden) -> None:
+        self._hidden = hidden
+        self._inverses = [
+            inverse_by_axes(differences, surface.shape) or inverse_by_factors(differences)
+            for surface, differences in zip(
+                hidden.values(), hidden.differences_by_surface.values(), strict=True
+            )
+        ]
 
     def __call__(self, vectors: Image) -> Image:
-        """Return K⁻¹ of each of (K, R C) images in single precision."""
-        images = vectors.reshape(-1, *self._gain.shape)
-        inverse = self._U @ ((self._U.T @ images @ self._V) * self._gain) @ self._V.T
-        return np.reshape(inverse, vectors.shape)
+        """Return K⁻¹ of each of (K, N) images in single precision."""
+        if len(self._inverses) == 1:
+            return self._inverses[0](vectors)
+        parts = zip(self._inverses, self._hidden.slices.values(), strict=True)
+        return np.hstack([inverse(vectors[:, part]) for inverse, part in parts])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave factorizations, which cannot be copied, to be computed anew."""
+        return InverseLaplacian, (self._hidden,)
 
 
-def laplacian(shape: tuple[int, int]) -> Array:
-    """Return K = ∇ᵀ∇ + I for images of (R, C) patches, (N, N), of forward differences."""
-    down, across = (second_differences(size) for size in shape)
-    K: Array = np.kron(down, np.eye(shape[1])) + np.kron(np.eye(shape[0]), across)
-    K[np.diag_indices_from(K)] += 1
-    return K
+def inverse_by_axes(differences: Differences, shape: Size) -> Inverse | None:
+    """Return K⁻¹ of a surface, (R, C), by the eigenvectors of K down and across.
+
+    None if the weights of differences down vary across, or those of differences across vary down.
+    """
+    down, across = differences.weights.reshape(2, *shape)
+    if np.any(down != down[:, :1]) or np.any(across != across[:1]):
+        return None
+    patches = np.arange(down.size).reshape(shape)
+    D, lines = differences.matrix, (patches[:, 0], patches[0])  # the first column and row
+    along = (D[line + k * down.size][:, line].toarray() for k, line in enumerate(lines))
+    (λ, U), (μ, V) = (linalg.eigh(each.T @ each) for each in along)
+    gain = (1 / (1 + λ[:, None] + μ)).astype(np.float32)
+    U, V = (np.ascontiguousarray(each, np.float32) for each in (U, V))
+
+    def inverse(vectors: Image) -> Image:
+        images = vectors.reshape(-1, *shape)
+        return np.reshape(U @ ((U.T @ images @ V) * gain) @ V.T, vectors.shape)
+
+    return inverse
 
 
-def second_differences(size: int) -> Array:
-    """Return ∇ᵀ∇ for a row of patches, (size, size)."""
-    differences = np.diff(np.eye(size), axis=0)
-    return differences.T @ differences
+def inverse_by_factors(differences: Differences) -> Inverse:
+    """Return K⁻¹ of any surface by a sparse factorization."""
+    # K is symmetric and diagonally dominant: it needs no pivots, and few new entries.
+    options, K = {"SymmetricMode": True}, laplacian(differences).astype(np.float32)
+    factors = splu(K, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return lambda vectors: np.asarray(factors.solve(vectors.T).T)
+
+
+def laplacian(differences: Differences) -> Any:
+    """Return K = ∇ᵀ∇ + I for images of N patches, sparse (N, N)."""
+    D = differences.matrix
+    return (D.T @ D + sparse.eye_array(D.shape[1])).tocsc()

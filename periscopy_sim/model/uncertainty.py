@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from periscopy_sim.hidden import Differences, Hidden
 from periscopy_sim.numerics import Array, Image
 
 ROUNDING = 0.5
@@ -48,14 +49,15 @@ LEAST_SHOWN = 1e-3
 
 def standard_errors(
     gram: Array,
+    differences: Differences,
     precision: Array,
-    image: NDArray[np.floating[Any]],
+    f: Array,
     weight: float,
     misfit: float,
     rank: int,
     response: Array | None = None,
 ) -> Array:
-    """Return the standard error of each patch, (R, C, 3), in units of the image.
+    """Return the standard error of each patch, (N, 3), in units of the image.
 
     They assume that A and B are right but for what `response` counts, and that what the wall hides
     of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
@@ -65,10 +67,12 @@ def standard_errors(
     ----------
     gram
         (N, N) A⊥ᵀA⊥, of the given rank.
+    differences
+        ∇ of images on the hidden surfaces.
     precision
         (3, 3) Π, of 1/σ_c² on its diagonal without a colour matrix.
-    image
-        (R, C, 3) f̂.
+    f
+        (N, 3) f̂.
     weight
         λ > 0.
     misfit
@@ -77,8 +81,7 @@ def standard_errors(
         (K, 3, N) A⊥ᵀT Σ^½ of the scene's own errors, in the primaries; None where the scene is
         taken for right.
     """
-    f = np.asarray(image, np.float64)
-    P = curvature_of_total_variation(f, weight)
+    P = curvature_of_total_variation(differences, f, weight)
     noises, pulls = np.empty((2, len(gram), len(precision)))
     response = np.zeros((0, *noises.T.shape)) if response is None else response
     moved = np.zeros((len(response), *noises.shape))
@@ -104,36 +107,24 @@ def standard_errors(
     unseen = len(π) * (len(gram) - rank)  # each adds 1 to either trace, and nothing to the misfit
     τ = contrast(misfit, pulled - unseen, squared - unseen)
     variances = (noises + τ * pulls) @ (V**2).T + np.sum((moved @ V.T) ** 2, axis=0)
-    return np.asarray(np.sqrt(variances).reshape(f.shape))
+    return np.asarray(np.sqrt(variances))
 
 
-def displacement(gram: Array, image: NDArray[np.floating[Any]], response: Array) -> Array:
-    """Return how far the scene's own errors displace the image, in patches down and across, (2,).
+def displacement(gram: Array, hidden: Hidden, f: Array, response: Array) -> Array:
+    """Return how far the scene's own errors displace each surface's image, (surfaces, 2).
 
-    The root of Σ s_k² over the directions k: the light of the image moved by s_k is nearest to the
-    effect of direction k, so that no photograph of an unknown image shows s_k. The arguments are
-    those of `standard_errors`.
+    In patches down and across: the root of Σ s_k² over the directions k. The light of the images,
+    each moved by its own s_k, is nearest to the effect of direction k, so that no photograph of
+    unknown images shows s_k. The other arguments are those of `standard_errors`.
     """
-    f = np.asarray(image, np.float64)
-    slopes = np.stack([_moved(f, axis).reshape(len(gram), -1).T for axis in (0, 1)])
+    of_all = np.moveaxis(hidden.differences.slopes(f), -1, 1)
+    slopes = np.zeros((len(hidden), *of_all.shape))  # of each surface alone
+    for alone, part in zip(slopes, hidden.slices.values(), strict=True):
+        alone[..., part] = of_all[..., part]
+    slopes = slopes.reshape(-1, *of_all.shape[1:])
     information = np.einsum("acn,nm,bcm->ab", slopes, gram, slopes, optimize=True)
     shifts = np.einsum("acn,kcn->ka", slopes, response) @ np.linalg.pinv(information)
-    return np.asarray(np.sqrt(np.sum(shifts**2, axis=0)))
-
-
-def _moved(image: Array, axis: int) -> Array:
-    """Return the derivative of an image, (R, C, 3), that moves along an axis, dark beyond it.
-
-    Each border between patches moves by its step times its light, which follows from the light of
-    the four patches beside it by (−1, 7, 7, −1)/12: exact for cubic polynomials.
-    """
-    pad = [(0, 0)] * 3
-    pad[axis] = (1, 1)
-    steps = np.pad(np.diff(np.pad(image, pad), axis=axis), pad)
-    weights = np.array([-1, 7, 7, -1]) / 12
-    count = image.shape[axis]
-    parts = [w * steps.take(range(k, k + count), axis) for k, w in enumerate(weights)]
-    return np.asarray(np.sum(parts, axis=0))
+    return np.asarray(np.sqrt(np.sum(shifts**2, axis=0)).reshape(-1, 2))
 
 
 def contrast(misfit: float, pulled: float, squared: float) -> float:
@@ -150,20 +141,11 @@ def contrast(misfit: float, pulled: float, squared: float) -> float:
     return max(τ, min(1.0, τ + float(np.sqrt(2 * squared)) / shown))
 
 
-def curvature_of_total_variation(image: Array, weight: float) -> Any:
-    """Return the sparse P of the module, (N, N), of an image of (R, C, 3)."""
-    rows, columns, _ = image.shape
-    down = sparse.kron(_differences(rows), sparse.eye(columns)).tocsr()
-    across = sparse.kron(sparse.eye(rows), _differences(columns)).tocsr()
-    f = image.reshape(rows * columns, -1)
-    squares = sum((np.asarray(d @ f) ** 2).sum(axis=1) for d in (down, across))
-    precision = sparse.diags(weight / 2 / np.sqrt(squares + (2 * ROUNDING / weight) ** 2))
-    return (down.T @ precision @ down + across.T @ precision @ across).tocsr()
-
-
-def _differences(size: int) -> Any:
-    """Return forward differences, zero in the last place, (size, size)."""
-    return sparse.csr_array(np.diff(np.eye(size), axis=0, append=np.eye(size)[-1:]))
+def curvature_of_total_variation(differences: Differences, f: Array, weight: float) -> Any:
+    """Return the sparse P of the module, (N, N), of images f, (N, C)."""
+    D = differences.matrix
+    precision = weight / 2 / np.hypot(differences.norms(f), 2 * ROUNDING / weight)
+    return (D.T @ sparse.diags_array(np.tile(precision, 2)) @ D).tocsr()
 
 
 @dataclass(frozen=True, eq=False)

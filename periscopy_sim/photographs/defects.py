@@ -135,6 +135,7 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
     beside = np.ones((3, 3), bool)
     beside[1, 1] = False
     around = np.pad(beside, 1, constant_values=True)
+    # What is not valid shows the nearest valid pixel: its own value must move no median.
     nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
     light = channel[tuple(nearest)]
     median = ndimage.median_filter(light, footprint=around, mode="mirror")
@@ -144,6 +145,8 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
     level = float(np.median(light[measured]))
     steps = np.diff(np.unique(light[valid]))
     step = float(steps.min(initial=np.inf))
+    # Steps of quantization hide noise that is smaller than they are; steps above the level are no
+    # quantization but a picture of a few values.
     noise = _spread(above[measured]) + (step if len(steps) > 1 and step <= level else 0.0)
 
     is_bright = light > max(THRESHOLD * noise, 0.1 * level)
@@ -151,8 +154,9 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
         ndimage.correlate((valid & each).astype(np.int8), beside.astype(np.int8), mode="constant")
         for each in (is_bright, ~is_bright)
     )
-    dead = valid & (light <= 0) & (bright > 0) & (3 * dim <= bright)
+    dead = valid & (light <= 0) & (bright > 0) & (3 * dim <= bright)  # three in four are bright
 
+    # The second brightest of the eight beside: half as far above at most one of them may be.
     second = ndimage.rank_filter(light, -2, footprint=beside, mode="constant", cval=-np.inf)
     hot = valid & (above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0)))
     hot &= second <= median + above / 2
@@ -162,6 +166,7 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
         others = np.where(hot, -np.inf, light)
         brightest = ndimage.maximum_filter(others, footprint=beside, mode="constant", cval=-np.inf)
         hot &= brightest <= lit_too
+    # The channel's noise may hide that of a place: texture makes its own pixels stand out.
     for row, column in np.argwhere(hot):
         window = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
         near = valid[window].copy()
@@ -173,5 +178,5 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
 
 
 def _spread(deviations: Array) -> float:
-    """Return the standard deviation of Gaussian noise with this median deviation."""
+    """Return the standard deviation of Gaussian noise with this median deviation, 0.6745 of it."""
     return 1.4826 * float(np.median(np.abs(deviations))) if deviations.size else 0.0

@@ -61,6 +61,7 @@ def sensor_image(
         raise PhotographError(f"{name}: the saturation value is NaN; give a number")
     if white is None:
         largest = int(array.max()) if array.dtype.kind in "iu" else 0
+        # 2ⁿ - 1 has no bit in common with 2ⁿ.
         white = largest if largest >= 255 and largest & (largest + 1) == 0 else np.inf
     full = np.asarray((light >= white).any(axis=2))
     return SensorImage(light, full if saturated is None else full | saturated, cell)
@@ -133,6 +134,7 @@ def develop(
         unfit = (bright <= 0).any(axis=2) | even.saturated
         if unfit.all():
             raise PhotographError("the flat field: all of it is dark or saturated; expose it well")
+        # light / (flat / mean flat): the lens's falloff goes, the channels' levels stay.
         mean = bright[~unfit].mean(axis=0, dtype=np.float64)  # of each channel
         gain = np.where(unfit[..., np.newaxis], 1, bright / mean).astype(np.float32)
         with np.errstate(over="ignore"):

@@ -72,14 +72,14 @@ def _refined(grey: Array, corners: Array, modules: int, samples: int = 32) -> Ar
     """
     from scipy.ndimage import map_coordinates
 
-    for _ in range(3):
+    for _ in range(3):  # the samples' places follow the corners, which start a pixel off
         ends = np.roll(corners, -1, axis=0)
         lines = []
         for start, end, across in zip(corners, ends, np.roll(ends, -1, axis=0), strict=True):
             direction = (end - start) / np.linalg.norm(end - start)
             outward = np.array([direction[1], -direction[0]])
             module = abs((across - end) @ outward) / modules
-            reach = np.clip(0.5 * module, 1.0, 4.0)
+            reach = np.clip(0.5 * module, 1.0, 4.0)  # pixels: past the blur, not to the next edge
             along = np.linspace(0.12, 0.88, samples)[:, np.newaxis]
             middle = start + along * (end - start)
             offsets = np.linspace(-reach, reach, samples)
@@ -88,6 +88,8 @@ def _refined(grey: Array, corners: Array, modules: int, samples: int = 32) -> Ar
             inside, beyond = profile[:, :1], profile[:, -1:]
             with np.errstate(divide="ignore", invalid="ignore"):
                 rise = (profile - inside) / (beyond - inside)
+            # A rise from 0 to 1 at s has the integral reach - s over [-reach, reach]; even blur
+            # adds on one side of s what it takes on the other.
             shift = reach - np.trapezoid(rise, offsets, axis=1)
             steps = (beyond > inside)[:, 0] & np.isfinite(shift) & (np.abs(shift) < reach)
             if np.count_nonzero(steps) < samples // 2:

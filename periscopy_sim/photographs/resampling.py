@@ -17,6 +17,10 @@ from periscopy_sim.numerics.machine import in_parallel, ranges
 SLIVER = 1e-6
 """Fraction of a new pixel's area that does not count: rounding of its corners."""
 
+MOST_CORNERS = 16
+"""Room for the corners of a clipped quadrilateral: each of four cuts adds one to a convex one, and
+two to a crossed one."""
+
 LEAST_MEASURED = 0.5
 """Fraction of a new pixel's area that sound pixels must cover."""
 
@@ -83,34 +87,53 @@ def _average_rows(
 
     `covered` gets the fractions of their areas that all pixels and that sound ones cover.
     """
-    height, width, channels = image.shape
-    quad, strip = np.empty((4, 2)), np.empty((16, 2))
-    cell, spare = np.empty((16, 2)), np.empty((16, 2))
+    quad, scratch = np.empty((4, 2)), np.empty((3, MOST_CORNERS, 2))
     for i in range(start, stop):
         for j in range(corners.shape[1] - 1):
             quad[0], quad[1] = corners[i, j], corners[i, j + 1]
             quad[2], quad[3] = corners[i + 1, j + 1], corners[i + 1, j]
             whole = _area(quad, 4)
-            inside = sound = 0.0
-            top, bottom = _span(quad, 4, 1, height)
-            for row in range(top, bottom):
-                clipped = _clip(quad, 4, 1, float(row), 1.0, spare)
-                clipped = _clip(spare, clipped, 1, row + 1.0, -1.0, strip)
-                left, right = _span(strip, clipped, 0, width)
-                for column in range(left, right):
-                    sides = _clip(strip, clipped, 0, float(column), 1.0, spare)
-                    sides = _clip(spare, sides, 0, column + 1.0, -1.0, cell)
-                    area = _area(cell, sides)
-                    inside += area
-                    if area <= SLIVER * whole:
-                        continue
-                    kinds[i, j] |= flaws[row, column]
-                    if flaws[row, column] == 0:
-                        sound += area
-                        for channel in range(channels):
-                            values[i, j, channel] += area * image[row, column, channel]
+            kinds[i, j], inside, sound = _add_pixels(
+                image, flaws, quad, SLIVER * whole, values[i, j], scratch
+            )
             values[i, j] /= sound  # NaN where there is none
             covered[i, j, 0], covered[i, j, 1] = inside / whole, sound / whole
+
+
+@compiled
+def _add_pixels(
+    image: NDArray[np.float32],
+    flaws: NDArray[np.uint8],
+    quad: Array,
+    sliver: float,
+    values: Array,
+    scratch: Array,
+) -> tuple[int, float, float]:
+    """Add the sound pixels within a quadrilateral to `values`, (channels,), times their areas.
+
+    Return the flaws of all pixels within, and the areas of all and of the sound ones. The strip of
+    the quadrilateral within a row of pixels is cut once, and each of its pixels out of the strip.
+    """
+    spare, strip, cell = scratch
+    kinds, inside, sound = 0, 0.0, 0.0
+    top, bottom = _span(quad, 4, 1, image.shape[0])
+    for row in range(top, bottom):
+        clipped = _clip(quad, 4, 1, float(row), 1.0, spare)
+        clipped = _clip(spare, clipped, 1, row + 1.0, -1.0, strip)
+        left, right = _span(strip, clipped, 0, image.shape[1])
+        for column in range(left, right):
+            sides = _clip(strip, clipped, 0, float(column), 1.0, spare)
+            sides = _clip(spare, sides, 0, column + 1.0, -1.0, cell)
+            area = _area(cell, sides)
+            inside += area
+            if area <= sliver:  # a flaw that rounding alone lets in does not count
+                continue
+            kinds |= flaws[row, column]
+            if flaws[row, column] == 0:
+                sound += area
+                for channel in range(len(values)):
+                    values[channel] += area * image[row, column, channel]
+    return kinds, inside, sound
 
 
 @compiled
@@ -136,7 +159,7 @@ def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept
         if here >= 0:
             kept[count, 0], kept[count, 1] = polygon[k, 0], polygon[k, 1]
             count += 1
-        if (here > 0 and there < 0) or (here < 0 and there > 0):
+        if (here > 0 and there < 0) or (here < 0 and there > 0):  # the side crosses the line
             part = here / (here - there)
             other = 1 - axis
             along = polygon[following, other] - polygon[k, other]
@@ -148,7 +171,10 @@ def _clip(polygon: Array, sides: int, axis: int, bound: float, sign: float, kept
 
 @compiled
 def _area(polygon: Array, sides: int) -> float:
-    """Return the area of a polygon, by the shoelace formula about its first corner."""
+    """Return the area of a polygon, by the shoelace formula about its first corner.
+
+    Coordinates of thousands of pixels would cancel about the origin, where pixels measure 1.
+    """
     twice = 0.0
     for k in range(1, sides - 1):
         ax, ay = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1]

@@ -76,6 +76,8 @@ class FittedView:
 
     def standard_error(self, points: Array) -> float:
         """Return the largest standard error, in pixels, with which (n, 2) points are placed."""
+        # Of the fit's unknowns x, dx = J⁺ e of errors e in the marks' pixels, so that a point moves
+        # by (dp/dx) J⁺ e: the rows' squares are variances for errors of variance 1.
         moves = self._moves(points) @ np.linalg.pinv(self._moves(None))
         squares = np.sum(moves.reshape(len(points), -1) ** 2, axis=1)
         return float(self.error * np.sqrt(squares.max()))
@@ -148,6 +150,7 @@ def _least_squares(marks: Marks, size: tuple[int, int], order: int) -> FittedVie
         homography, angles = _start(marks)
         scaled = (picture @ homography @ np.linalg.inv(wall)).ravel()
         start = np.concatenate([scaled[:8] / scaled[8], np.zeros(order), angles])
+        # Tolerances at the limit of double precision: exact marks must give an exact view.
         fit = least_squares(residuals, start, method="lm", xtol=1e-13, ftol=1e-13, gtol=1e-13)
     except (ValueError, np.linalg.LinAlgError):  # a horizon through the marks, or no homography
         raise PhotographError(
@@ -169,6 +172,8 @@ def _start(marks: Marks) -> tuple[Array, Array]:
     points, plane = marks.as_points(), np.array([1, 1j])
     largest = int(np.linalg.norm(marks.pixels[:, 2] - marks.pixels[:, 0], axis=1).argmax())
     seen = np.linalg.inv(fit_homography(marks.arms[largest], marks.pixels[largest]))
+    # As complex numbers x + iy: the angle of a sum of products w z* is that of the turn which
+    # brings the z nearest to the w, in least squares.
     offsets = project(seen, points.pixels[:, 0]) @ plane
     expected = (marks.centers - marks.centers[largest]) @ plane
     turn = np.angle(np.sum(expected * offsets.conj()))
@@ -187,6 +192,7 @@ def _on_a_line(points: Array) -> bool:
 
 def _derivative(function: Callable[[Array], Array], at: Array) -> Array:
     """Return the derivative of a function's ravelled values, by central differences."""
+    # Unknowns are about 1, see `_least_squares`: the step balances curvature and rounding.
     steps = 1e-6 * np.eye(len(at))
     moved = [(function(at + step) - function(at - step)).ravel() / 2e-6 for step in steps]
     return np.stack(moved, axis=1)
@@ -208,6 +214,7 @@ def _p_value(simple: FittedView, rich: FittedView) -> float:
 def _coefficients(points: Marks, size: tuple[int, int]) -> int:
     """Return how many coefficients of the lens the points support."""
     order = 0
+    # Each point measures a column and a row; a homography has 8 unknowns, the next lens order + 1.
     while order < MOST_COEFFICIENTS and 2 * len(points) - (9 + order) >= FEWEST_FREE:
         simple, rich = (_least_squares(points, size, order + more) for more in (0, 1))
         if _p_value(simple, rich) > SIGNIFICANCE:
@@ -219,7 +226,7 @@ def _coefficients(points: Marks, size: tuple[int, int]) -> int:
 def _check_each(points: Marks, size: tuple[int, int], order: int) -> None:
     """Raise if a point disagrees with the others."""
     count = len(points)
-    if 2 * (count - 1) <= 8 + order:
+    if 2 * (count - 1) <= 8 + order:  # without one, the others fit exactly and show no error
         return
     whole = _least_squares(points, size, order)
     rest = [_least_squares(points.without(k), size, order) for k in range(count)]

@@ -30,6 +30,8 @@ def fit_homography(source: Array, target: Array) -> Array:
     """
     before, after = _normalizing(source), _normalizing(target)
     x, y = project(before, source), project(after, target)
+    # y ~ H x: (h1 - y1 h3)·x = 0 and (h2 - y2 h3)·x = 0 of the rows h of H. The null vector of
+    # these rows is H; their R alone has it too, at 9 x 9 whatever the number of points.
     rows = np.zeros((2 * len(x), 9))
     rows[0::2, 0:3] = rows[1::2, 3:6] = np.column_stack([x, np.ones(len(x))])
     rows[0::2, 6:9] = -y[:, :1] * rows[0::2, 0:3]
@@ -76,6 +78,7 @@ class WallView:
         if (points @ self.homography[2, :2] + self.homography[2, 2] <= 0).any():
             return False
         square = self._from_axis(points)[1]
+        # d/dr of r (1 + k1 r² + k2 r⁴): where it is not positive, the picture folds back.
         slope = 1 + sum((2 * n + 3) * k * square ** (n + 1) for n, k in enumerate(self.distortion))
         return bool(np.all(slope > 0))
 

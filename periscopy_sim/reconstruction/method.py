@@ -175,6 +175,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     ----------
     observation
         The sizes of photograph and hidden image, the wall's colour, and which pixels are used.
+    hidden
+        The hidden surfaces of the N patches.
 
     Raises
     ------
@@ -216,6 +218,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             raise TypeError("give hidden_shape, (R, C)")
         observation = observation_of(A, **observed)
         self.observation = observation if self.mixes_colours else observation.unmixed()
+        self.hidden = self.observation.hidden
         self.hidden_shape = self.observation.hidden_shape
         self.photograph_shape = self.observation.photograph_shape
 

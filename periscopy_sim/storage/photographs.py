@@ -163,6 +163,6 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         check_size(values.shape[:2], shape, str(path))
     grey, largest = values[..., :1], values.max(initial=0)
     if (values != grey).any() or not 0 < largest < np.inf:  # also where one is NaN
-        raise PhotographError(f"{path}: is no mask; make it grey, bright where the wall is used")
+        raise PhotographError(f"{path}: not a greyscale mask. Save the wall white, the rest black")
     # A quotient, since half of the largest integer may be no integer.
     return np.asarray(grey[..., 0] / largest > 0.5)

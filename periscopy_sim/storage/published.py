@@ -100,7 +100,7 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
                 ) from None
             except ValueError:
                 raise PeriscopyError(
-                    f"{file}: {url} sends another file than the published one, by its SHA-256"
+                    f"{file}: checksum mismatch, {url} differs from the published file"
                 ) from None
     return Path(cache.abspath)
 

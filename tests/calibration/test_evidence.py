@@ -14,11 +14,14 @@ from periscopy_sim.calibration.evidence import (
     SmoothImages,
     smoothness,
 )
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
+from tests.scenes.surfaces import alone, screen_and_column
 
 Array = NDArray[np.float64]
 
-SHAPE, COARSE = (3, 4), (2, 3)
+SHAPE = (3, 4)
+HIDDEN, COARSE = Hidden.of(SHAPE), Hidden.of((2, 3))
 PATCHES, PIXELS, LIGHTS = 12, 60, 4
 PICTURE = np.random.default_rng(7).random((*SHAPE, 3))
 
@@ -46,9 +49,9 @@ def wall() -> Wall:
 @pytest.fixture(params=["patches", "hats", "edges", "shown"])
 def images(request: pytest.FixtureRequest) -> SmoothImages:
     kinds = {
-        "patches": SmoothImages.hats(SHAPE, SHAPE),
-        "hats": SmoothImages.hats(SHAPE, COARSE),
-        "edges": SmoothImages.like(PICTURE),
+        "patches": SmoothImages.hats(HIDDEN, HIDDEN),
+        "hats": SmoothImages.hats(HIDDEN, COARSE),
+        "edges": SmoothImages.like(HIDDEN, PICTURE.reshape(-1, 3)),
         "shown": SmoothImages.shown(PICTURE),
     }
     return kinds[request.param]
@@ -102,7 +105,7 @@ def test_smoothness_sums_squares_of_differences_with_darkness_around() -> None:
     dark = np.pad(f, 1)
     steps = np.sum(np.diff(dark[:, 1:-1], axis=0) ** 2) + np.sum(np.diff(dark[1:-1], axis=1) ** 2)
     expected = steps + BRIGHTNESS * np.sum(f**2)
-    assert f.ravel() @ smoothness(SHAPE) @ f.ravel() == pytest.approx(expected)
+    assert f.ravel() @ smoothness(HIDDEN) @ f.ravel() == pytest.approx(expected)
 
 
 def test_smoothness_of_an_image_is_its_total_variation_where_it_has_edges() -> None:
@@ -116,21 +119,44 @@ def test_smoothness_of_an_image_is_its_total_variation_where_it_has_edges() -> N
         mean = np.mean(np.concatenate([each.ravel() for each in weights]))
         expected = sum(float(np.sum(w * d**2)) for w, d in zip(weights, steps, strict=True))
         f = image[..., 0].ravel()
-        rough = f @ smoothness(SHAPE, image) @ f - BRIGHTNESS * f @ f
+        rough = f @ smoothness(HIDDEN, image.reshape(-1, 3)) @ f - BRIGHTNESS * f @ f
         assert rough == pytest.approx(expected / mean)
         ratios.append(rough * mean / sum(np.abs(step).sum() for step in steps))
     assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
+
+
+def test_surfaces_are_as_smooth_as_each_alone() -> None:
+    """The column's differences are over its own distances; hats end with their surface."""
+    hidden = screen_and_column()
+    f = np.random.default_rng(0).random((hidden.patches, 3))
+    K, edges = smoothness(hidden), smoothness(hidden, f)
+    basis = SmoothImages.hats(hidden, hidden).basis.toarray()
+    np.testing.assert_array_equal(basis, np.eye(hidden.patches))
+    D = hidden.differences.in_the_dark
+    weights = (np.sum((D @ f) ** 2, axis=1) + FLAT**2 * np.mean(f**2)) ** -0.5
+    expected = np.sum((weights / weights.mean())[:, None] * (D @ f) ** 2) + BRIGHTNESS * np.sum(
+        f**2
+    )
+    assert np.einsum("nc,nm,mc->", f, edges, f) == pytest.approx(expected)
+    for one, part in zip(alone(hidden), hidden.slices.values(), strict=True):
+        np.testing.assert_allclose(K[part, part], smoothness(one), atol=1e-12)
+        K[part, part] = 0
+    assert not K.any()
 
 
 def test_hats_make_any_bilinear_image() -> None:
     """Between the middles of the outermost hats; as many hats as patches are the patches."""
     down, across = (np.arange(size) for size in (4, 6))
     heights = 1 + 2 * down[:, None] + 3 * across + 0.5 * down[:, None] * across
-    fine = (SmoothImages.hats((8, 12), (4, 6)).basis @ heights.ravel()).reshape(8, 12)
+    fine = (
+        SmoothImages.hats(Hidden.of((8, 12)), Hidden.of((4, 6))).basis @ heights.ravel()
+    ).reshape(8, 12)
     u, v = ((np.arange(size) + 0.5) / 2 - 0.5 for size in (8, 12))
     expected = 1 + 2 * u[:, None] + 3 * v + 0.5 * u[:, None] * v
     np.testing.assert_allclose(fine[1:-1, 1:-1], expected[1:-1, 1:-1])
-    np.testing.assert_array_equal(SmoothImages.hats(SHAPE, SHAPE).basis.toarray(), np.eye(PATCHES))
+    np.testing.assert_array_equal(
+        SmoothImages.hats(HIDDEN, HIDDEN).basis.toarray(), np.eye(PATCHES)
+    )
 
 
 def test_evidence_and_noise_are_those_of_the_dense_gaussian(

@@ -6,11 +6,12 @@ from numpy.typing import NDArray
 
 from periscopy_sim.calibration.evidence import smoothness
 from periscopy_sim.calibration.sharp_images import SharpImages
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
 
 Array = NDArray[np.float64]
 
-SHAPE = (6, 5)
+HIDDEN = Hidden.of((6, 5))
 PATCHES, PIXELS, LIGHTS = 30, 200, 4
 
 
@@ -31,7 +32,7 @@ def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array
     A, Q, y = wall
     rough = 0.1 * np.random.default_rng(0).standard_normal(A.shape) * A
     changes = np.array([rough, rough + 0.05 * A])
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     slopes = [
         explanation.slope(
             explanation.motion(change @ explanation.lights),
@@ -50,14 +51,14 @@ def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array
     derivative_test(at_the_image, slopes, [0.0, 0.0])
 
     def at_its_best(along: Array) -> float:
-        return SharpImages(SHAPE).explain(A + along[0] * rough, Q, y).evidence / 2
+        return SharpImages(HIDDEN).explain(A + along[0] * rough, Q, y).evidence / 2
 
     derivative_test(at_its_best, slopes[:1], [0.0], rtol=0.1)
 
 
 def test_the_image_is_the_pictures_and_never_negative(wall: tuple[Array, Array, Array]) -> None:
     A, Q, y = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     assert explanation.lights.min() >= 0
     np.testing.assert_allclose(explanation.noise, 0.01, rtol=0.3)
     assert np.linalg.norm(explanation.residual) < 0.1 * np.linalg.norm(y - Q @ (Q.T @ y))
@@ -68,7 +69,7 @@ def test_units_of_light_and_matrix_shift_the_evidence_alone(
 ) -> None:
     """A brighter matrix is no better; photographs in another unit keep what differs."""
     A, Q, y = wall
-    images, moved = SharpImages(SHAPE), A + 0.1 * A[::-1]
+    images, moved = SharpImages(HIDDEN), A + 0.1 * A[::-1]
     one, other = images.explain(A, Q, y), images.explain(moved, Q, y)
     brighter, scaled = images.explain(100 * A, Q, y), images.explain(A, Q, 1e4 * y)
     scaled_other = images.explain(moved, Q, 1e4 * y)
@@ -80,7 +81,7 @@ def test_units_of_light_and_matrix_shift_the_evidence_alone(
 def test_what_the_image_can_follow_is_no_information(wall: tuple[Array, Array, Array]) -> None:
     """Light of a lit patch is followed; light that no patch throws is not."""
     A, Q, y = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, y)
+    explanation = SharpImages(HIDDEN).explain(A, Q, y)
     lit = int(np.argmax(explanation.lights[:, 0]))
     strange = np.random.default_rng(1).standard_normal(PIXELS)
     lights = np.array([A[:, lit], strange])[:, :, None] * np.ones(6)
@@ -95,14 +96,14 @@ def test_a_channel_without_light_is_explained(wall: tuple[Array, Array, Array]) 
     A, Q, y = wall
     y = y[:, :3].copy()
     y[:, 1] = 0
-    assert np.isfinite(SharpImages(SHAPE).explain(A, Q, y).evidence)
+    assert np.isfinite(SharpImages(HIDDEN).explain(A, Q, y).evidence)
 
 
 def test_ambient_light_alone_has_a_black_image(wall: tuple[Array, Array, Array]) -> None:
     """Nothing of it is lit, so that no image can follow a motion, and it has no edges."""
     A, Q, _ = wall
-    explanation = SharpImages(SHAPE).explain(A, Q, Q @ np.ones((Q.shape[1], 3)))
+    explanation = SharpImages(HIDDEN).explain(A, Q, Q @ np.ones((Q.shape[1], 3)))
     (image,) = explanation.images
     motion = np.ones((1, len(A), 3))
     np.testing.assert_allclose(explanation.beyond_image(motion), motion, rtol=1e-6)
-    np.testing.assert_allclose(smoothness(SHAPE, np.zeros_like(image)), smoothness(SHAPE))
+    np.testing.assert_allclose(smoothness(HIDDEN, np.zeros_like(image)), smoothness(HIDDEN))

@@ -60,7 +60,7 @@ def test_map_is_drawn(succeeds, tmp_path):
 def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
     periscopy, succeeds, refused, tmp_path, monkeypatch
 ):
-    asked = ("--vary", "occluder_dx=-0.05:0.05", "--grid", "4", "--by", "told")
+    asked = ("--vary", "occluder_dx=-0.05:0.05", "--grid", "4", "--by", "reported")
     succeeds(*design(*asked, out="whole"))
     errors_of, count = designs.errors_of, 0
 
@@ -91,7 +91,7 @@ def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
         (("--vary", "occluder_dx=0:1", "--sbr", "0"), "--sbr"),
         (("--vary", "ocluder_dx=0:1"), "'occluder_dx'"),
         (("--vary", "occluder_dx_error=0:1"), "occluder_dx_error"),
-        (("--vary", "occluder_dx=0:1", "--images", "none", "--by", "told"), "--by told"),
+        (("--vary", "occluder_dx=0:1", "--images", "none", "--by", "reported"), "--by reported"),
         (("--vary", "occluder_dx=0:1", "-D", "occluder_dx=-0.25", "-D", "occluder_dy=-0.63",
           "--model", "analytic"), "'chair_seat'"),
     ],

@@ -43,7 +43,7 @@ DATASET = """
  scenes: [{scene: plate, parameters: {resolution: 16}}],
  hidden_images: [{kind: shapes}], ambient: [{kind: lamps}]}
 """
-EXTRAS = {"view": "viser", "sweep": "xarray", "dataset": "zarr"}
+EXTRAS = {"view": "websockets", "sweep": "xarray", "dataset": "zarr"}
 
 
 @pytest.fixture(scope="module")

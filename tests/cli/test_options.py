@@ -1,11 +1,13 @@
 import inspect
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import pytest
 import typer
+from rich.markup import render
 
 from periscopy_sim.cli import MODULES, app
 from periscopy_sim.cli.options import (
@@ -174,3 +176,11 @@ def test_every_number_has_a_finite_range_and_is_not_nan():
         assert option.min < option.max and (math.isfinite(option.max) or option.name == "sbr")
         with pytest.raises(typer.BadParameter):
             option.callback(None, option, math.nan)
+
+
+def test_help_shows_every_bracket():
+    """Rich takes a bracket that is not escaped for a style, and drops what is in it."""
+    parser = typer.main.get_command(app)
+    for command in map(partial(parser.get_command, None), MODULES):
+        for each in command.params:
+            assert render(each.help).plain == each.help.replace(r"\[", "["), each.name

@@ -48,7 +48,7 @@ def test_errors_are_of_the_noise_aware_method_and_the_same_again(scenario):
     quiet, again, loud = (errors_of(scenario, A, B, images, snr=snr) for snr in (80, 80, 40))
     assert quiet == again
     assert 0 < quiet["error"] < loud["error"]
-    assert 0 < quiet["told_error"] < loud["told_error"]
+    assert 0 < quiet["reported_error"] < loud["reported_error"]
 
 
 def test_grid_combines_all_values_with_their_ends():

@@ -1,6 +1,3 @@
-import time
-from contextlib import contextmanager
-
 import pytest
 
 from periscopy_sim.live.level import Choice, Level
@@ -13,37 +10,6 @@ PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 @pytest.fixture(scope="session", autouse=True)
 def fast(jit):
     """No laboratory follows a hand where only the scalar variant works."""
-
-
-@pytest.fixture(scope="module")
-def running():
-    """Run a laboratory on a page, and record what it shows, when, and what it saves."""
-    pytest.importorskip("viser")
-    from experiments.benchmarks import live
-    from periscopy_sim.live.page import Offered, Page
-    from periscopy_sim.live.session import LiveSession
-
-    @contextmanager
-    def run(scenario, first, lines, light):
-        saved, shown, times, show = [], [], [], Page.show
-
-        def watched(page, pictures):
-            show(page, pictures)
-            times.append(time.monotonic())
-            shown.append(pictures)
-
-        offered = Offered(("mushroom", "bars"), ("noise-aware", "preconditioned"))
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Page, "show", watched)
-            session = LiveSession(
-                scenario, first, offered, lambda each: saved.append(each) or "saved",
-                lambda _: lines, light=light,
-            )  # fmt: skip
-        with session, live.running(session):
-            session.saved, session.shown, session.times = saved, shown, times
-            yield session
-
-    return run
 
 
 @pytest.fixture

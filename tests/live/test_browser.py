@@ -7,23 +7,41 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
+from periscopy_sim.live.page import Page
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 pytest.importorskip("playwright")
 pytestmark = [
     pytest.mark.thorough,
     pytest.mark.skipif(not any(map(shutil.which, live.CHROMIUM)), reason="needs Chromium"),
 ]
 PATIENCE = live.PATIENCE
+HOSTILE = '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerror=f()> &lt;b&gt;'
+"""What an id, a name, a value or a message may hold."""
 
 
 @pytest.fixture(scope="module")
-def session(running):
+def session():
+    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
-    with running(scenario, Choice({}, "mushroom", "lamp"), [], light) as opened:
-        yield opened
+    shown, show = [], Page.show
+
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append((time.monotonic(), pictures))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Page, "show", watched)
+        with LiveSession(
+            scenario, Choice({}, "mushroom", "lamp"), *offered, lambda _: HOSTILE, lambda _: [],
+            light=light,
+        ) as opened:  # fmt: skip
+            opened.shown = shown
+            with live.running(opened):
+                yield opened
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +63,7 @@ def wait_for_full(session, holds=lambda pictures: True, since=0.0):  # noqa: ARG
     """Wait for the full pictures of what is set, and return when they came, and them."""
     end = time.monotonic() + PATIENCE
     while True:
-        count = len(session.shown)
-        when, pictures = (
-            each[count - 1] if count else 0 for each in (session.times, session.shown)
-        )
+        when, pictures = session.shown[-1] if session.shown else (0.0, None)
         if when > since and pictures and not pictures.is_coarse and holds(pictures):
             return when, pictures
         assert time.monotonic() < end
@@ -61,7 +76,7 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
     live.drag(session, page, "chair", seconds=4.0)
     released = time.monotonic()
     after = wait_for_full(session, since=released)[1]
-    assert any(each.is_coarse for each in session.shown[count:])
+    assert any(each.is_coarse for _, each in session.shown[count:])
     moved = session.page.choice.values["occluder_dx"]
     assert 0.02 < moved < 0.06 and session.page.choice.values["occluder_dz"] == 0
     assert after.choice.values["occluder_dx"] == pytest.approx(moved)
@@ -69,23 +84,28 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
 
 
 def test_what_is_chosen_changes_the_pictures(session, page):
-    page.get_by_label("Ambient light").or_(page.locator("input[value=lamp]")).first.click()
-    page.get_by_role("option", name="none").click()
+    page.get_by_label("Ambient light").select_option("none")
     wait_for_full(session, lambda each: not each.choice.place)
-    page.get_by_label("Ambient light").or_(page.locator("input[value=none]")).first.click()
-    page.get_by_role("option", name="lamp").click()
+    page.get_by_label("Ambient light").select_option("lamp")
     _, lit = wait_for_full(session, lambda each: each.choice.place)
     page.evaluate(live.COUNT)
-    page.locator("input[value='0.5']").first.click()
-    page.get_by_role("option", name="0.05", exact=True).click()
+    page.get_by_label("SBR").select_option("0.05")
     _, dim = wait_for_full(session, lambda each: each.choice.sbr == 0.05)
     assert dim.photograph.values.std() < 0.5 * lit.photograph.values.std()
     assert dim.psnr < lit.psnr
-    page.wait_for_function("window.pictures > 0")
+    assert page.evaluate("window.pictures") > 0
+    page.get_by_label("SNR (dB)").first.fill("10")  # steps of 1 dB from 20 dB
+    wait_for_full(session, lambda each: each.choice.snr == 30)
+
+
+def test_no_text_of_the_page_is_markup(page):
+    page.get_by_role("button", name="Write scene and pictures").click()
+    page.get_by_text(HOSTILE, exact=True).wait_for()
+    assert page.locator("iframe").count() == 0
 
 
 def test_no_request_leaves_the_machine(session, page):
     home = f"//127.0.0.1:{session.page.gate.port}"
     asked = [url for url in page.requests if url.startswith(("http", "ws"))]
-    assert len(asked) >= 2  # the client, in one file, and its websocket
+    assert len(asked) >= 3  # the page, its script and its websocket
     assert all(home in url for url in asked), asked

@@ -1,52 +1,38 @@
 """The page's server as an attacker meets it: pages of others, and clients that send anything."""
 
 import json
+import re
 import socket
 import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import cached_property
-from html.parser import HTMLParser
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
-from periscopy_sim.live import gate
+from experiments.benchmarks import live
 from periscopy_sim.live.level import Choice
-from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.live.page import Page
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
-viser = pytest.importorskip("viser")
-msgspec = pytest.importorskip("msgspec")
 websockets = pytest.importorskip("websockets")
-zstandard = pytest.importorskip("zstandard")
-from websockets.http11 import Headers, Request  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
+
+from periscopy_sim.live import gate  # noqa: E402
 
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 PATIENCE = 240.0  # another process may be compiling, on a busy machine
-CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1.5),
-    "look_at": (0, 1, 0), "up_direction": (0, 0, 1), "fov": 1.0, "near": 0.01, "far": 1000,
-    "image_height": 600, "image_width": 800,
-}  # fmt: skip
-
-HOSTILE = (
-    '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerror=f()> &lt;b&gt; '
-    "![a](icon.png) [b](javascript:f) **c** `d` \\* $e$ www.example.org"
-)
-"""What an id, a name, a value or a message may hold."""
 
 
 class Target:
     """A session that runs, what it has shown, and what an attacker knows of it."""
 
-    def __init__(self, session):
-        self.shown, self.saved = session.shown, session.saved
+    def __init__(self, session, shown, saved):
+        self.session, self.shown, self.saved = session, shown, saved
         self.page, self.gate = session.page, session.page.gate
         self.origin = f"http://127.0.0.1:{self.gate.port}"
 
@@ -58,33 +44,10 @@ class Target:
         with (
             socket.create_connection(("127.0.0.1", self.gate.port)) as sock,
             connect(
-                f"ws://{host}/{token}", sock=sock, origin=origin or self.origin,
-                subprotocols=[f"viser-v{viser.__version__}"], max_size=None,
+                f"ws://{host}/{token}/", sock=sock, origin=origin or self.origin, max_size=None
             ) as client,
-        ):  # fmt: skip
-            before = set(self.page.server.get_clients())
-            send(client, CAMERA)  # viser heeds a client that has a camera
-            self.until(lambda: set(self.page.server.get_clients()) - before)
+        ):
             yield client
-
-    def messages(self):
-        """Return all that the page's server tells a new client."""
-        messages = []
-        with self.client() as client:
-            while not messages or messages[-1]["type"] != "ReplayDoneMessage":
-                raw = client.recv(PATIENCE)
-                packed = raw[16 : 16 + int.from_bytes(raw[8:16], "little")]
-                messages += msgspec.msgpack.decode(zstandard.decompress(packed))["messages"]
-        return messages
-
-    @cached_property
-    def controls(self):
-        """The names that the page's client gives to controls, by their labels."""
-        controls = (each for each in self.messages() if "label" in (each.get("props") or {}))
-        return {each["props"]["label"]: each["uuid"] for each in controls}
-
-    def control(self, label):
-        return self.controls[label]
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -96,43 +59,73 @@ class Target:
         """Show that a new wish of the page itself is granted."""
         snr = 30.0 if self.page.choice.snr != 30 else 40.0
         with self.client() as client:
-            send(client, value_of(self.control("SNR (dB)"), snr))
+            send(client, value_of("snr", snr))
             self.until(lambda: self.shown and self.shown[-1].choice.snr == snr)
 
 
 def send(client, message):
-    client.send(message if isinstance(message, str) else msgspec.msgpack.encode(message))
+    client.send(message if isinstance(message, str) else json.dumps(message))
 
 
-def value_of(uuid, value):
-    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}}
+def value_of(control, value):
+    return {"control": control, "value": value}
 
 
 @pytest.fixture(scope="module")
-def target(running):
+def target():
+    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
+    saved, shown, show = [], [], Page.show
+
+    def save(pictures):
+        saved.append(pictures)
+        return "saved"
+
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append(pictures)
+
     scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
     first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with running(scenario, first, [HOSTILE], light) as session:
-        made = Target(session)
-        made.until(lambda: made.shown)
-        yield made
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Page, "show", watched)
+        with LiveSession(scenario, first, *offered, save, lambda _: [], light=light) as session:
+            made = Target(session, shown, saved)
+            with live.running(session):
+                made.until(lambda: made.shown)
+                yield made
+
+
+def test_a_viewer_sees_the_state_as_it_is(target):
+    with target.client() as client:
+        state = json.loads(client.recv(PATIENCE))
+        assert {"room", "controls", "values", "handles", "sheet", "photograph"} <= state.keys()
+        assert state["values"]["method"] == target.page.choice.method
+        target.page.tell("it failed")
+        assert json.loads(client.recv(PATIENCE))["trouble"] == ["it failed"]
+    target.page.tell("")
+
+
+def test_a_slow_viewer_gets_the_latest_alone(target):
+    with target.client() as client:
+        client.recv(PATIENCE)
+        for k in range(1000):
+            target.page.tell(str(k))
+        got = []
+        while not got or got[-1] != "999":
+            got += json.loads(client.recv(PATIENCE)).get("trouble", [])
+    target.page.tell("")
+    assert len(got) < 1000 and got == sorted(got, key=int)
 
 
 def test_no_text_of_the_page_is_markup(target):
-    """All that the client takes for markup, as it comes over the wire."""
-    target.until(lambda: not target.shown[-1].is_coarse)
-    pictures = target.shown[-1]
-    choice = replace(pictures.choice, method=HOSTILE)
-    target.page.show(replace(pictures, choice=choice, report=Report()))
-    target.page.tell(f"failed: {HOSTILE}")
-    messages = target.messages()
-    assert not {"GuiMarkdownMessage", "GuiModalMessage"} & {each["type"] for each in messages}
-    tags, texts, parser = set(), [], HTMLParser()
-    parser.handle_starttag, parser.handle_data = lambda tag, _: tags.add(tag), texts.append
-    for each in messages:
-        parser.feed((each.get("props") or each.get("updates") or {}).get("content", ""))
-    assert tags == {"div"}
-    assert {HOSTILE, f"Standard error: {HOSTILE} reports none", f"failed: {HOSTILE}"} <= {*texts}
+    """The script enters text as text, and no script but this one may run."""
+    with urllib.request.urlopen(target.gate.url) as page:
+        policy = page.headers["Content-Security-Policy"]
+        assert re.findall(r"<script.*?>", page.read().decode()) == ['<script src="page.js">']
+    assert "default-src 'none'; script-src 'self';" in policy
+    with urllib.request.urlopen(f"{target.gate.url}page.js") as script:
+        text = script.read().decode()
+    assert not re.search(r"(inner|outer)HTML|insertAdjacent|document\.write|eval|Function\(", text)
 
 
 @pytest.mark.parametrize(
@@ -145,6 +138,7 @@ def test_no_text_of_the_page_is_markup(target):
         {"token": "guessed"},
         {"token": ""},
         {"token": "\u00fc"},
+        {"host": "127.0.0.1.evil.example", "origin": "http://127.0.0.1.evil.example"},
     ],
 )
 def test_pages_of_others_cannot_connect(target, foreign):
@@ -158,13 +152,19 @@ def test_pages_of_others_cannot_connect(target, foreign):
 
 @pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
 def test_pages_of_others_cannot_read_the_page(target, headers):
-    for url in (target.gate.url, target.origin):
+    for url in (target.gate.url, f"{target.gate.url}page.js", target.origin):
         with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(urllib.request.Request(url, headers=headers))
         assert refused.value.code == 403
         refused.value.close()
-    with urllib.request.urlopen(target.gate.url) as page:
-        assert b"<html" in page.read()
+    for path in ("gate.py", "../page.js", "..%2fpage.py", "%2e%2e/__init__.py"):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(target.gate.url + path)
+        assert refused.value.code == 404
+        refused.value.close()
+    for url in (target.gate.url, target.gate.url.rstrip("/")):
+        with urllib.request.urlopen(url) as page:
+            assert b"<html" in page.read() and page.url == target.gate.url
 
 
 def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
@@ -173,34 +173,33 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
     picture = tmp_path / "private.png"
     picture.write_bytes(b"")
     before, rejected = target.page.choice, target.gate.rejected
-    method, image = target.control("Method"), target.control("Hidden image")
-    snr, place = target.control("SNR (dB)"), target.control("Ambient light")
-    write = target.control("Write scene and pictures")
-    handle = {"name": "/handles/plate", "owner": ""}
-    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}
-    drag = {"type": "TransformControlsUpdateMessage"} | handle | pose
+    drag = {"handle": "plate", "position": [0.0, 0.0, 0.0], "ends": False}
     nan = float("nan")
     attacks = [
-        *(value_of(method, each) for each in (f"{own}:run", "file.py", "iterative", "", None, [])),
-        *(value_of(image, each) for each in (str(picture), "a" * 5000, "not known", {})),
-        *(value_of(place, each) for each in ("window", str(tmp_path / "x.xml"), 1)),
-        *(value_of(snr, each) for each in (-10_000, nan, 1e300, "60", True, None)),
+        *(value_of("method", x) for x in (f"{own}:run", "file.py", "iterative", "", None, [])),
+        *(value_of("image", each) for each in (str(picture), "a" * 5000, "not known", {})),
+        *(value_of("place", each) for each in ("window", str(tmp_path / "x.xml"), 1)),
+        *(value_of("snr", each) for each in (-10_000, nan, 1e300, "60", True, None)),
         *(value_of("nobody", each) for each in (1, "noise-aware")),
-        value_of(write, {"value": 1}),
-        value_of(method, "noise-aware") | {"updates": {"value": "noise-aware", "options": []}},
-        value_of(method, "noise-aware") | {"updates": {"update_cb": []}},
-        value_of(method, "noise-aware") | {"updates": {}},
-        drag | {"position": (nan, 0.0, 0.0)},
-        drag | {"position": (float("inf"), 0.0, 0.0)},
-        drag | {"position": (0.0,)},
-        drag | {"name": "/handles/none"},
-        {"type": "ShareUrlRequest"},
-        {"type": "RunJavascriptMessage", "source": "1"},
-        {"type": "ViewerCameraMessage"},
-        {"type": "Nothing"},
+        value_of(["snr"], 30),
+        value_of("save", {"value": 1}),
+        value_of("save", 1),
+        value_of("method", "preconditioned") | {"options": []},
+        {"control": "method"},
+        drag | {"position": [nan, 0.0, 0.0]},
+        drag | {"position": [float("inf"), 0.0, 0.0]},
+        drag | {"position": [10**400, 0.0, 0.0]},
+        drag | {"position": [0.0]},
+        drag | {"position": "123"},
+        drag | {"handle": "none"},
+        drag | {"ends": 1},
+        drag | {"more": 1},
         {},
         [1, 2],
-        json.dumps({"type": "ShareUrlRequest"}),
+        "1",
+        "[" * 10_000,
+        "no JSON",
+        "1" * 10_000,
     ]
     with target.client() as client:
         for attack in attacks:
@@ -215,8 +214,8 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
 def test_rejections_leave_a_line_a_second(caplog, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(gate, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    guard = gate.Gate("127.0.0.1", 0)
-    guard._socket.close()
+    guard = gate.Gate("127.0.0.1", 0, print, print)
+    guard.close()
     for _ in range(1000):
         guard.reject("\x1b[2J" + 300 * "x")
     now[0] += 1.0
@@ -228,17 +227,19 @@ def test_rejections_leave_a_line_a_second(caplog, monkeypatch):
 
 @pytest.mark.parametrize(("host", "opened"), [("localhost", False), ("0.0.0.0", True)])
 def test_address_is_one_that_others_can_open(host, opened):
-    guard = gate.Gate(host, 0)
-    guard._socket.close()
-    place = urlsplit(guard.url)
-    assert guard.is_open == opened and place.hostname != "0.0.0.0"
-    request = Request(place.path, Headers(Host=place.netloc))
-    assert not guard.fault_of_request(request)
+    guard = gate.Gate(host, 0, print, print)
+    assert guard.is_open == opened and urlsplit(guard.url).hostname != "0.0.0.0"
+    with urllib.request.urlopen(guard.url) as page:
+        assert page.status == 200
+    guard.close()
+    guard.publish(trouble=["nobody sees this"])
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(guard.url)
 
 
 def test_bytes_that_are_no_message_end_nothing(target):
     with target.client() as client:
-        for noise in (b"", b"\xc1", b"\x91" * 10_000, bytes(range(256))):
+        for noise in ("", b"", b"\x91" * 10_000, bytes(range(256)), "\x00"):
             client.send(noise)
     with target.client() as client:
         client.send(bytes(2**20))
@@ -253,18 +254,21 @@ def test_bytes_that_are_no_message_end_nothing(target):
 
 def test_what_the_page_offers_is_granted(target):
     with target.client() as client:
-        send(client, value_of(target.control("Hidden image"), "bars"))
+        send(client, value_of("image", "bars"))
         target.until(lambda: target.shown[-1].choice.image == "bars")
-        send(client, value_of(target.control("Write scene and pictures"), True))
+        send(client, value_of("save", True))
         target.until(lambda: target.saved)
         name, handle = next(iter(target.page.handles.items()))
         position = handle.center + np.array([0.01, 0, 0])
-        named = {"name": f"/handles/{name}", "owner": ""}
-        send(client, {"type": "TransformControlsDragStartMessage", **named})
-        pose = {"wxyz": (1, 0, 0, 0), "position": position.tolist()}
-        send(client, {"type": "TransformControlsUpdateMessage", **named, **pose})
+        send(client, {"handle": name, "position": position.tolist(), "ends": False})
         parameter = handle.names[0]
         target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
+        send(client, value_of("value occluder_dx", 0.02))
+        target.until(lambda: target.shown[-1].choice.values["occluder_dx"] == 0.02)
+        send(client, value_of("reset", True))
+        target.until(lambda: target.shown[-1].choice.values["occluder_dx"] == 0)
+        send(client, {"handle": name, "position": position.tolist(), "ends": False})
     assert target.saved[0].choice.image == "bars"
-    # The client left while it dragged.
+    # The client left while it dragged: full pictures follow without the handle's second of rest.
+    target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
     target.until(lambda: not target.shown[-1].is_coarse)

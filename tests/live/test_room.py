@@ -1,9 +1,11 @@
+from base64 import b64decode
+from io import BytesIO
+
 import numpy as np
-import pytest
-from scipy.spatial.transform import Rotation
+from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.live.room import on_rectangle, pose_of
+from periscopy_sim.live.room import as_source, on_rectangle, room_of, things_in
 
 
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
@@ -28,9 +30,31 @@ def test_photograph_of_an_oblique_camera_covers_what_it_sees():
     assert image[0, 10, 0] == 0 and image[-1, 10, 0] == 19
 
 
-def test_pose_turns_an_image_upright():
-    w, x, y, z = pose_of(np.array([2.0, 0, 0]), np.array([0, 0, 0.5]))
-    turn = Rotation.from_quat([x, y, z, w])
-    np.testing.assert_allclose(turn.apply([1, 0, 0]), [1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(turn.apply([0, 1, 0]), [0, 0, -1], atol=1e-12)
-    assert turn.magnitude() == pytest.approx(np.pi / 2)
+def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
+    pictures = level().pictures(choice, lambda: False)
+    scene, things = pictures.scenario, things_in(pictures)
+    corners = np.array(things["monitor"]["corners"])  # lower left and right, upper left and right
+    centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
+    expected = centers[-1, 0], centers[-1, -1], centers[0, 0], centers[0, -1]
+    half = np.linalg.norm(scene.hidden.across[0] + scene.hidden.up[0]) / 2
+    np.testing.assert_allclose(np.linalg.norm(corners - expected, axis=1), half, rtol=1e-5)
+    np.testing.assert_allclose(
+        np.mean(things["photograph"]["corners"], axis=0), scene.view.centers.mean(axis=0), atol=0.01
+    )
+    for shown, occluder in zip(things["occluders"], scene.scene.occluders, strict=True):
+        vertices = np.reshape(shown["vertices"], (-1, 3))
+        np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
+        assert max(shown["faces"]) == len(vertices) - 1
+
+
+def test_the_first_view_sees_the_wall_from_its_front():
+    scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
+    view = room_of(scene)["view"]
+    assert (np.subtract(view["eye"], scene.view.centers) @ scene.view.frame.normal > 0).all()
+
+
+def test_a_source_holds_the_image():
+    pixels = np.random.default_rng(0).integers(0, 256, (3, 5, 4), np.uint8)
+    kind, _, text = as_source(pixels).partition(",")
+    assert kind == "data:image/png;base64"
+    np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(b64decode(text)))), pixels)

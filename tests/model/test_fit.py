@@ -193,8 +193,10 @@ def test_one_channel_is_as_three_alike(fit):
     lights = [planes[0].T for planes in (grey, three)]
     light = [residual_of(y, 0 * y, fit.operator, fit.observation.placed) for y in lights]
     assert light[0].unexplained == pytest.approx(light[1].unexplained)
-    images = [np.repeat(TRUTH[:, :1], count, axis=1).reshape(*HIDDEN, -1) for count in (1, 3)]
-    for f in images:
-        count = f.shape[2]
-        assert standard_errors(fit.gram, np.eye(count), f, 3.0, 5.0, N).shape == f.shape
+    images = [np.repeat(TRUTH[:, :1], count, axis=1) for count in (1, 3)]
+    differences = fit.observation.hidden.differences
+    errors = [
+        standard_errors(fit.gram, differences, np.eye(f.shape[1]), f, 3.0, 5.0, N) for f in images
+    ]
+    np.testing.assert_allclose(errors[1][:, :1], errors[0], rtol=0.5)
     assert Paint(fit).evenness(grey[0]).shape == grey.shape[1:]

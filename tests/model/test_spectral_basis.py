@@ -1,11 +1,24 @@
 """The linear equations of the noise-aware method against dense solutions."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import linalg
 
-from periscopy_sim.model.spectral_basis import InverseLaplacian, Solver, SpectralBasis, laplacian
+from periscopy_sim.hidden import Hidden, Surface
+from periscopy_sim.model.spectral_basis import (
+    InverseLaplacian,
+    Solver,
+    SpectralBasis,
+    inverse_by_axes,
+    inverse_by_factors,
+    laplacian,
+)
+from tests.scenes.surfaces import alone, screen_and_column
 
-HIDDEN = (4, 5)
+HIDDEN = Hidden.of((4, 5))
 RNG = np.random.default_rng(0)
 # Curvatures that fall by many powers of ten, as those of penumbrae do.
 A = RNG.standard_normal((60, 20)) * 10.0 ** -np.linspace(0, 4, 20)
@@ -15,7 +28,7 @@ RIGHT = RNG.standard_normal((3, 20))
 
 
 def dense(ρ, data, g):
-    K = laplacian(HIDDEN)
+    K = laplacian(HIDDEN.differences).toarray()
     return np.array(
         [np.linalg.solve(w * GRAM + ρ * K, d + ρ * b)
          for w, d, b in zip(WEIGHTS, data, g, strict=True)]
@@ -55,17 +68,59 @@ def test_sum_of_weak_patterns_that_is_kept_costs_their_part_of_the_change():
     assert errors[2] > 1e-3
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (6, 1), (4, 5)])
-def test_inverse_laplacian_undoes_the_laplacian(shape):
-    images = RNG.standard_normal((3, shape[0] * shape[1]))
-    smoothed = InverseLaplacian(shape)((images @ laplacian(shape)).astype(np.float32))
+@pytest.mark.parametrize(
+    "hidden", [*map(Hidden.of, [(1, 1), (1, 7), (6, 1), (4, 5)]), screen_and_column()]
+)
+def test_inverse_laplacian_undoes_the_laplacian(hidden):
+    images = RNG.standard_normal((3, hidden.patches))
+    inverse = InverseLaplacian(hidden)
+    smoothed = inverse((images @ laplacian(hidden.differences)).astype(np.float32))
     np.testing.assert_allclose(smoothed, images, atol=1e-5)
+    for one in alone(hidden):
+        (surface,), K = one.values(), laplacian(one.differences).toarray()
+        expected = np.linalg.solve(K, images[:, : one.patches].T).T
+        g = images[:, : one.patches].astype(np.float32)
+        for each in (
+            inverse_by_axes(one.differences, surface.shape),
+            inverse_by_factors(one.differences),
+        ):
+            np.testing.assert_allclose(each(g), expected, atol=1e-5)
+    copied = pickle.loads(pickle.dumps(inverse))
+    np.testing.assert_array_equal(copied(smoothed), inverse(smoothed))
+
+
+def test_axes_that_are_not_alike_have_no_eigenvectors_of_their_own():
+    centers = RNG.random((20, 3))
+    bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)})
+    assert inverse_by_axes(bent.differences, (4, 5)) is None
+    images = RNG.standard_normal((3, 20)).astype(np.float32)
+    smoothed = InverseLaplacian(bent)(images)
+    K = laplacian(bent.differences).toarray()
+    np.testing.assert_allclose(smoothed, np.linalg.solve(K, images.T).T, atol=1e-4)
 
 
 def test_laplacian_is_that_of_forward_differences():
-    K = laplacian(HIDDEN)
+    K = laplacian(HIDDEN.differences)
     for seed in range(3):
-        f = np.random.default_rng(seed).random(HIDDEN)
+        f = np.random.default_rng(seed).random((4, 5))
         energy = (np.diff(f, axis=0) ** 2).sum() + (np.diff(f, axis=1) ** 2).sum() + (f**2).sum()
         assert f.ravel() @ K @ f.ravel() == pytest.approx(energy)
-    np.testing.assert_array_equal(laplacian((1, 1)), [[1.0]])
+    np.testing.assert_array_equal(laplacian(Hidden.of((1, 1)).differences).toarray(), [[1.0]])
+
+
+def test_patterns_of_surfaces_that_light_other_pixels_are_those_of_each_alone():
+    hidden = screen_and_column()
+    grams = [GRAM[:n, :n] + np.eye(n) for n in (each.patches for each in alone(hidden))]
+    bases = [SpectralBasis(gram, each) for gram, each in zip(grams, alone(hidden), strict=True)]
+    both = SpectralBasis(linalg.block_diag(*grams), hidden)
+    curvatures = np.sort(np.concatenate([each.curvatures for each in bases]))
+    np.testing.assert_allclose(both.curvatures, curvatures, rtol=1e-9)
+    d, g = RNG.standard_normal((2, 3, hidden.patches)).astype(np.float32)
+
+    def solved(basis, part):
+        data = d[:, part] @ basis.rows.T
+        return Solver(basis, WEIGHTS[:, None], 0.1, data, 0.01)(np.ascontiguousarray(g[:, part]))
+
+    for part, basis in zip(hidden.slices.values(), bases, strict=True):
+        found = solved(both, slice(None))[:, part]
+        np.testing.assert_allclose(found, solved(basis, part), atol=1e-4)

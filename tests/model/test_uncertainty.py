@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy import linalg
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import (
     ROUNDING,
     UncertainTransport,
     contrast,
     curvature_of_total_variation,
+    displacement,
 )
-from periscopy_sim.model.uncertainty import standard_errors as standard_errors_of_precision
+from periscopy_sim.model.uncertainty import standard_errors as standard_errors_of_vectors
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from tests.scenes.surfaces import alone, screen_and_column
 
 RNG = np.random.default_rng(0)
 HIDDEN = (6, 7)
@@ -22,8 +26,16 @@ TRUTH = np.zeros((*HIDDEN, 3))
 TRUTH[1:4, 2:6] = (0.9, 0.5, 0.2)
 
 
-def standard_errors(gram, noise, *settings, **named):
-    return standard_errors_of_precision(gram, np.diag(noise**-2.0), *settings, **named)
+def of_images(gram, precision, image, *settings):
+    """Standard errors of an image, (R, C, 3), likewise."""
+    differences = Hidden.of(image.shape[:2]).differences
+    f = image.reshape(-1, 3)
+    errors = standard_errors_of_vectors(gram, differences, precision, f, *settings)
+    return errors.reshape(image.shape)
+
+
+def standard_errors(gram, noise, *settings):
+    return of_images(gram, np.diag(noise**-2.0), *settings)
 
 
 def curvature_by_loops(image, weight):
@@ -45,8 +57,26 @@ def curvature_by_loops(image, weight):
 @pytest.mark.parametrize("shape", [(6, 7), (1, 5), (5, 1)])
 def test_curvature_is_that_of_both_differences(shape):
     image = np.random.default_rng(1).random((*shape, 3))
-    found = curvature_of_total_variation(image, 20.0).toarray()
+    differences = Hidden.of(shape).differences
+    found = curvature_of_total_variation(differences, image.reshape(-1, 3), 20.0).toarray()
     np.testing.assert_allclose(found, curvature_by_loops(image, 20.0), rtol=1e-12, atol=1e-12)
+
+
+def test_surfaces_that_light_other_pixels_curve_and_move_as_each_alone():
+    hidden = screen_and_column()
+    random = np.random.default_rng(5)
+    f, response = random.random((hidden.patches, 3)), random.normal(size=(2, 3, hidden.patches))
+    grams = [GRAM[:n, :n] for n in (each.patches for each in alone(hidden))]
+    gram = linalg.block_diag(*grams)
+    P = curvature_of_total_variation(hidden.differences, f, 20.0).toarray()
+    places = displacement(gram, hidden, f, response)
+    for k, (one, part) in enumerate(zip(alone(hidden), hidden.slices.values(), strict=True)):
+        own = curvature_of_total_variation(one.differences, f[part], 20.0).toarray()
+        np.testing.assert_allclose(P[part, part], own, atol=1e-12)
+        P[part, part] = 0
+        expected = displacement(grams[k], one, f[part], response[..., part])
+        np.testing.assert_allclose(places[k : k + 1], expected, rtol=1e-9)
+    assert not P.any()  # nothing joins the surfaces
 
 
 @pytest.mark.parametrize("misfit", [0.0, 60.0, 500.0])
@@ -78,7 +108,7 @@ def test_a_colour_matrix_couples_the_channels():
     response = np.random.default_rng(3).standard_normal((2, 3, N))
     moved = np.einsum("dc,jcn->jnd", Π, response).reshape(2, -1) @ inverse
     covariance = inverse @ (data + τ * prior) @ inverse + moved.T @ moved
-    found = standard_errors_of_precision(GRAM, Π, TRUTH, weight, τ_misfit, N, response)
+    found = of_images(GRAM, Π, TRUTH, weight, τ_misfit, N, response)
     np.testing.assert_allclose(found.ravel(), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 

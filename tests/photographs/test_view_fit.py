@@ -52,7 +52,7 @@ def test_exact_points_give_the_view_back(count, distortion):
 
 
 @pytest.mark.thorough
-def test_told_errors_are_those_that_repeats_have():
+def test_reported_errors_are_those_that_repeats_have():
     """60 sets of points clicked to 0.3 pixels, which tell a deviation of two coordinates to 7 %."""
     points, elsewhere = scattered(8, 3), np.array([[0.35, 0.2]])
     straight = []

@@ -43,6 +43,7 @@ def make_scenario(occluders=(), *, film=(9, 11), hidden=(2, 3), emission=LCD, si
         plugins={},
         boxes={},
         occluders=tuple(occluders),
+        surfaces=(),
         emission={"monitor": emission},
     )
     ends = wall[[0, film[1] - 1, -1, -film[1]]]

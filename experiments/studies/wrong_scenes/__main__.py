@@ -32,8 +32,13 @@ import periscopy_sim as ps
 from experiments.page import described, one_line_errors
 from experiments.setting import package_sha256
 from experiments.studies.wrong_scenes import outcome, subjects
-from experiments.studies.wrong_scenes.kept_case import read_case, write_case
-from experiments.studies.wrong_scenes.outcome import SCENES, Outcome, Trial
+from experiments.studies.wrong_scenes.outcome import (
+    SCENES,
+    Outcome,
+    Trial,
+    read_outcome,
+    write_outcome,
+)
 from experiments.studies.wrong_scenes.report import numbers_of, write_report
 from experiments.studies.wrong_scenes.subjects import Photographed
 from periscopy_sim.cli.output import progress
@@ -115,12 +120,12 @@ def run(trials: Sequence[Trial], ratios: Sequence[float], draws: int, out: Path)
 def carried_out(trial: Trial, sbr: float, draw: int, name: str, file: Path) -> Outcome:
     """Carry out a draw, or read what was kept of it."""
     made_from = identity(trial.photographed)
-    kept = read_case(Outcome, file, made_from)
+    kept = read_outcome(file, made_from)
     if kept is not None:
         return kept
     with progress(name) as report:
         made = trial.outcome(sbr, draw, report)
-    write_case(made, file, made_from)
+    write_outcome(made, file, made_from)
     return made
 
 

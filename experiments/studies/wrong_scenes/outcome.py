@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.outputs.staging import staged_file
 
 Array = NDArray[np.float64]
 
@@ -206,3 +209,23 @@ def reconstructed(
     shape = (*scene.hidden_shape, 3)
     errors = np.reshape(method.standard_errors(found), shape)
     return np.asarray(found.image, np.float64), errors, uncertain is not None
+
+
+def write_outcome(outcome: Outcome, file: Path, made_from: str) -> None:
+    """Keep an outcome as an NPZ file, with the digest of what it was made from."""
+    held = {field.name: getattr(outcome, field.name) for field in fields(outcome)}
+    arrays = {name: value for name, value in held.items() if isinstance(value, np.ndarray)}
+    record = {name: value for name, value in held.items() if name not in arrays}
+    with staged_file(file) as staged:
+        np.savez_compressed(staged, record=json.dumps([made_from, record]), **arrays)
+
+
+def read_outcome(file: Path, made_from: str) -> Outcome | None:
+    """Return the outcome that was kept, if it was made from the same."""
+    if not file.is_file():
+        return None
+    with np.load(file) as kept:
+        source, record = json.loads(str(kept["record"]))
+        if source != made_from:
+            return None
+        return Outcome(**record, **{name: kept[name] for name in kept.files if name != "record"})

@@ -136,7 +136,8 @@ def recover_silhouette(
             masked = replace(masked, shadows=masked.shadows.before(colours))
             fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
         else:
-            images = SmoothImages.hats(patches, patches)
+            hats = Hidden.of_scene(first.scene, patches)
+            images = SmoothImages.hats(hats, hats)
             coarse = averaged_photograph(read[0], fitted(size, LARGEST // 4))
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
             few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)

@@ -119,17 +119,18 @@ def _cross(
         middle = pixel[0] + t * (patch[0] - pixel[0])
         if not (-reach < middle[0] < columns + reach and -reach < middle[1] < rows + reach):
             continue
-        for a in range(P):
-            for b in range(Q):
-                u, v = (a + random.random()) / P - 0.5, (b + random.random()) / Q - 0.5
-                p = pixel[0] + u * pixel[1] + v * pixel[2]
-                shift_r, shift_s = random.random(), random.random()
-                for r in range(R):
-                    for s in range(S):
-                        u, v = (r + shift_r) / R - 0.5, (s + shift_s) / S - 0.5
-                        depth = patch[0, 2] + u * patch[1, 2] + v * patch[2, 2]
-                        t = p[2] / (p[2] - depth)
-                        x = p[0] + t * (patch[0, 0] + u * patch[1, 0] + v * patch[2, 0] - p[0])
-                        y = p[1] + t * (patch[0, 1] + u * patch[1, 1] + v * patch[2, 1] - p[1])
-                        if 0 <= x < columns and 0 <= y < rows:
-                            crossed[j, int(y) * columns + int(x)] += share
+        for stratum in range(P * Q):
+            a, b = stratum // Q, stratum % Q
+            u, v = (a + random.random()) / P - 0.5, (b + random.random()) / Q - 0.5
+            p = pixel[0] + u * pixel[1] + v * pixel[2]
+            shift_r, shift_s = random.random(), random.random()
+            for target in range(R * S):
+                r, s = target // S, target % S
+                u, v = (r + shift_r) / R - 0.5, (s + shift_s) / S - 0.5
+                # Where the ray from p to the patch's point crosses the plane of the cells.
+                depth = patch[0, 2] + u * patch[1, 2] + v * patch[2, 2]
+                t = p[2] / (p[2] - depth)
+                x = p[0] + t * (patch[0, 0] + u * patch[1, 0] + v * patch[2, 0] - p[0])
+                y = p[1] + t * (patch[0, 1] + u * patch[1, 1] + v * patch[2, 1] - p[1])
+                if 0 <= x < columns and 0 <= y < rows:
+                    crossed[j, int(y) * columns + int(x)] += share

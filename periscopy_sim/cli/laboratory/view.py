@@ -59,14 +59,13 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    require("viser")
+    require("websockets")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
         from periscopy_sim.live.level import Choice
-        from periscopy_sim.live.page import Offered
         from periscopy_sim.live.session import LiveSession
 
         ps.find_method(method)
@@ -79,12 +78,10 @@ def view(
             place = str(find_condition(ambient))  # its error is smooth: methods project it out
             quick = ps.render_background(place, session.scenario, target=0.05)
             light = quick.photograph
-        offered = Offered(
-            sorted(file.stem for file in (scenes_folder() / "images").glob("*.png")),
-            [name for name, each in METHODS.items() if not each.needs or find_spec(each.needs)],
-        )
+        images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
+        methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
         live = LiveSession(
-            session.scenario, Choice({}, image, ambient or "", method=method), offered,
+            session.scenario, Choice({}, image, ambient or "", method=method), images, methods,
             lambda pictures: write_view(out, pictures, photo),
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip

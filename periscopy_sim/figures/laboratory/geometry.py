@@ -53,6 +53,7 @@ class RoomPlan:
         middle = (core.min(axis=0) + core.max(axis=0)) / 2
         points = core
         for each in (solid.points for solid in survey.solids):
+            # Large things, as floors and walls, are cut at the frame, and do not widen it.
             reach = size if np.ptp(each, axis=0).max() > size else FARTHEST * size
             if np.abs(each - middle).max() < reach:
                 points = np.concatenate([points, each])
@@ -121,6 +122,8 @@ def facts(layout: RoomPlan) -> list[str]:
         heights = (points - layout.middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
         if 0 < distance < before:
+            # By similar triangles an edge at d before the wall, of a monitor at D, casts a penumbra
+            # d / (D - d) times as wide as the monitor.
             stretch = distance / (before - distance)
             penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
             distances.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))

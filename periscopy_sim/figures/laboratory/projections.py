@@ -76,6 +76,7 @@ class Labels:
             extent = label.get_window_extent(renderer)
             places = _places(box(points), np.array([extent.width, extent.height]))
             outside = (places[:, :2] < low + 2).any(axis=1) | (places[:, 2:] > high - 2).any(axis=1)
+            # To stand on other things is bad, to stand outside worse than on any number of them.
             hidden = 1000 * outside + _overlaps(places, np.array(boxes)).sum(axis=1)
             best = places[np.argmin(hidden)]  # the nearest of the best
             label.set_position(tuple(best[:2]))
@@ -204,8 +205,8 @@ def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
     h, d, v = layout.axes
     grid[..., h], grid[..., v] = x, z[:, None]
     slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
-    grid[..., d] = middle[d] - slope / normal[d]
-    points = grid.reshape(-1, 3) + 1e-4 * normal
+    grid[..., d] = middle[d] - slope / normal[d]  # (point - middle)·normal = 0
+    points = grid.reshape(-1, 3) + 1e-4 * normal  # metres ahead, so that the wall hides nothing
     share = layout.survey.lit_share(points, layout.scenario.hidden.centers)
     return share.reshape(len(z), len(x))
 
@@ -220,6 +221,7 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
     wall, facing = middle[[*axes]], normal[[*axes]]
     for end in extremes(monitor[:, axes]):
         to = points - end
+        # end + t to, where (end + t to - wall)·facing = 0
         hits = end + ((wall - end) @ facing / (to @ facing))[:, None] * to
         along = hits @ np.array([-facing[1], facing[0]])
         for extreme in (np.argmin(along), np.argmax(along)) if len(along) else ():

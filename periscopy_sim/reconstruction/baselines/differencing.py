@@ -253,9 +253,9 @@ class Differencing(StillMethod[np.float64]):
 
     @cached_property
     def _objective(self) -> Objective:
-        patterns = SpectralBasis(self._gram / self._unit**2, self.hidden_shape)
+        patterns = SpectralBasis(self._gram / self._unit**2, self.hidden)
         weight = self.tv_weight / np.sqrt(len(self._gram))
-        return Objective(patterns, self.hidden_shape, np.eye(1), weight, positive=False)
+        return Objective(patterns, self.hidden, np.eye(1), weight, positive=False)
 
     def _minimum(self, h: Array, noise: float, level: float) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image that minimizes Eq. 2, its iterations and residual."""

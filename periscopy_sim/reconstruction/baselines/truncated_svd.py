@@ -101,6 +101,6 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         noise = residual_noise(energy, explained, len(y) - self.rank - Q.shape[1])
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(self.V))
-        estimate = self.observation.image(self.V @ (coefficients / σ))
+        estimate = self.V @ (coefficients / σ)
         weight = self.tv_weight * standard_error
-        return denoise_and_repair(estimate, noise, weight, self.repair_threshold)
+        return denoise_and_repair(self.hidden, estimate, noise, weight, self.repair_threshold)

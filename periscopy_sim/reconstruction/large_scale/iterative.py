@@ -126,7 +126,7 @@ class IterativePeriscope(StillMethod[np.float64]):
     def solve(self, photograph: Image) -> IterativeReconstruction:
         """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
         y = self.transport.project_out(self.observation.vectorized(photograph))
-        problem = Weighed(self.transport, self.eigenvectors, self.hidden_shape)
+        problem = Weighed(self.transport, self.eigenvectors, self.hidden)
         h = self.transport.rmatmat(y)
         data, energy = problem.data(h), problem.energy(y, h)
         pixels, rank = self.transport.Q.shape

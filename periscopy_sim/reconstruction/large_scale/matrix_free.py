@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.transport_operator import Eigenvectors, TransportOperator
 from periscopy_sim.numerics import Array
 from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
@@ -66,7 +67,7 @@ class Weighed:
 
     transport: TransportOperator  # A⊥
     eigenvectors: Eigenvectors  # the k strongest of A⊥ᵀA⊥
-    image_shape: tuple[int, int]  # (R, C) of a column of f
+    hidden: Hidden  # the surfaces that a column of f is on
 
     @property
     def lipschitz(self) -> float:
@@ -117,14 +118,15 @@ class Weighed:
         while len(end.path) < max_iterations and end.path_of_last_third() > tolerance:
             step = reach / self.lipschitz
             proximal = solve_total_variation(
-                (z - step * (Gz - data)).reshape(*self.image_shape, -1),
+                z - step * (Gz - data),
                 step * weight(f, Gf),
+                hidden=self.hidden,
                 tolerance=tolerance**2 / 100,
                 max_iterations=PROXIMAL_ITERATIONS,
                 start=dual,
             )
             previous, G_previous, dual = f, Gf, proximal.dual
-            f = proximal.image.reshape(h.shape)
+            f = proximal.image
             Gf = self.product(f)
             length, size = (np.linalg.norm(each, axis=0) for each in (f - previous, f))
             first = first if end.path else length

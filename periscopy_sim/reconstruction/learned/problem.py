@@ -43,7 +43,7 @@ def problem_of(method: NoiseAware, solution: NoiseAwareReconstruction) -> Proble
     weights = scale**2 / np.tile(variances[:, None], len(patterns.curvatures))
     data = weights * coefficients / scale
     # Images of this contrast: a Gaussian prior of precision p K, K = ∇ᵀ∇ + I.
-    slopes = sum(np.sum(np.diff(start, axis=axis) ** 2) for axis in (1, 2))
+    slopes = np.sum(method.hidden.differences(start.reshape(3, -1).T) ** 2)
     p = start.size / float(slopes + np.sum(start**2))
     spread = np.mean(1 / (weights * patterns.curvatures + p), axis=0)
     errors = np.sqrt(np.maximum(spread.astype(np.float32) @ patterns.rows**2, LEAST_ERROR**2))

@@ -63,7 +63,7 @@ class Learned(NoiseAware):
         self._network = read.network(file)
         super().__init__(A, B, **settings)
         rows = self.fit.patterns.rows
-        rows_K = (rows @ laplacian(self.hidden_shape)).astype(np.float32)
+        rows_K = (rows @ laplacian(self.hidden.differences)).astype(np.float32)
         self._rows, self._rows_K = torch.from_numpy(rows), torch.from_numpy(rows_K)
         self._pattern_curvatures = torch.from_numpy(self.fit.patterns.curvatures.astype(np.float32))
 

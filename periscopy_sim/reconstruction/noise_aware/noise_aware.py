@@ -209,15 +209,15 @@ class NoiseAware(StillMethod[np.float64]):
         mixing = self.observation.mixing
         strength = float(np.linalg.norm(mixing.sum(axis=1))) / np.sqrt(len(mixing))  # of grey
         unit = evidence.level / (self.fit.unit * strength)
-        before = None if previous is None else np.moveaxis(previous, -1, 0) / unit
+        before = None if previous is None else self.hidden.vector(previous).T / unit
         regularization = self.regularization * max(1.0, float(np.sqrt(evidence.noise_to_signal)))
         objective = Objective(
-            self.fit.patterns, self.hidden_shape, mixing / strength, regularization, self.positive
+            self.fit.patterns, self.hidden, mixing / strength, regularization, self.positive
         )
         minimum = objective.minimize(evidence, schedule, start, before, l1_weight)
         λ = regularization * self.fit.norm * strength / (evidence.level * evidence.mean_noise)
         solution = NoiseAwareReconstruction(
-            image=np.moveaxis(minimum.image.astype(np.float64), 0, -1) * unit,
+            image=self.hidden.image(minimum.image.T.astype(np.float64) * unit),
             noise=evidence.level * evidence.noise,
             weight=λ,
             iterations=minimum.iterations,
@@ -245,9 +245,12 @@ class NoiseAware(StillMethod[np.float64]):
         counted = [] if self.uncertain is None else list(self.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
-            down, across = displacement(self.fit.gram, solution.image, response).tolist()
-            numbers["place_standard_error"] = down, across
-            if (most := max(down, across)) > UNCERTAIN_PLACE:
+            f = self.hidden.vector(solution.image)
+            places = displacement(self.fit.gram, self.hidden, f, response).tolist()
+            numbers["place_standard_error"] = (
+                places[0] if len(places) == 1 else dict(zip(self.hidden, places, strict=True))
+            )
+            if (most := max(map(max, places))) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
         errors = self.standard_errors(solution, response)
         return replace(report, numbers=numbers, notes=notes, standard_errors=errors)
@@ -265,15 +268,18 @@ class NoiseAware(StillMethod[np.float64]):
         response = self._response(solution) if response is None else response
         evidence, M = solution.evidence, self.observation.mixing
         _, rest = self.fit.explicable(evidence, solution.image)
-        return standard_errors(
+        errors = standard_errors(
             self.fit.gram,
+            self.hidden.differences,
             (M.T / (evidence.level * evidence.noise) ** 2) @ M,
-            solution.image,
+            self.hidden.vector(solution.image),
             solution.weight,
             float(np.sum(rest**2)),
             len(self.fit.curvatures),
             response,
         )
+        image: Array = self.hidden.image(errors)
+        return image
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
         """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, 3, N)."""

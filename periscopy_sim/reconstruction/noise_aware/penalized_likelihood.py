@@ -22,11 +22,12 @@ In a video v is drawn towards the frame before it, by Σ‖v − v_prev‖ over 
 import math
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Differences, Hidden
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import Solver, SpectralBasis
 from periscopy_sim.numerics import Array
@@ -36,22 +37,24 @@ Image = NDArray[Any]
 
 RELAXATION = 1.8
 
+AXES = 2
+"""Directions of differences; the compiler unrolls a loop over a constant."""
+
 BISECTIONS = 24
 """Halvings after which single precision has no more digits."""
 
 
-@dataclass(frozen=True, eq=False)
-class Splitting:
-    """The split variables, which `advance` changes in place."""
+class Splitting(NamedTuple):
+    """The split variables of C channels, in single precision; `advance` changes them in place."""
 
-    u: Image  # (2, 3, R, C) the gradient, down and across
-    p: Image  # (2, 3, R, C) its multiplier over ρ
-    v: Image  # (3, R, C) the image
-    q: Image  # (3, R, C) its multiplier over ρ
+    u: Image  # (2, C, N) the gradient, down and across
+    p: Image  # (2, C, N) its multiplier over ρ
+    v: Image  # (C, N) the image
+    q: Image  # (C, N) its multiplier over ρ
 
     @classmethod
     def zeros(cls, shape: tuple[int, ...]) -> "Splitting":
-        """Return the start from a black image, (3, R, C), in single precision."""
+        """Return the start from a black image, (C, N)."""
         shapes = [(2, *shape)] * 2 + [shape] * 2
         return cls(*(np.zeros(each, np.float32) for each in shapes))
 
@@ -61,103 +64,114 @@ class Splitting:
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
 
 
+class Gradient(NamedTuple):
+    """∇ as compiled loops read it; see `Differences`."""
+
+    following: NDArray[np.uintp]  # (2, N) number of the next patch
+    weights: NDArray[np.float32]  # (2, N)
+
+    @classmethod
+    def of(cls, differences: Differences) -> "Gradient":
+        """Return the neighbours, as unsigned numbers, and the weights in single precision."""
+        return cls(differences.following.astype(np.uintp), differences.weights.astype(np.float32))
+
+
+class Penalties(NamedTuple):
+    """The terms beside the misfit, over ρ."""
+
+    threshold: float  # λ/ρ of total variation
+    positive: bool  # whether v ≥ 0
+    pull: float = 0.0  # λ₂/ρ of the distance to the frame before
+
+
+class Residuals(NamedTuple):
+    """The sums of squares that an iteration's residuals are made of."""
+
+    gap: float  # ‖(∇f − u, f − v)‖², of the split variables before the iteration
+    change: float  # of (u, v)
+    image: float  # ‖(∇f, f)‖²
+    split: float  # ‖(u, v)‖²
+
+    def largest(self, black: float = 0.0) -> float:
+        """Return the larger of the relative primal and dual residuals.
+
+        The primal one is the root of the gap over the larger of the image and the split, the dual
+        one is in proportion to the root of the change over the split. None is over less than
+        `black`, the norm of an image that counts as black: one that becomes so could never be told
+        from its own rounding.
+        """
+        gap, change, image, split = map(math.sqrt, self)
+        least = max(black, sys.float_info.min)
+        return max(gap / max(image, split, least), change / max(split, least))
+
+
+@compiled_reordered
+def right_hand_side(split: Splitting, gradient: Gradient) -> Image:
+    """Return ∇ᵀ(u − p) + v − q, (C, N)."""
+    u, p, v, q = split
+    following, weights = gradient
+    channels, patches = v.shape
+    g = v - q
+    for axis in range(AXES):
+        for c in range(channels):
+            for n in range(patches):
+                value = weights[axis, n] * (u[axis, c, n] - p[axis, c, n])
+                g[c, n] -= value
+                g[c, following[axis, n]] += value
+    return g
+
+
+@compiled_reordered
 def advance(
     f: Image,
     split: Splitting,
-    threshold: float,
-    positive: bool,
-    previous: Image | None = None,
-    pull: float = 0.0,
-    black: float = 0.0,
-) -> float:
-    """Update u, v, p and q of a split in place from a new f, and return the larger residual.
-
-    f and the frame before, if any, are (3, R, C) in single precision, the latter ≥ 0 where v is.
-    The threshold is λ/ρ, `pull` the weight of the distance to that frame over ρ. The residuals are
-    the primal ‖(∇f − u, f − v)‖ over the larger of ‖(∇f, f)‖ and ‖(u, v)‖, and the change of (u, v)
-    over ‖(u, v)‖, to which the dual one is in proportion. None is over less than `black`, the norm
-    of an image that counts as black: one that becomes so would never be told from its own rounding.
-    """
-    fields = split.u, split.p, split.v, split.q
-    sums = _advance(f, *fields, threshold, positive, previous, pull, RELAXATION)
-    gap, change, size, split_size = (math.sqrt(value) for value in sums)
-    least = max(black, sys.float_info.min)
-    return max(gap / max(size, split_size, least), change / max(split_size, least))
-
-
-@compiled_reordered
-def _right_hand_side(u: Image, p: Image, v: Image, q: Image) -> Image:
-    """Return ∇ᵀ(u − p) + v − q, (3, R C)."""
-    channels, rows, columns = v.shape
-    g = np.empty_like(v)
-    for c in range(channels):
-        for i in range(rows):
-            for j in range(columns):
-                value = v[c, i, j] - q[c, i, j]
-                if i < rows - 1:
-                    value -= u[0, c, i, j] - p[0, c, i, j]
-                if i > 0:
-                    value += u[0, c, i - 1, j] - p[0, c, i - 1, j]
-                if j < columns - 1:
-                    value -= u[1, c, i, j] - p[1, c, i, j]
-                if j > 0:
-                    value += u[1, c, i, j - 1] - p[1, c, i, j - 1]
-                g[c, i, j] = value
-    return g.reshape(channels, -1)
-
-
-@compiled_reordered
-def _advance(
-    f: Image,
-    u: Image,
-    p: Image,
-    v: Image,
-    q: Image,
-    threshold: float,
-    positive: bool,
+    gradient: Gradient,
+    penalties: Penalties,
     previous: Image | None,
-    pull: float,
-    relaxation: float,
-) -> tuple[float, float, float, float]:
-    channels, rows, columns = f.shape
-    α, κ = f.dtype.type(relaxation), f.dtype.type(threshold)
-    rest = f.dtype.type(1) - α
-    moved = np.empty((2, channels), f.dtype)
+) -> Residuals:
+    """Update u, v, p and q in place from a new f, (C, N), in single precision.
+
+    The frame before, (C, N), is of single precision too, and ≥ 0 where v is; None for a still.
+    """
+    u, p, v, q = split
+    following, weights = gradient
+    channels, patches = v.shape
+    zero, α = f.dtype.type(0), f.dtype.type(RELAXATION)
+    rest, κ = f.dtype.type(1) - α, f.dtype.type(penalties.threshold)
+    moved = np.empty((AXES, channels), f.dtype)
     target, kept = np.empty(channels, f.dtype), np.empty(channels, f.dtype)
-    gap = change = size = split_size = 0.0
-    for i in range(rows):
-        for j in range(columns):
-            squared = f.dtype.type(0)
-            for c in range(channels):
-                here = f[c, i, j]
-                down = f[c, i + 1, j] - here if i < rows - 1 else f.dtype.type(0)
-                across = f[c, i, j + 1] - here if j < columns - 1 else f.dtype.type(0)
-                size += down * down + across * across + here * here
-                gap += (down - u[0, c, i, j]) ** 2 + (across - u[1, c, i, j]) ** 2
-                moved[0, c] = α * down + rest * u[0, c, i, j] + p[0, c, i, j]
-                moved[1, c] = α * across + rest * u[1, c, i, j] + p[1, c, i, j]
-                squared += moved[0, c] ** 2 + moved[1, c] ** 2
-            length = math.sqrt(squared)
-            shrink = max(length - κ, f.dtype.type(0)) / length if length > 0 else f.dtype.type(0)
-            for c in range(channels):
-                for axis in range(2):
-                    new = shrink * moved[axis, c]
-                    change += (new - u[axis, c, i, j]) ** 2
-                    split_size += new * new
-                    p[axis, c, i, j] = moved[axis, c] - new
-                    u[axis, c, i, j] = new
-                here = f[c, i, j]
-                gap += (here - v[c, i, j]) ** 2
-                target[c] = α * here + rest * v[c, i, j] + q[c, i, j]
-                kept[c] = max(target[c], f.dtype.type(0)) if positive else target[c]
-            if previous is not None:
-                _approach(target, previous[:, i, j], f.dtype.type(pull), positive, kept)
-            for c in range(channels):
-                change += (kept[c] - v[c, i, j]) ** 2
-                split_size += kept[c] * kept[c]
-                q[c, i, j] = target[c] - kept[c]
-                v[c, i, j] = kept[c]
-    return gap, change, size, split_size
+    gap = change = image = size = 0.0
+    for n in range(patches):
+        squared = zero
+        for c in range(channels):
+            for axis in range(AXES):
+                slope = weights[axis, n] * (f[c, following[axis, n]] - f[c, n])
+                image += slope * slope
+                gap += (slope - u[axis, c, n]) ** 2
+                moved[axis, c] = α * slope + rest * u[axis, c, n] + p[axis, c, n]
+                squared += moved[axis, c] ** 2
+        length = math.sqrt(squared)
+        shrink = max(length - κ, zero) / length if length > 0 else zero
+        for c in range(channels):
+            for axis in range(AXES):
+                new = shrink * moved[axis, c]
+                change += (new - u[axis, c, n]) ** 2
+                size += new * new
+                p[axis, c, n] = moved[axis, c] - new
+                u[axis, c, n] = new
+            image += f[c, n] ** 2
+            gap += (f[c, n] - v[c, n]) ** 2
+            target[c] = α * f[c, n] + rest * v[c, n] + q[c, n]
+            kept[c] = max(target[c], zero) if penalties.positive else target[c]
+        if previous is not None:
+            pull = f.dtype.type(penalties.pull)
+            _approach(target, previous[:, n], pull, penalties.positive, kept)
+        for c in range(channels):
+            change += (kept[c] - v[c, n]) ** 2
+            size += kept[c] * kept[c]
+            q[c, n] = target[c] - kept[c]
+            v[c, n] = kept[c]
+    return Residuals(gap, change, image, size)
 
 
 @compiled_reordered
@@ -229,7 +243,7 @@ class Minimum:
     The split variables are over the image's scale, their multipliers over λ.
     """
 
-    image: Image  # (3, R, C) in single precision; of one channel (1, R, C)
+    image: Image  # (C, N) in single precision
     split: Splitting | None  # None of a photograph that shows nothing
     iterations: int
     residual: float  # the larger of the relative primal and dual one
@@ -240,7 +254,7 @@ class Objective:
     """The objective of one scene, for any photograph."""
 
     basis: SpectralBasis  # of A⊥ᵀA⊥, its mean diagonal 1
-    hidden_shape: tuple[int, int]  # (R, C)
+    hidden: Hidden
     mixing: Array  # (3, 3) M, from the monitor's primaries to the camera's channels; (1, 1) of one
     regularization: float  # λ over √N σ/2
     positive: bool  # whether f ≥ 0
@@ -255,7 +269,7 @@ class Objective:
     ) -> Minimum:
         """Return the minimizer that the splitting finds from a `Minimum`'s split, or from black.
 
-        With the frame before, `previous`, (3, R, C), ≥ 0 where f is, the weight of the distance to
+        With the frame before, `previous`, (C, N), ≥ 0 where f is, the weight of the distance to
         it is λ₂ = `l1_weight` λ.
         """
         σ = evidence.mean_noise
@@ -266,7 +280,7 @@ class Objective:
         ridge = self.basis.combined(data / (p[:, None] * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))
         if not scale > 0:
-            return Minimum(np.zeros((len(p), *self.hidden_shape), np.float32), None, 0, 0.0)
+            return Minimum(np.zeros(data.shape, np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
         solve = Solver(self.basis, p[:, None], ρ, data, WEAK)
@@ -274,15 +288,14 @@ class Objective:
         drawn_to = None
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(previous, np.float32)
-        shape = len(p), *self.hidden_shape
-        split = start.scaled(scale, threshold) if start else Splitting.zeros(shape)
-        pull = l1_weight * threshold
+        split = start.scaled(scale, threshold) if start else Splitting.zeros(data.shape)
+        gradient = Gradient.of(self.hidden.differences)
+        penalties = Penalties(threshold, self.positive, l1_weight * threshold)
         black = BLACK * scale * float(np.sqrt(split.v.size))
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
-            g = _right_hand_side(split.u, split.p, split.v, split.q)
+            g = right_hand_side(split, gradient)
             f = V @ solve(V.T @ g, renew=iteration % RENEWED == 0)
             iteration += 1
-            image = f.reshape(split.v.shape)
-            residual = advance(image, split, threshold, self.positive, drawn_to, pull, black)
+            residual = advance(f, split, gradient, penalties, drawn_to).largest(black)
         return Minimum(split.v, split.scaled(1 / scale, 1 / threshold), iteration, residual)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import ambient_basis
 from periscopy_sim.model.transport_operator import TransportOperator
@@ -30,7 +31,7 @@ from periscopy_sim.reconstruction.total_variation.prox import prox_total_variati
 class Estimate:
     """P applied to photographs, before denoising."""
 
-    preconditioned: Image  # (K, R, C, 3) P y, float32 where P is explicit
+    preconditioned: Image  # (K, N, 3) P y, float32 where P is explicit
     noise: Array  # (K, 3), as in `Solution`
     weight: Array  # (K, 3)
 
@@ -130,9 +131,8 @@ class Periscope(StillMethod[np.floating[Any]]):
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
         estimate = self.estimate(plain_array(photograph)[None])
-        return denoise_and_repair(
-            estimate.preconditioned[0], estimate.noise[0], estimate.weight[0], self.repair_threshold
-        )
+        first = estimate.preconditioned[0], estimate.noise[0], estimate.weight[0]
+        return denoise_and_repair(self.hidden, *first, self.repair_threshold)
 
     @of_all
     def report(self, photograph: Image, solution: Reconstruction) -> Report:
@@ -164,28 +164,29 @@ class Periscope(StillMethod[np.floating[Any]]):
             scale[scale == 0] = 1
             f = scale * times_rows((y / scale).astype(np.float32), self._matrix)
         noise = P.noise(y, f, self._factor).reshape(planes.shape[:2])
-        images = np.moveaxis(f.reshape(*planes.shape[:2], *self.hidden_shape), 1, -1)
+        images = np.moveaxis(f.reshape(*planes.shape[:2], -1), 1, -1)
         weight = self.tv_weight * self._unit_error * noise
         return Estimate(images.astype(self.precision), noise, weight)
 
 
 def denoise_and_repair(
-    estimate: Array, noise: Array, weight: Array, repair_threshold: float
+    hidden: Hidden, estimate: Array, noise: Array, weight: Array, repair_threshold: float
 ) -> Reconstruction:
-    """Lead P y, (R, C, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
+    """Lead P y, (N, 3), through total variation and repair (Algorithm 1, lines 6 and 8).
 
     The noise, (3,), is for the record; λ is (3,); κ is a part, `repair_threshold`,
     of the 99th percentile of the denoised magnitudes.
     """
-    denoised = prox_total_variation(estimate, weight)
-    image, threshold = repaired(denoised, repair_threshold)
+    denoised = prox_total_variation(estimate, weight, hidden=hidden)
+    image, threshold = repaired(hidden, denoised, repair_threshold)
+    image, estimate, denoised = map(hidden.image, (image, estimate, denoised))
     return Reconstruction(image, noise, weight, estimate, denoised, threshold)
 
 
 def repaired(
-    denoised: Image, relative_threshold: float, previous: Image | None = None
+    hidden: Hidden, denoised: Image, relative_threshold: float, previous: Image | None = None
 ) -> tuple[Image, float]:
-    """Repair an image, (R, C, 3), by a threshold that follows it (Algorithm 2); return κ too.
+    """Repair images, (N, 3), by a threshold that follows them (Algorithm 2); return κ too.
 
     κ is a part of the 99th percentile of the magnitudes; infinity repairs nothing. See `repair` for
     the previous frame of a video.
@@ -193,9 +194,11 @@ def repaired(
     threshold = relative_threshold
     if np.isfinite(threshold):  # infinity times a black image's 0 would be NaN
         wide = np.asarray(denoised, np.float64)
-        magnitude = np.sqrt(np.einsum("rcz,rcz->rc", wide, wide))
+        magnitude = np.sqrt(np.einsum("nz,nz->n", wide, wide))
         threshold *= float(np.percentile(magnitude, 99))
-    return repair(denoised, threshold, previous), threshold
+    before = {} if previous is None else hidden.split(previous)
+    repaired = {n: repair(f, threshold, before.get(n)) for n, f in hidden.split(denoised).items()}
+    return hidden.join(repaired), threshold
 
 
 def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None) -> Array:

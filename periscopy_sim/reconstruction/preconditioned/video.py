@@ -81,19 +81,21 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
 
     def finish(self, estimate: Estimate, k: int) -> Reconstruction:
         """Denoise and repair the k-th of the preconditioned photographs as the next frame."""
+        hidden = self.still.hidden
         g, weight = estimate.preconditioned[k], estimate.weight[k]
-        previous = None if self.coupling == "none" else self.previous
-        if previous is None:
-            result = solve_total_variation(g, weight)
-        elif self.coupling == "l1":
-            term = {"previous": previous, "l1_weight": self.l1_weight * weight}
-            result = solve_total_variation(g, weight, **term, start=self._dual)
-        else:
-            pair, term = np.stack([previous, g]), {"temporal_weight": self.temporal_weight}
-            result = solve_total_variation(pair, weight, **term, start=self._dual)
+        images, term, previous = g, dict[str, Any](), None
+        if self.coupling != "none" and self.previous is not None:
+            previous, term = hidden.vector(self.previous), {"start": self._dual}
+            if self.coupling == "l1":
+                term |= {"previous": previous, "l1_weight": self.l1_weight * weight}
+            else:
+                images = np.stack([previous, g])
+                term["temporal_weight"] = self.temporal_weight
+        result = solve_total_variation(images, weight, hidden=hidden, **term)
         result.warn_unless_converged()
         self._dual = result.dual
-        denoised = result.image[1] if result.image.ndim == 4 else result.image
-        image, threshold = repaired(denoised, self.still.repair_threshold, previous)
+        denoised = result.image[1] if result.image.ndim == 3 else result.image
+        image, threshold = repaired(hidden, denoised, self.still.repair_threshold, previous)
+        image, g, denoised = map(hidden.image, (image, g, denoised))
         self.previous = image.copy()  # the caller may change what is returned
         return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)

@@ -2,26 +2,28 @@
 
 Minimized over f is
 
-    ½‖f − g‖₂² + τ Σ|∇f| + τ₂‖f − p‖₁,    ∇ = (down, across[, w · to the next frame]),
+    ½‖f − g‖₂² + τ Σ|∇f| + τ₂‖f − p‖₁,    ∇ = (down, across[, to the next frame]),
 
-with forward differences that vanish in the last row, column and frame; the second term is the
-isotropic total variation. Its dual field q, of length at most τ at each pixel, and the dual
-variable s of the third, each entry at most τ₂ in size, give f = g + div q − s (Chambolle 2004).
-For a given q the best s is known, −s shrinks g + div q − p towards zero by τ₂, so that only q is
-iterated upon: by projected gradient steps of 1/‖∇‖², with Nesterov's momentum (FGP, Beck and
-Teboulle 2009), which is dropped whenever it points uphill (O'Donoghue and Candès 2015). The
-duality gap is then Σ(τ|∇f| − ∇f·q), whose terms are all non-negative.
+with the forward differences of one surface; the second term is the isotropic total variation. Its
+dual field q, of length at most τ at each pixel, and the dual variable s of the third, each entry at
+most τ₂ in size, give f = g + div q − s (Chambolle 2004). For a given q the best s is known, −s
+shrinks g + div q − p towards zero by τ₂, so that only q is iterated upon: by projected gradient
+steps of 1/‖∇‖², with Nesterov's momentum (FGP, Beck and Teboulle 2009), which is dropped whenever
+it points uphill (O'Donoghue and Candès 2015). The duality gap is then Σ(τ|∇f| − ∇f·q), whose terms
+are all non-negative.
 
 Images are flat in the loops. The neighbour that lies a stride on may belong to the next row or
-frame, but there the difference, and with it the dual field, is zero: `inside` holds 1 where a
-difference counts and 0 where it does not. So no loop knows a border, and all vectorize.
+frame, but there the weight of the difference is zero. So no loop knows a border, and all vectorize.
 """
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Differences, Size
 from periscopy_sim.numerics.compilation import compiled_reordered
 
 Array = NDArray[np.float64]
@@ -31,63 +33,95 @@ GAP_INTERVAL = 10
 """Iterations between two duality gaps, each of which costs as much as one of them."""
 
 
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The frames of one surface, and ∇ over all their pixels, frame after frame."""
+
+    shape: tuple[int, int, int]  # (frames, R, C)
+    differences: Differences  # down, across, and in time where frames are tied
+
+    @classmethod
+    def of(cls, differences: Differences, size: Size, frames: int, w: float) -> "Frames":
+        """Return the frames of a surface, (R, C), tied in time by w, or by nothing if w is 0."""
+        return cls((frames, *size), differences.over_time(frames, w) if w else differences)
+
+    @cached_property
+    def strides(self) -> Strides:
+        """How far on the neighbours lie, (axes,)."""
+        following = self.differences.following
+        return np.asarray((following - np.arange(following.shape[1])).max(axis=1))
+
+    @cached_property
+    def weights(self) -> Array:
+        """(axes, margin + pixels) of differences, 0 in a margin of the longest stride."""
+        return np.pad(self.differences.weights, ((0, 0), (self.strides.max(), 0)))
+
+    @cached_property
+    def largest(self) -> float:
+        """A bound of |div q|/τ."""
+        return 2 * float(self.weights.max(axis=1).sum()) or 1.0
+
+    def flattening_bound(self, g: Array) -> Array:
+        """Return a τ from which on the minimizer is the mean, (K, 1), for (K, pixels) of mean zero.
+
+        Any field q with div q = −g makes f = g + div q = 0 optimal for τ ≥ max|q| (Meyer's G-norm
+        is the least such τ). Up to its sign, this q carries each row's deviations along the row,
+        what their mean leaves over down the rows, and what the frame's mean leaves over through
+        time.
+        """
+        images = g.reshape(-1, *self.shape)
+        of_frames, of_rows = (images.mean(axis=axes, keepdims=True) for axes in ((2, 3), 3))
+        flows = [
+            np.cumsum(of_rows - of_frames, axis=2),
+            np.cumsum(images - of_rows, axis=3),
+            np.cumsum(of_frames, axis=1),
+        ]
+        squares = np.zeros(images.shape)
+        for flow, weights in zip(flows, self.differences.weights, strict=False):
+            w = weights.reshape(self.shape)
+            squares += np.divide(flow, w, out=np.zeros(images.shape), where=w > 0) ** 2
+        return np.asarray(np.sqrt(squares.max(axis=(1, 2, 3)))[:, None])
+
+
 def solve_dual(
-    g: Array, p: Array, bounds: tuple[Array, Array], w: float, stop: tuple[float, int], duals: Array
+    g: Array,
+    p: Array,
+    bounds: tuple[Array, Array],
+    frames: Frames,
+    stop: tuple[float, int],
+    duals: Array,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Return f, like g, and the iterations and relative duality gaps, (K,), of K channels.
 
-    g and p are (K, frames, rows, columns); p is not read where τ₂ is 0. The bounds are τ and τ₂,
-    (K,) each, and w weighs differences in time, 0 without. `stop` is the relative duality gap to
-    stop at, and the number of iterations to give up after. The duals, (K, axes, pixels), are the
-    q/τ to start from and receive that of f; where f is known without iterating, they stay.
+    g and p are (K, pixels); p is not read where τ₂ is 0. The bounds are τ and τ₂, (K,) each. `stop`
+    is the relative duality gap to stop at, and the number of iterations to give up after. The
+    duals, (K, axes, pixels), are the q/τ to start from and receive that of f; where f is known
+    without iterating, they stay.
     """
-    τ, τ2 = (bound.reshape(-1, 1, 1, 1) for bound in bounds)
-    first, axes = g[:, :1, :1, :1], (1, 2, 3)
+    τ, τ2 = (bound[:, None] for bound in bounds)
+    first = g[:, :1]
     # Shifted and scaled to mean 0 and peak 1, no sum can over- or underflow.
-    mean = first + (g - first).mean(axis=axes, keepdims=True)
-    peak = np.abs(g - mean).max(axis=axes, keepdims=True)
-    peak = np.maximum(peak, np.where(τ2 > 0, np.abs(p - mean).max(axis=axes, keepdims=True), 0))
-    largest = (4 + 2 * w) * τ  # of |div q|
+    mean = first + (g - first).mean(axis=1, keepdims=True)
+    peak = np.abs(g - mean).max(axis=1, keepdims=True)
+    peak = np.maximum(peak, np.where(τ2 > 0, np.abs(p - mean).max(axis=1, keepdims=True), 0))
+    largest = frames.largest * τ
     unchanged = largest <= np.finfo(np.float64).eps * peak
     scale = np.where(peak > 0, peak, 1)
     scaled, scaled_p = (g - mean) / scale, (p - mean) / scale
-    flat = (τ2 == 0) & (τ / scale >= _flattening_bound(scaled, w)) & ~unchanged
+    flat = (τ2 == 0) & (τ / scale >= frames.flattening_bound(scaled)) & ~unchanged
     # g shrunk towards p by τ₂ (soft threshold).
     f = np.where(flat, mean, p + np.sign(g - p) * np.maximum(np.abs(g - p) - τ2, 0))
     iterations, gaps = np.zeros(len(g), np.int64), np.zeros(len(g))
-    strides, inside = _differences(g.shape[1:], w)
-    step = 1 / (8 + w**2 * (2 + 2 * math.cos(math.pi / g.shape[1])))  # of 1/‖∇‖² at least
     τ2 = np.minimum(τ2, 2 * peak + largest)  # which gives p already
-    limits = np.stack([τ / scale, τ2 / scale], axis=1).reshape(-1, 2)
-    fixed = strides, np.array([1, 1, w])[: len(strides)], inside.astype(np.float64), step, stop
+    limits = np.hstack([τ / scale, τ2 / scale])
+    step = 1 / (frames.differences.norm_bound or 1.0)
+    fixed = frames.strides, frames.weights, step, stop
     for k in np.flatnonzero(~(flat | unchanged)).tolist():
         solution, iterations[k], gaps[k] = _minimize(
-            scaled[k].ravel(), scaled_p[k].ravel(), tuple(limits[k]), *fixed, duals[k]
+            scaled[k], scaled_p[k], tuple(limits[k]), *fixed, duals[k]
         )
-        f[k] = mean[k] + scale[k] * solution.reshape(g.shape[1:])
+        f[k] = mean[k] + scale[k] * solution
     return f, iterations, gaps
-
-
-def _flattening_bound(g: Array, w: float) -> Array:
-    """Return a τ from which on the minimizer is the mean, (K, 1, 1, 1), for images of mean zero.
-
-    Any field q with div q = −g makes f = g + div q = 0 optimal for τ ≥ max|q| (Meyer's G-norm is
-    the least such τ). Up to its sign, this q carries each row's deviations along the row, what
-    their mean leaves over down the rows, and what the frame's mean leaves over through time.
-    """
-    of_frames, of_rows = (g.mean(axis=axes, keepdims=True) for axes in ((2, 3), 3))
-    across, down = np.cumsum(g - of_rows, axis=3), np.cumsum(of_rows - of_frames, axis=2)
-    ahead = np.cumsum(of_frames, axis=1) / w if w else np.zeros(1)
-    return np.asarray(np.sqrt(across**2 + down**2 + ahead**2).max(axis=(1, 2, 3), keepdims=True))
-
-
-def _differences(shape: tuple[int, ...], w: float) -> tuple[Strides, NDArray[np.bool_]]:
-    """Return how far on the neighbours lie, (axes,), and where there are any, (axes, pixels)."""
-    _, rows, columns = shape
-    strides, inside = [columns, 1, rows * columns], np.ones((3, *shape), bool)
-    inside[0, :, -1] = inside[1, :, :, -1] = inside[2, -1] = False
-    axes = 3 if w else 2
-    return np.array(strides[:axes]), inside[:axes].reshape(axes, -1)
 
 
 @compiled_reordered
@@ -97,17 +131,16 @@ def _minimize(
     bounds: tuple[float, float],
     strides: Strides,
     weights: Array,
-    inside: Array,
     step: float,
     stop: tuple[float, int],
     relative_dual: Array,
 ) -> tuple[Array, int, float]:
     """Minimize for one channel of numbers near 1, from q/τ, which receives that of f.
 
-    `weights` are those of differences along the axes, (axes,); `inside` is 1 where there is a next
-    pixel, 0 elsewhere. Returns f, the iterations taken and the relative duality gap.
+    `weights` are those of differences, (axes, margin + pixels), 0 in a margin of the longest
+    stride. Returns f, the iterations taken and the relative duality gap.
     """
-    axes, size = inside.shape
+    axes, size = relative_dual.shape
     margin, (τ, τ2) = strides.max(), bounds
     q = np.zeros((axes, margin + size))
     q[:, margin:] = τ * relative_dual
@@ -118,14 +151,14 @@ def _minimize(
         iteration += 1
         _apply_dual(g, p, τ2, r, strides, weights, f)
         t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        _climb(f, r, strides, weights, inside, τ, step, moved, shrink)
+        _climb(f, r, strides, weights, τ, step, moved, shrink)
         momentum, t = (t - 1) / t_next, t_next
         if _extrapolate(moved, shrink, momentum, q, r) > 0:
             r[:] = q
             t = 1.0
         if iteration % GAP_INTERVAL == 0 or iteration == stop[1]:
             _apply_dual(g, p, τ2, q, strides, weights, f)
-            gap = _relative_gap(g, p, f, strides, weights, inside, τ, τ2, q)
+            gap = _relative_gap(g, p, f, strides, weights, τ, τ2, q)
     relative_dual[:] = q[:, margin:] / τ
     return f[:size], iteration, gap
 
@@ -136,11 +169,16 @@ def _apply_dual(
 ) -> None:
     """Set f = g + div q − s."""
     margin = q.shape[1] - len(g)
-    f[: len(g)] = g
     for axis in range(len(strides)):
-        w, ahead, behind = weights[axis], q[axis, margin:], q[axis, margin - strides[axis] :]
-        for n in range(len(g)):
-            f[n] += w * (ahead[n] - behind[n])
+        before = margin - strides[axis]
+        ahead, behind = q[axis, margin:], q[axis, before:]
+        w_ahead, w_behind = weights[axis, margin:], weights[axis, before:]
+        if axis == 0:
+            for n in range(len(g)):
+                f[n] = g[n] + (w_ahead[n] * ahead[n] - w_behind[n] * behind[n])
+        else:
+            for n in range(len(g)):
+                f[n] += w_ahead[n] * ahead[n] - w_behind[n] * behind[n]
     if τ2 > 0:
         for n in range(len(g)):
             distance = f[n] - p[n]
@@ -153,22 +191,25 @@ def _climb(
     r: Array,
     strides: Strides,
     weights: Array,
-    inside: Array,
     τ: float,
     step: float,
     moved: Array,
     shrink: Array,
 ) -> None:
     """Set `moved` to r + step · ∇f, and `shrink` to what brings its length down to τ."""
-    axes, size = inside.shape
+    axes, size = moved.shape
     margin = r.shape[1] - size
-    shrink[:] = 0
     for axis in range(axes):
         following, before, new = f[strides[axis] :], r[axis, margin:], moved[axis]
-        along, has_next = step * weights[axis], inside[axis]
-        for n in range(size):
-            new[n] = before[n] + along * (has_next[n] * (following[n] - f[n]))
-            shrink[n] += new[n] * new[n]
+        w = weights[axis, margin:]
+        if axis == 0:
+            for n in range(size):
+                new[n] = before[n] + step * (w[n] * (following[n] - f[n]))
+                shrink[n] = new[n] * new[n]
+        else:
+            for n in range(size):
+                new[n] = before[n] + step * (w[n] * (following[n] - f[n]))
+                shrink[n] += new[n] * new[n]
     for n in range(size):
         shrink[n] = τ / max(τ, math.sqrt(shrink[n]))
 
@@ -200,7 +241,6 @@ def _relative_gap(
     f: Array,
     strides: Strides,
     weights: Array,
-    inside: Array,
     τ: float,
     τ2: float,
     q: Array,
@@ -211,7 +251,7 @@ def _relative_gap(
     for n in range(len(g)):
         squared = product = 0.0
         for axis in range(len(strides)):
-            difference = weights[axis] * inside[axis, n] * (f[n + strides[axis]] - f[n])
+            difference = weights[axis, margin + n] * (f[n + strides[axis]] - f[n])
             squared += difference * difference
             product += difference * q[axis, margin + n]
         variation = τ * math.sqrt(squared)

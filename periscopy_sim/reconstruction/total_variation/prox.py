@@ -13,18 +13,20 @@ O'Donoghue, Candès, "Adaptive restart for accelerated gradient schemes", 2015.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from periscopy_sim.hidden import Differences, Hidden, Size
 from periscopy_sim.numerics.validation import (
     check_stopping,
     checked_companion,
     checked_image,
     warn_unconverged,
 )
-from periscopy_sim.reconstruction.total_variation.dual_solver import solve_dual
+from periscopy_sim.reconstruction.total_variation.dual_solver import Frames, solve_dual
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]  # of the type of the image given
@@ -43,7 +45,7 @@ class TotalVariationResult:
     iterations: int  # by the slowest channel
     gap: float  # the duality gap as a fraction of the objective, the largest of the channels
     tolerance: float  # the largest gap that counts as converged
-    dual: Array  # (channels, axes, pixels) the dual field over its largest length λ/2
+    dual: Array  # (channels, axes, frames, patches) the dual field over its largest length λ/2
 
     @property
     def converged(self) -> bool:
@@ -60,14 +62,14 @@ def total_variation(image: Image) -> float:
 
     Differences are zero in the last row and in the last column (Chambolle 2004, Section 2).
     """
-    down, across = (np.diff(image, axis=a, append=image.take([-1], a)) for a in (0, 1))
-    return float(np.hypot(down, across).sum())
+    return float(_of_grid(image.shape).norms(image.ravel()).sum())
 
 
 def prox_total_variation(
     image: ArrayLike,
     weight: ArrayLike,
     *,
+    hidden: Hidden | None = None,
     temporal_weight: float | None = None,
     tolerance: float = 1e-4,
     max_iterations: int = 10_000,
@@ -89,6 +91,9 @@ def prox_total_variation(
     weight
         λ ≥ 0 in units of the image: one number, or one for each channel. Zero returns the image,
         infinity its mean.
+    hidden
+        Surfaces of N patches on which the images are, each denoised by itself: (rows, columns) is
+        then (N,) everywhere. None for a grid of equal squares.
     temporal_weight
         w ≥ 0, finite; zero denoises each frame on its own. None for images without time.
     tolerance
@@ -106,8 +111,9 @@ def prox_total_variation(
     TypeError
         The image is not of a real floating-point type.
     ValueError
-        The image is empty, not finite or of another dimension; a weight is negative, NaN or of
-        another shape; the tolerance is not between 0 and 1, or max_iterations below 1.
+        The image is empty, not finite, of another dimension or not on the surfaces; a weight is
+        negative, NaN or of another shape; the tolerance is not between 0 and 1, or max_iterations
+        below 1.
 
     Warns
     -----
@@ -117,6 +123,7 @@ def prox_total_variation(
     result = solve_total_variation(
         image,
         weight,
+        hidden=hidden,
         temporal_weight=temporal_weight,
         tolerance=tolerance,
         max_iterations=max_iterations,
@@ -129,6 +136,7 @@ def solve_total_variation(
     image: ArrayLike,
     weight: ArrayLike,
     *,
+    hidden: Hidden | None = None,
     temporal_weight: float | None = None,
     previous: ArrayLike | None = None,
     l1_weight: ArrayLike = 0.0,
@@ -151,14 +159,14 @@ def solve_total_variation(
     if temporal_weight is not None and not 0 <= temporal_weight < math.inf:
         raise ValueError(f"temporal_weight is {temporal_weight}: give a number of at least 0")
     values = checked_image(image)
-    planes = _planes(values, temporal_weight)
-    channels, frames = planes.shape[:2]
+    grids, planes = _planes(values, hidden, temporal_weight is not None)
+    channels, frames, patches = planes.shape
     w = float(temporal_weight) if temporal_weight and frames > 1 else 0.0
-    shape = planes.shape if w else (-1, 1, *planes.shape[2:])  # frames that time does not tie
+    shape = (-1, frames, patches) if w else (-1, 1, patches)  # frames that time does not tie
     g = p = planes.reshape(shape)
     if previous is not None:
         before = checked_companion(previous, "previous", values)
-        p = _planes(before, temporal_weight).reshape(shape)
+        p = _planes(before, hidden, temporal_weight is not None)[1].reshape(shape)
     weights, l1_weights = (
         np.repeat(_of_each_channel(*each, channels), len(g) // channels)
         for each in ((weight, "weight"), (l1_weight, "l1_weight"))
@@ -166,32 +174,61 @@ def solve_total_variation(
     if l1_weights.any() and (previous is None or np.isinf(weights).any()):
         raise ValueError("an l1_weight needs a previous image and a finite weight beside it")
 
-    dual = np.zeros((len(g), 3 if w else 2, g[0].size))
+    dual = np.zeros((len(g), 3 if w else 2, *g.shape[1:]))
     if start is not None and start.shape == dual.shape:
         dual[:] = start
     bounds, stop = (weights / 2, l1_weights / 2), (float(tolerance), int(max_iterations))
-    f, iterations, gaps = solve_dual(g, p, bounds, w, stop, dual)
+    f, iterations, gaps = np.empty(g.shape), [], []
+    for part, size, differences in grids:  # no surface depends on another
+        of_surface = _frames(differences, size, g.shape[1], w)
+        own_g, own_p = (each[..., part].reshape(len(g), -1) for each in (g, p))
+        own_dual = np.reshape(dual[..., part].copy(), (len(g), dual.shape[1], -1))
+        solved, *account = solve_dual(own_g, own_p, bounds, of_surface, stop, own_dual)
+        f[..., part] = solved.reshape(f[..., part].shape)
+        dual[..., part] = own_dual.reshape(dual[..., part].shape)
+        iterations.append(account[0].max())
+        gaps.append(account[1].max())
     images = np.moveaxis(f.reshape(planes.shape), 0, -1)
     return TotalVariationResult(
         image=images.reshape(values.shape).astype(values.dtype),
-        iterations=int(iterations.max()),
-        gap=float(gaps.max()),
+        iterations=int(max(iterations)),
+        gap=float(max(gaps)),
         tolerance=tolerance,
         dual=dual,
     )
 
 
-def _planes(image: Image, temporal_weight: float | None) -> Array:
-    """Return an image's or a video's (channels, frames, rows, columns) in double precision."""
-    known = 2 if temporal_weight is None else 3
+Grids = list[tuple[slice, Size, Differences]]
+"""Each surface's part of the patches, its size and its ∇."""
+
+# Images of one size follow each other: few are kept, for they are as large as images.
+_of_grid = lru_cache(maxsize=1)(Differences.of_grid)
+_frames = lru_cache(maxsize=4)(Frames.of)
+
+
+def _planes(image: Image, hidden: Hidden | None, in_time: bool) -> tuple[Grids, Array]:
+    """Return the surfaces of images, and (channels, frames, patches) in double precision."""
+    known = in_time + (2 if hidden is None else 1)
     if image.ndim not in (known, known + 1) or image.size == 0:
+        axes = "rows, columns" if hidden is None else "patches"
         raise ValueError(
-            f"image has shape {image.shape}: give (rows, columns[, channels]), or with a "
-            "temporal_weight (frames, rows, columns[, channels])"
+            f"image has shape {image.shape}: give ({axes}[, channels]), or with a "
+            f"temporal_weight (frames, {axes}[, channels])"
         )
-    with_channels = image if image.ndim > known else image[..., np.newaxis]
-    frames = with_channels.reshape(-1, *with_channels.shape[-3:])
-    return np.ascontiguousarray(np.moveaxis(frames, -1, 0), np.float64)
+    if hidden is None:
+        size = image.shape[in_time:known]
+        grids = [(slice(None), size, _of_grid(size))]
+    else:
+        grids = [
+            (part, hidden[name].shape, hidden.differences_by_surface[name])
+            for name, part in hidden.slices.items()
+        ]
+    channels = image.shape[-1] if image.ndim > known else 1
+    patches = math.prod(image.shape[in_time:known])
+    if hidden is not None and patches != hidden.patches:
+        raise ValueError(f"image has {patches} patches, the surfaces have {hidden.patches}")
+    frames = image.reshape(-1, patches, channels)
+    return grids, np.ascontiguousarray(np.moveaxis(frames, -1, 0), np.float64)
 
 
 def _of_each_channel(weight: ArrayLike, name: str, channels: int) -> Array:

@@ -20,14 +20,10 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.errors import SceneError, printable
-from periscopy_sim.numerics.limits import MOST_PIXELS, SMALLEST, number_of, read_regular
+from periscopy_sim.numerics.limits import LARGEST, MOST_PIXELS, SMALLEST, number_of, read_regular
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scene import SceneDocument
-
-TAGS = ("default", "path", "include", "spectrum", "string", "rotate", "translate", "lookat",
-        "scale", "float", "shape", "sensor")  # fmt: skip
-"""Tags that name files, or values for such names, or that give values a unit or sizes."""
 
 MOST = {
     "elements within each other": 50,  # of some 10,000 Mitsuba's parser leaves the stack
@@ -39,11 +35,21 @@ MOST = {
 }
 """What a scene may have at most."""
 
-Tag = tuple[str, Mapping[str, str]]
+Element = tuple[int, str, Mapping[str, str]]
+"""Of a scene: its level below the first one, its tag and its attributes."""
 
 
 def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
+    """Return what a scene file and those that it includes declare; see `read_elements`."""
+    return read_elements(path, parameters)[0]
+
+
+def read_elements(
+    path: Path, parameters: Mapping[str, str] | None = None
+) -> tuple[SceneDocument, list[Element]]:
     """Return what a scene file and those that it includes say, with values for its ``<default>``s.
+
+    The elements, but for the defaults, are in the order of the text, with the values filled in.
 
     An unchanged file is parsed once in a process. A file that does not exist, is no regular file or
     no XML, includes itself or exceeds the limits above is a `SceneError`, and so is a size of 0, or
@@ -51,13 +57,13 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
-    reader.read(path, folders, ())
+    reader.read(path, folders, (), 0)
     files: dict[Path, Path] = {}
     for named in reader.named:
         file = _first(named, folders) if isinstance(named, str) else named
         if file is not None:
             files.setdefault(file.resolve(), file)
-    return SceneDocument(
+    document = SceneDocument(
         path,
         dict(parameters or {}),
         reader.defaults,
@@ -66,6 +72,28 @@ def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> Sc
         tuple(reader.missing),
         reader.units,
     )
+    return document, reader.elements
+
+
+def check_values(document: SceneDocument) -> None:
+    """Reject values that a scene does not declare or that are out of range, and missing files."""
+    path = document.path
+    for name in document.given:
+        if name not in document.defaults:
+            raise document.undeclared(name)
+    if document.missing:  # Mitsuba looks where the process started, too, and would open a pipe
+        raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
+    for name, text in document.values.items():
+        if not all(map(_is_in_range, text.replace(",", " ").split())):
+            raise SceneError(
+                f"scene '{path}': parameter '{name}' is '{text[:80]}'; give finite numbers, to "
+                f"{LARGEST:g}"
+            )
+
+
+def _is_in_range(word: str) -> bool:
+    """Return whether a word of a parameter is a number in range, or no number at all."""
+    return not abs(number_of(word)) > LARGEST and word.lower().strip("+-") != "nan"
 
 
 def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
@@ -130,23 +158,31 @@ class _Reader:
         """Files in order, and names that plugins look for once all is parsed."""
         self.missing: list[str] = []
         self.units: dict[str, str] = {}
-        self._documents = self._elements = 0
+        self.elements: list[Element] = []
+        self._documents = self._count = 0
 
-    def read(self, document: Path, folders: list[Path], including: tuple[Path, ...]) -> None:
-        """Read a document, and those that it includes; its ``<path>`` tags join the folders."""
+    def read(
+        self, document: Path, folders: list[Path], including: tuple[Path, ...], depth: int
+    ) -> None:
+        """Read a document, and those that it includes; its ``<path>`` tags join the folders.
+
+        Its own first element is at a level of `depth`.
+        """
         identity = document.resolve()
         if identity in including:
             raise SceneError(f"{self._where}: '{document.name}' includes itself; leave that out")
         self.named.append(document)
-        elements, tags = _parsed(document)
-        self._documents, self._elements = self._documents + 1, self._elements + elements
+        elements = _parsed(document)
+        self._documents, self._count = self._documents + 1, self._count + len(elements)
         self._check_count(len(including), "documents that include each other")
         self._check_count(self._documents, "documents")
-        self._check_count(self._elements, "elements")
+        self._check_count(self._count, "elements")
         owner = ""
-        for tag, texts in tags:
+        for below, tag, texts in elements:
             nearer = [document.parent, *folders]
             attributes = {name: self._filled(text) for name, text in texts.items()}
+            if tag != "default":
+                self.elements.append((depth + below, tag, attributes))
             match tag, attributes:
                 case "default", {"name": name, "value": value}:
                     self.defaults.setdefault(name, value)
@@ -155,7 +191,7 @@ class _Reader:
                     folders[:0] = self._found(name, nearer, Path.exists)
                 case "include", {"filename": name}:
                     for included in self._found(name, nearer):
-                        self.read(included, nearer, (*including, identity))
+                        self.read(included, nearer, (*including, identity), depth + below + 1)
                 case "spectrum", {"filename": name}:
                     self.named += self._found(name, folders)
                 case "string", {"name": "filename", "value": name}:
@@ -246,12 +282,12 @@ def _first(
     return None
 
 
-def _parsed(path: Path) -> tuple[int, tuple[Tag, ...]]:
-    """Return the number of elements of an XML file, and those of `TAGS`, in order."""
+def _parsed(path: Path) -> tuple[Element, ...]:
+    """Return the elements of an XML file, in order."""
     if not path.exists():
         raise SceneError(f"no scene file at '{path}'")
     try:
-        return _tags(read_regular(path))
+        return _elements(read_regular(path))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SceneError(f"scene '{path}' cannot be read: {reason}") from None
@@ -260,15 +296,15 @@ def _parsed(path: Path) -> tuple[int, tuple[Tag, ...]]:
 
 
 @lru_cache(maxsize=64)
-def _tags(content: bytes) -> tuple[int, tuple[Tag, ...]]:
-    depth, count, tags = 0, 0, []
+def _elements(content: bytes) -> tuple[Element, ...]:
+    depth, elements = 0, []
     for event, element in ET.iterparse(io.BytesIO(content), ("start", "end")):
-        depth += 1 if event == "start" else -1
-        count += event == "start"
-        for number, what in ((count, "elements"), (depth, "elements within each other")):
+        if event == "end":
+            depth -= 1
+            continue
+        elements.append((depth, str(element.tag), element.attrib))
+        depth += 1
+        for number, what in ((len(elements), "elements"), (depth, "elements within each other")):
             if number > MOST[what]:
                 raise ValueError(f"it has more than {MOST[what]} {what}; give fewer")
-        named = element.tag in TAGS or any("$" in text for text in element.attrib.values())
-        if event == "start" and named:
-            tags.append((element.tag, element.attrib))
-    return count, tuple(tags)
+    return tuple(elements)

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import FLAT, Hidden, Size, Surface
 from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.motion import motions_between, moved_occluder
-from periscopy_sim.rendering.scene.nodes import SceneLayout, SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.placement import SceneLayout, written_layout
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
@@ -126,30 +128,34 @@ class SceneLoader:
             plugins=self.layout.plugins,
             boxes={name: corners(box) for name, box in boxes.items() if name != "wall"},
             occluders=tuple(body for name, body in bodies.items() if name not in emission),
+            surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
             source=self,
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's objects, which cannot be pickled: a copy loads the file anew."""
-        return self.__dict__ | {"layout": SceneLayout({}, {}, []), "_built": (None, None)}
+        """Leave out Mitsuba's scene, which cannot be pickled."""
+        return self.__dict__ | {"_built": (None, None)}
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
         """Return a scene at other values, moved where that suffices, else loaded anew."""
-        nodes = SceneNodes(self._path, values)
-        layout = nodes.layout()
-        motions = motions_between(self.layout, layout, scene.occluders)
+        document, elements = read_elements(self._path, values)
+        check_values(document)
+        layout = written_layout(elements, list(self.layout.places))
+        movable = [each.name for each in scene.occluders if each.vertices is not None]
+        motions = motions_between(self.layout, layout, [*movable, *scene.emission])
         if motions is None:
-            return SceneLoader(nodes).scene
+            return SceneLoader(SceneNodes(self._path, values)).scene
         boxes = {n: _moved(box, motions.get(n)) for n, box in self.scene.boxes.items()}
         return replace(
             self.scene,
-            document=nodes.document,
+            document=document,
             places=layout.places,
             boxes=boxes,
             occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
-            emission={FLAT: nodes.emission_profile()},
+            surfaces=tuple(moved_occluder(each, motions) for each in self.scene.surfaces),
+            emission={FLAT: layout.emission(self.scene.emission[FLAT])},
         )
 
     def view(self, scene: Scene, shape: Size | None, across: int) -> View:

@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from periscopy_sim.hidden import FLAT
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.nodes import SceneLayout
+from periscopy_sim.rendering.scene.placement import SceneLayout
 from periscopy_sim.scene import Occluder
 from periscopy_sim.view import moved_points
 
@@ -20,21 +19,25 @@ CAMERAS = "orthographic", "perspective"
 
 
 def motions_between(
-    before: SceneLayout, after: SceneLayout, occluders: Collection[Occluder]
+    before: SceneLayout, after: SceneLayout, movable: Collection[str]
 ) -> dict[str, Array] | None:
-    """Return the motion, (4, 4), of each thing that moved; None if more than these differs."""
-    if after.rest != before.rest or after.places.keys() != before.places.keys():
+    """Return the motion, (4, 4), of each thing that moved; None if more than these differs.
+
+    What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
+    """
+    is_profile = all(exponent >= 0 for exponent in after.exponents.values())
+    if after.rest != before.rest or not is_profile:
         return None
     motions = {}
     for name, place in after.places.items():
         if not np.array_equal(place, before.places[name]):
-            if not np.linalg.det(place) * np.linalg.det(before.places[name]) > 0:
+            # Mitsuba computes in single precision; no comparison is true of NaN.
+            is_finite = (np.abs(place) < np.finfo("f4").max).all()
+            if not (is_finite and np.linalg.det(place) * np.linalg.det(before.places[name]) > 0):
                 return None
             motions[name] = place @ np.linalg.inv(before.places[name])
-    movable = {each.name for each in occluders if each.vertices is not None} | {FLAT}
-    if after.plugins["wall"] == "rectangle":
-        movable |= {"camera", "wall"}
-    if motions and not (after.plugins["camera"] in CAMERAS and motions.keys() <= movable):
+    seen = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
+    if motions and not (after.plugins["camera"] in CAMERAS and motions.keys() <= {*movable, *seen}):
         return None
     return motions
 

@@ -7,7 +7,6 @@ so that they work for every shape, sensor and emitter plugin.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -16,48 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.numerics.limits import LARGEST, number_of
 from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import file_of, read_document
+from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
+from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
 from periscopy_sim.rendering.variant import mi, one_line
 from periscopy_sim.scene import EmissionProfile, SceneDocument
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
 
+SAME = 1e-6
+"""Relative difference to which the text's matrices are Mitsuba's, which computes in doubles."""
+
 _SEARCH = RLock()
 """Held while Mitsuba's search folders, which the process shares, are a scene's own."""
-
-
-@dataclass(frozen=True, eq=False)
-class SceneLayout:
-    """Where a scene has its shapes and sensors, and everything else that it says.
-
-    `plugins` and `places`, matrices (4, 4) from a node's coordinates to the scene's, are by id; a
-    perspective camera's matrix is scaled by its field of view, and a cylinder's is that of the
-    cylinder of radius 1 about the z axis from z = 0 to 1. `rest` are the nodes' properties without
-    these and without the monitor's angular profile.
-    """
-
-    plugins: dict[str, str]
-    places: dict[str, NDArray[np.float64]]
-    rest: list[Any]
-
-
-def _along(cylinder: Any) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) from the unit cylinder on z = 0 to that of a plugin's points."""
-    start = np.array(cylinder.get("p0", [0, 0, 0]), np.float64)
-    axis = np.array(cylinder.get("p1", [0, 0, 1]), np.float64) - start
-    length, radius = np.linalg.norm(axis), cylinder.get("radius", 1.0)
-    # By way of a direction that no rod has, so that the turn changes smoothly with the axis.
-    between = np.sqrt([1, 2, 3]) / np.sqrt(6)
-    place = np.eye(4)
-    for bisector in (axis / (length or 1) - between, between - [0, 0, 1]):
-        place[:3, :3] @= np.eye(3) - 2 * np.outer(bisector, bisector) / (bisector @ bisector)
-    place[:3, :3] *= [radius, radius, length]
-    place[:3, 3] = start
-    return place
 
 
 class SceneNodes:
@@ -73,13 +45,12 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.document = read_document(Path(path), parameters)
+        self.document, self._elements = read_elements(Path(path), parameters)
         self._config, self._state = parse(self.document)
         if required is None:
             required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
         for name, kind in required.items():
             self._require(name, kind)
-        self._straighten_monitor()
 
     # -- reading ---------------------------------------------------------------------------------
 
@@ -88,9 +59,9 @@ class SceneNodes:
         """The scene file."""
         return self.document.path
 
-    def of_type(self, kind: str) -> Iterator[Any]:
-        """Return the properties of all nodes of a kind, such as ``Shape``, in file order."""
-        return (node.props for node in self._state.nodes if str(node.type).endswith(kind))
+    def of_type(self, *kinds: str) -> Iterator[Any]:
+        """Return the properties of all nodes of some kinds, such as ``Shape``, in file order."""
+        return (node.props for node in self._state.nodes if str(node.type).endswith(kinds))
 
     def children(self, props: Any, kind: str) -> list[tuple[str, Any]]:
         """Return the children of a kind, each by the name under which the node holds it."""
@@ -136,31 +107,23 @@ class SceneNodes:
         )
 
     def layout(self) -> SceneLayout:
-        """Return where the shapes and sensors are, and everything else that the scene says."""
-        layout = SceneLayout({}, {}, [])
-        for node in self._state.nodes:
-            rest, name = mi.Properties(node.props), node.props.id()
-            plugin = str(rest.plugin_name())
-            if str(node.type).endswith(("Shape", "Sensor")):
-                transform = rest.get("to_world", mi.ScalarTransform4f())
-                place = np.array(transform.matrix, dtype=np.float64)
-                layout.plugins[name], layout.places[name] = plugin, place
-                if plugin != "perspective" or np.allclose(
-                    place[:3, :3] @ place[:3, :3].T, np.eye(3)
-                ):
-                    del rest["to_world"]  # but of a stretched perspective camera, which is an error
-                if plugin == "perspective" and 0 < rest.get("fov", 0) < 180:
-                    place[:, :2] *= np.tan(np.radians(rest["fov"] / 2))
-                    del rest["fov"]
-                if plugin == "cylinder":
-                    place[:] = place @ _along(rest)
-                    for ruled in ("p0", "p1", "radius"):
-                        del rest[ruled]
-            elif plugin == LCD:
-                for exponent in EXPONENTS:
-                    del rest[exponent]
-            layout.rest.append(rest)
-        return layout
+        """Return where the shapes and sensors are, by the text if Mitsuba places them there, too.
+
+        Else the layout is Mitsuba's, without a rest.
+        """
+        parsed = SceneLayout()
+        for props in self.of_type("Shape", "Sensor"):
+            name, plugin = str(props.id()), str(props.plugin_name())
+            to_world = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, float)
+            known = [each for each in NUMBERS.get(plugin, ()) if each in props]
+            numbers: dict[str, Any] = {each: np.array(props[each], float) for each in known}
+            parsed.plugins[name], parsed.places[name] = plugin, place(plugin, to_world, **numbers)
+        written = written_layout(self._elements, list(parsed.places))
+        is_same = written.places.keys() == parsed.places.keys() and all(
+            np.abs(written.places[name] - place).max() <= SAME * np.abs(place).max()
+            for name, place in parsed.places.items()
+        )
+        return written if is_same else parsed
 
     def wall_material(self) -> str:
         """Return the name of the wall's BSDF plugin, for messages."""
@@ -223,6 +186,7 @@ class SceneNodes:
 
     def instantiate(self) -> Any:
         """Build the Mitsuba scene, once: it consumes the nodes."""
+        self._straighten_monitor()
         state, self._state = self._state, None
         refused = ""
         try:
@@ -306,17 +270,7 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
     that the scene does not declare, is a `SceneError`.
     """
     path, parameters = document.path, document.given
-    for name in parameters:
-        if name not in document.defaults:
-            raise document.undeclared(name)
-    if document.missing:  # Mitsuba looks where the process started, too, and would open a pipe
-        raise SceneError(f"scene '{path}' names a missing file '{document.missing[0]}'")
-    for name, text in document.values.items():
-        if not all(map(_is_in_range, text.replace(",", " ").split())):
-            raise SceneError(
-                f"scene '{path}': parameter '{name}' is '{text[:80]}'; give finite numbers, to "
-                f"{LARGEST:g}"
-            )
+    check_values(document)
     config = mi.parser.ParserConfig(mi.variant())
     # Merging meshes would lose their ids.
     config.merge_meshes = False
@@ -356,11 +310,6 @@ def numbers_of(value: Any) -> NDArray[np.float64]:
         return np.array(getattr(value, "values", value), dtype=np.float64)
     except (TypeError, ValueError, RuntimeError):
         return np.array(np.nan)
-
-
-def _is_in_range(word: str) -> bool:
-    """Return whether a word of a parameter is a number in range, or no number at all."""
-    return not abs(number_of(word)) > LARGEST and word.lower().strip("+-") != "nan"
 
 
 @contextmanager

@@ -26,90 +26,95 @@ SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
 
-def make_kernel(scenario: Scenario, samples: int, strata: Strata) -> Callable[[Any, Any, Any], Any]:
-    """Return the function that computes entries A[pixel, patch], given a seed, as Dr.Jit arrays."""
-    scene = build_scene(scenario.scene)
-    camera = camera_of(scene)
-    rows, columns = scenario.view.shape
-    ((name, surface),) = scenario.hidden.items()
-    hidden_rows, hidden_columns = surface.shape
-    wall, monitor = shape_of(scene, "wall"), shape_of(scene, name)
-    bsdf, profile = wall.bsdf(), profile_of(monitor.emitter(), scenario.scene.emission[name])
-    strata_down, strata_across = _factor(samples)
-    across = scenario.view.across
-    jittered = strata == "jittered"
+class Kernel:
+    """The entries A[pixel, patch] of one hidden surface of a scenario, as Dr.Jit arrays.
 
-    def within(index: Any, down: int, across: int, key: Any = None) -> tuple[Any, Any]:
-        """Position in the unit square of sample number `index` of down x across strata.
+    Called with numbers of pixels in the photograph and of the surface's patches, and a seed, it
+    returns an entry for each lane: the mean over the pixel's wall points of sums over the patch's
+    samples.
+    """
 
-        It jitters by a key, without one not at all.
-        """
-        row, column = index // across, index % across
-        if key is not None and jittered:
-            bits = _scrambled(key, 2 * index)
-            jitter = [(mi.Float(half) + 0.5) / (1 << 16) for half in (bits >> 16, bits & 0xFFFF)]
-        else:
-            jitter = [placed(row, down), placed(column, across)]
-        return (mi.Float(row) + jitter[0]) / down, (mi.Float(column) + jitter[1]) / across
+    def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
+        self._scene = build_scene(scenario.scene)
+        self._camera, self._wall = camera_of(self._scene), shape_of(self._scene, "wall")
+        self._surface, self._shape = scenario.hidden[name], shape_of(self._scene, name)
+        self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
+        self._samples, self._strata = samples, strata
+        self._film, self._across = scenario.view.shape, scenario.view.across
+        # The centres of the pixels serve every patch: found once.
+        self._centres = self._seen_at(dr.arange(mi.UInt32, int(np.prod(self._film))), 0.5, 0.5)
+        dr.eval(self._centres)
 
-    def placed(index: Any, count: int) -> Any:
-        """Position in stratum number `index` of `count` along an axis, where nothing jitters it."""
-        if strata == "gauss" and count % 2 == 0:  # a pair of strata is two of their width
-            return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
-        return mi.Float(0.5)
-
-    def seen_at(pixel: Any, y: Any, x: Any) -> Any:
-        film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
-        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5))
-        return scene.ray_intersect(ray, +mi.RayFlags.All, True)
-
-    # The centres of the pixels serve every patch: found once.
-    centres = seen_at(dr.arange(mi.UInt32, rows * columns), 0.5, 0.5)
-    dr.eval(centres)
-
-    def wall_point(pixel: Any, index: Any) -> Any:
-        """Where the camera sees the wall, by the number of a sample of the pixel."""
-        if across == 1:
-            return dr.gather(type(centres), centres, pixel)
-        # Light is smooth within a pixel: middles err less than jitter adds noise.
-        return seen_at(pixel, *within(index, across, across))
-
-    def transfer(si: Any, patch: Any, index: Any, key: Any) -> Any:
-        """Integrand at one sample of the patch, per unit of the monitor's UV square."""
-        offset = within(index, strata_down, strata_across, key)
-        row, column = patch // hidden_columns, patch % hidden_columns
-        uv = patch_uv(row, column, surface.shape, surface.mirrored, offset)
-        light = surface_at(monitor, mi.Point2f(*uv))
-        to_light = light.p - si.p
-        squared_distance = dr.squared_norm(to_light)
-        direction = to_light * dr.rcp(dr.sqrt(squared_distance))
-        cos_emission = -dr.dot(light.n, direction)
-        area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
-        # Not dr.mean: it writes the number of lanes into the kernel, and into the last bit.
-        value = dr.sum(bsdf.eval(mi.BSDFContext(), si, si.to_local(direction))) / 3
-        value *= profile(light, -direction) * cos_emission * area / squared_distance
-        # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
-        # wall by some 0.2 mm, which shifts every shadow's edge.
-        start = dr.fma(to_light, SHADOW_EPSILON, si.p)
-        segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-        # Traced for every lane: a mask costs more than the few rays that it saves.
-        visible = ~scene.ray_test(segment)
-        lit = visible & light.is_valid() & (cos_emission > 0) & (value > 0)
-        return dr.select(lit, value, 0)
-
-    def entries(pixel: Any, patch: Any, seed: Any) -> Any:
+    def __call__(self, pixel: Any, patch: Any, seed: Any) -> Any:
+        """Return entries of A."""
         key, _ = _hash(pixel, seed)
         key, _ = _hash(key, patch)
 
         def at_wall_point(p: Any) -> Any:
             point_key, _ = _hash(key, p)
-            si = wall_point(pixel, p)
-            return _sum(samples, lambda k: transfer(si, patch, k, point_key))
+            si = self._wall_point(pixel, p)
+            return _sum(self._samples, lambda k: self._transfer(si, patch, k, point_key))
 
-        total = _sum(across**2, at_wall_point)
-        return total / (samples * across**2 * hidden_rows * hidden_columns)
+        total, (rows, columns) = _sum(self._across**2, at_wall_point), self._surface.shape
+        return total / (self._samples * self._across**2 * rows * columns)
 
-    return entries
+    def _transfer(self, si: Any, patch: Any, index: Any, key: Any) -> Any:
+        """Integrand at one sample of the patch, per unit of the hidden surface's UV square."""
+        surface, (down, across) = self._surface, _factor(self._samples)
+        offset = self._within(index, down, across, key)
+        row, column = patch // surface.shape[1], patch % surface.shape[1]
+        uv = patch_uv(row, column, surface.shape, surface.mirrored, offset)
+        light = surface_at(self._shape, mi.Point2f(*uv))
+        to_light = light.p - si.p
+        squared_distance = dr.squared_norm(to_light)
+        direction = to_light * dr.rcp(dr.sqrt(squared_distance))
+        cos_emission = -dr.dot(light.n, direction)
+        area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
+        # f cos θ_i of the wall's BSDF; not dr.mean, which writes the number of lanes into the
+        # kernel, and into the last bit.
+        reflected = self._wall.bsdf().eval(mi.BSDFContext(), si, si.to_local(direction))
+        value = dr.sum(reflected) / 3
+        value *= self._profile(light, -direction) * cos_emission * area / squared_distance
+        # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
+        # wall by some 0.2 mm, which shifts every shadow's edge.
+        start = dr.fma(to_light, SHADOW_EPSILON, si.p)
+        segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
+        # Traced for every lane: a mask costs more than the few rays that it saves.
+        visible = ~self._scene.ray_test(segment)
+        lit = visible & light.is_valid() & (cos_emission > 0) & (value > 0)
+        return dr.select(lit, value, 0)
+
+    def _wall_point(self, pixel: Any, index: Any) -> Any:
+        """Where the camera sees the wall, by the number of a point of the pixel."""
+        if self._across == 1:
+            return dr.gather(type(self._centres), self._centres, pixel)
+        # Light is smooth within a pixel: middles err less than jitter adds noise.
+        return self._seen_at(pixel, *self._within(index, self._across, self._across))
+
+    def _seen_at(self, pixel: Any, y: Any, x: Any) -> Any:
+        rows, columns = self._film
+        film = mi.Point2f((pixel % columns + x) / columns, (pixel // columns + y) / rows)
+        ray, _ = self._camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5))
+        return self._scene.ray_intersect(ray, +mi.RayFlags.All, True)
+
+    def _within(self, index: Any, down: int, across: int, key: Any = None) -> tuple[Any, Any]:
+        """Position in the unit square of sample number `index` of down x across strata.
+
+        It jitters by a key, without one not at all.
+        """
+        row, column = index // across, index % across
+        if key is not None and self._strata == "jittered":
+            bits = _scrambled(key, 2 * index)
+            jitter = [(mi.Float(half) + 0.5) / (1 << 16) for half in (bits >> 16, bits & 0xFFFF)]
+        else:
+            jitter = [self._placed(row, down), self._placed(column, across)]
+        return (mi.Float(row) + jitter[0]) / down, (mi.Float(column) + jitter[1]) / across
+
+    def _placed(self, index: Any, count: int) -> Any:
+        """Position in stratum number `index` of `count` along an axis, where nothing jitters it."""
+        if self._strata == "gauss" and count % 2 == 0:  # a pair of strata is two of their width
+            return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
+        return mi.Float(0.5)
 
 
 def _sum(count: int, term: Callable[[Any], Any]) -> Any:

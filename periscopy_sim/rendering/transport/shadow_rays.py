@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.transport.kernel import Strata, make_kernel
+from periscopy_sim.rendering.transport.kernel import Kernel, Strata
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
 
@@ -121,19 +121,23 @@ class RenderedTransport:
         Scalar variants raise a `VariantError`.
         """
         require_vectorized("the transport matrix by rays")
-        entries = make_kernel(self.scenario, self.samples, self.strata)
+        hidden = self.scenario.hidden
+        kernels = [Kernel(self.scenario, name, self.samples, self.strata) for name in hidden]
         chosen = np.arange(self.shape[0]) if pixels is None else pixels
         numbers = mi.UInt32(self.scenario.view.numbers[chosen].astype(np.uint32))
-        patches = self.shape[1]
         work = max(1, self.samples * self.scenario.view.across**2 // RenderedTransport.samples)
-        height = max(1, LANES // work // patches)
+        height = max(1, LANES // work // hidden.patches)
         for start in range(0, len(chosen), height):
             rows = slice(start, min(start + height, len(chosen)))
-            lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
             # Opaque, so that all blocks share one compiled kernel.
-            pixel = dr.gather(mi.UInt32, numbers, lane // patches + dr.opaque(mi.UInt32, start))
-            values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed))
-            block = np.array(values).reshape(-1, patches)
+            first, parts = dr.opaque(mi.UInt32, start), []
+            for k, (entries, surface) in enumerate(zip(kernels, hidden.values(), strict=True)):
+                patches = len(surface.centers)
+                lane = dr.arange(mi.UInt32, (rows.stop - start) * patches)
+                pixel = dr.gather(mi.UInt32, numbers, lane // patches + first)
+                values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed + k))
+                parts.append(np.array(values).reshape(-1, patches))
+            block = np.hstack(parts) if len(parts) > 1 else parts[0]
             yield rows, block if self.bounced is None else block + self.bounced.rows(chosen[rows])
 
     def white(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:

@@ -132,7 +132,7 @@ def _png_encoding(chunks: Mapping[bytes, bytes], path: Path) -> str | None:
     if b"iCCP" in chunks:
         if chunks[b"IHDR"][8] == 16:
             raise _unread(path, _PROFILE)
-        return SRGB  # nearly, as most profiles of 8 bits are; the reader warns
+        return SRGB  # Treat 8-bit profiles as sRGB; the reader warns.
     if b"sRGB" in chunks:
         return SRGB
     known = {1: LINEAR, 0.455: GAMMA, 0: None}

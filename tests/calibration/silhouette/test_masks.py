@@ -17,6 +17,7 @@ from periscopy_sim.calibration.silhouette.mask import (
 )
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import UnknownImage
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
 from tests.scenes.silhouette import FLAG
 
@@ -49,7 +50,9 @@ def background(random):
 def unknown(random, mask, background):
     """A photograph of an image half dark."""
     light = mask.transport(RIGHT, GAIN) @ np.maximum(random.standard_normal((PATCHES, 3)), 0)
-    return UnknownImage(light, background, SmoothImages.hats(HIDDEN, HIDDEN), RATIO, ALLOWANCE)
+    return UnknownImage(
+        light, background, SmoothImages.hats(*[Hidden.of(HIDDEN)] * 2), RATIO, ALLOWANCE
+    )
 
 
 @pytest.fixture

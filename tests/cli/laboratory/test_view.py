@@ -18,12 +18,12 @@ SIZE = ("--hidden", "3x4")
 
 
 def test_missing_extra_is_named(monkeypatch, refused):
-    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.setitem(sys.modules, "websockets", None)
     assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
-    pytest.importorskip("viser")
+    pytest.importorskip("websockets")
     np.save(tmp_path / "small.npy", np.ones((20, 30, 3)))
     for options, offender in {
         ("plate", "--ambient", "mars"): "'mars'",

@@ -11,6 +11,7 @@ pytestmark = pytest.mark.torch
 
 from experiments.learned import train  # noqa: E402
 from experiments.learned.samples import Samples  # noqa: E402
+from periscopy_sim.hidden import Hidden  # noqa: E402
 from periscopy_sim.model.spectral_basis import SpectralBasis  # noqa: E402
 from periscopy_sim.reconstruction.learned.weights import read_weights  # noqa: E402
 
@@ -23,7 +24,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("samples")
     rng = np.random.default_rng(0)
     N = SHAPE[0] * SHAPE[1]
-    basis = SpectralBasis(np.diag(rng.random(N) + 0.1), SHAPE)
+    basis = SpectralBasis(np.diag(rng.random(N) + 0.1), Hidden.of(SHAPE))
     for number, (split, kind) in enumerate(
         [("train", "right"), ("train", "ruler"), ("validation", "right"), ("validation", "ruler")]
     ):

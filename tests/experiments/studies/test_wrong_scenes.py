@@ -12,7 +12,7 @@ MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
 
 
 def outcome(seed, factor):
-    """A draw whose told errors are right, or a factor too small."""
+    """A draw whose reported errors are right, or a factor too small."""
     rng = np.random.default_rng(seed)
     numbers, shape = 12, (*HIDDEN, 3)
     errors = rng.uniform(0.1, 1, numbers)

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy import linalg
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
+from tests.scenes.surfaces import alone, screen_and_column
 
 SHAPE = (5, 6)
 M, N = 300, 30
@@ -27,7 +30,7 @@ def operator(A, B):
 
 
 def weighed(transport, count=3):
-    return Weighed(transport, transport.strongest_eigenvectors(count), SHAPE)
+    return Weighed(transport, transport.strongest_eigenvectors(count), Hidden.of(SHAPE))
 
 
 def with_total_variation(transport, y, weight, count=3, **stop):
@@ -63,6 +66,25 @@ def test_total_variation_of_an_isometry_is_the_proximal_operator():
     solved = with_total_variation(TransportOperator(A), y, weight)
     expected = prox_total_variation((A.T @ y).reshape(*SHAPE, 3), weight, tolerance=1e-14)
     np.testing.assert_allclose(solved.f.reshape(*SHAPE, 3), expected, atol=1e-6)
+
+
+def test_surfaces_that_light_other_pixels_are_recovered_as_each_alone():
+    hidden = screen_and_column()
+    random = np.random.default_rng(2)
+    parts = [np.linalg.qr(random.normal(size=(40, each.patches)))[0] for each in alone(hidden)]
+    y, weight = random.normal(size=(80, 3)), np.array([0.05, 0.2, 1.0])
+    stop = {"tolerance": 1e-6, "max_iterations": 5000}
+
+    def solved(A, y, hidden):
+        transport = TransportOperator(A)
+        problem = Weighed(transport, transport.strongest_eigenvectors(3), hidden)
+        return problem.minimize(A.T @ y, lambda *_: weight, **stop).f
+
+    both = hidden.split(solved(linalg.block_diag(*parts), y, hidden))
+    for one, A, light in zip(alone(hidden), parts, np.split(y, 2), strict=True):
+        (name,) = one
+        expected = one.split(solved(A, light, one))[name]
+        np.testing.assert_allclose(both[name], expected, atol=1e-5)
 
 
 def weighing(dense, count):

@@ -34,6 +34,7 @@ def small():
 def problems(small):
     """The photograph as networks see it, and what that came from."""
     torch = pytest.importorskip("torch")
+    from periscopy_sim.hidden import Hidden
     from periscopy_sim.model.spectral_basis import laplacian
     from periscopy_sim.reconstruction.learned.problem import problem_of
     from periscopy_sim.reconstruction.learned.unrolled_network import Problems
@@ -43,7 +44,11 @@ def problems(small):
     solution = method.solve(small.photograph)
     problem = problem_of(method, solution)
     patterns = method.fit.patterns
-    shared = patterns.rows, patterns.curvatures, patterns.rows @ laplacian(HIDDEN)
+    shared = (
+        patterns.rows,
+        patterns.curvatures,
+        patterns.rows @ laplacian(Hidden.of(HIDDEN).differences),
+    )
     own = problem.data, problem.weights, problem.errors[None], problem.start
     tensors = [torch.tensor(each, dtype=torch.float32) for each in shared]
     return Problems(*tensors, *(torch.tensor(each)[None] for each in own)), problem, solution

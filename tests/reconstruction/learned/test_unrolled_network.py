@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import laplacian
 
 torch = pytest.importorskip("torch")
@@ -21,7 +22,7 @@ def test_what_explains_the_photograph_is_what_dense_normal_equations_say(small, 
     x = proximal_step(given, torch.tensor(v)[None], torch.full((1, 1, 1), ρ))[0].numpy()
     Q, _ = np.linalg.qr(small.B)
     rest = small.A - Q @ (Q.T @ small.A)
-    K = laplacian((4, 5))
+    K = laplacian(Hidden.of((4, 5)).differences).toarray()
     for channel in range(3):
         y = small.photograph[..., channel].ravel()
         misfit = (problem.scale / found.noise[channel]) ** 2 * rest.T @ rest

@@ -8,6 +8,7 @@ from periscopy_sim.reconstruction.total_variation.prox import (
     solve_total_variation,
     total_variation,
 )
+from tests.scenes.surfaces import alone, screen_and_column
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (29, 36)]
 EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
@@ -43,6 +44,73 @@ def test_prox_equals_the_minimizer_by_alternating_directions(
     found = solve_total_variation(g, weight, **more, **EXACT)
     assert found.converged
     np.testing.assert_allclose(found.image, minimizer(g, weight, w, p, l1_weight), atol=3e-5)
+
+
+TIES = [(0.4, 0, 0), (0.4, 0.8, 0), (0.4, 0, 0.3), (2.0, 0, 0)]
+
+
+def on_surfaces(hidden, weight, w, l1_weight, seed=6):
+    """Solve for images of two channels, or for a video of three frames."""
+    random = np.random.default_rng(seed)
+    g, p = random.normal(size=(2, *[3] * bool(w), hidden.patches, 2))
+    more = {"temporal_weight": w or None, "l1_weight": l1_weight}
+    previous = p if l1_weight else None
+    found = solve_total_variation(g, weight, hidden=hidden, previous=previous, **more, **EXACT)
+    return g, p, more, found
+
+
+@pytest.mark.parametrize(("weight", "w", "l1_weight"), TIES)
+def test_surfaces_are_denoised_each_by_itself(weight, w, l1_weight):
+    hidden = screen_and_column()
+    g, p, more, found = on_surfaces(hidden, weight, w, l1_weight)
+    for one, part in zip(alone(hidden), hidden.slices.values(), strict=True):
+        previous = p[..., part, :] if l1_weight else None
+        own = solve_total_variation(
+            g[..., part, :], weight, hidden=one, previous=previous, **more, **EXACT
+        )
+        np.testing.assert_array_equal(found.image[..., part, :], own.image)
+    screen, shape = hidden.slices["screen"], (*g.shape[:-2], 3, 4, 2)
+    g, p, f = (each[..., screen, :].reshape(shape) for each in (g, p, found.image))
+    previous = p if l1_weight else None
+    plain = solve_total_variation(g, weight, previous=previous, **more, **EXACT)
+    np.testing.assert_array_equal(f, plain.image)
+
+
+@pytest.mark.parametrize(("weight", "w", "l1_weight"), TIES)
+def test_a_curved_surface_is_denoised_by_its_own_distances(weight, w, l1_weight):
+    """No image near the result is better, by dense differences of the column's distances."""
+    hidden = alone(screen_and_column())[1]
+    g, p, _, found = on_surfaces(hidden, weight, w, l1_weight)
+    assert found.converged
+    frames = len(g) if w else 1
+    D = hidden.differences.matrix.toarray().reshape(2, -1, hidden.patches)
+    in_time = np.diff(np.eye(frames), axis=0, append=np.eye(frames)[-1:])
+    D = [np.kron(np.eye(frames), each) for each in D]
+    D.append(w * np.kron(in_time, np.eye(hidden.patches)))
+
+    def objective(f):
+        f, flat = f.reshape(-1, 2), g.reshape(-1, 2)
+        variation = np.sqrt(sum((each @ f) ** 2 for each in D)).sum()
+        pull = l1_weight * np.abs(f - p.reshape(-1, 2)).sum()
+        return np.sum((f - flat) ** 2) + weight * variation + pull
+
+    least, random = objective(found.image), np.random.default_rng(0)
+    others = [g, found.image + 0.1 * (g.mean(axis=-2, keepdims=True) - found.image)]
+    others += [found.image + size * random.normal(size=g.shape) for size in (1e-4, 1e-3, 0.01)]
+    smoothing = np.linalg.inv(np.eye(len(D[0])) + 0.01 * sum(each.T @ each for each in D))
+    others.append((smoothing @ found.image.reshape(-1, 2)).reshape(g.shape))
+    assert least <= min(map(objective, others)) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("weight", [1e5, np.inf])
+def test_a_huge_weight_gives_each_surface_its_mean(weight):
+    hidden = screen_and_column()
+    g = np.random.default_rng(0).normal(size=hidden.patches)
+    found = hidden.split(prox_total_variation(g, weight, hidden=hidden))
+    for name, image in hidden.split(g).items():
+        np.testing.assert_allclose(found[name], image.mean(), atol=1e-12)
+    with pytest.raises(ValueError, match="surfaces have 22"):
+        prox_total_variation(g[1:], weight, hidden=hidden)
 
 
 @pytest.mark.parametrize("weight", [0.1, 0.9])

@@ -139,7 +139,7 @@ def test_wall_that_bends_is_lit_all_over(room):
 
 
 @pytest.mark.thorough
-def test_told_error_is_the_scatter_over_seeds(office, scenario):
+def test_reported_error_is_the_scatter_over_seeds(office, scenario):
     count = 12
     found = [render_background(office, scenario, seed=seed, **COARSE) for seed in range(count)]
     pictures = np.stack([background.photograph for background in found])

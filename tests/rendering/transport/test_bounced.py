@@ -124,7 +124,7 @@ def test_in_a_sphere_it_is_a_geometric_series(tmp_path):
 
 
 @pytest.mark.thorough
-def test_told_error_is_that_of_a_white_photograph(room):
+def test_reported_error_is_that_of_a_white_photograph(room):
     seen = room.load(board(painted("0.8, 0.4, 0.2")), camera=room.camera((18, 20)), hidden=(4, 5))
     A = render_transport(seen.averaged(2))
     exact = render_bounced_light(seen, target=2e-4, seed=99)

@@ -1,1 +1,0 @@
-"""Fuzzing of every reader with damaged and hostile files."""
