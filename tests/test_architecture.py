@@ -38,7 +38,7 @@ FLOORS = [
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
-    {"photograph", "hidden", "view", "scene", "scenario", "shipped", "extras"},
+    {"photograph", "hidden", "view", "scene", "scenario", "shipped", "extras", "testing"},
     {"numerics", "errors"},
 ]
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}
@@ -290,6 +290,17 @@ def test_stub_lists_the_names_that_it_imports():
     }
     assert imported == set(periscopy_sim.__all__)
     assert len(imported) > 20
+
+
+def test_tests_share_scenes_and_import_no_other_tests():
+    """A fixture, or a module of `tests/scenes`; else the tests of one room depend on another's."""
+    borrowed = [
+        f"{path.name}: {name}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for name in imported_names(path.stem, ast.parse(path.read_text("utf-8")))
+        if name.startswith("tests") and not name.startswith("tests.scenes")
+    ]
+    assert not borrowed
 
 
 def test_modules_are_short_documented_and_named_for_what_they_hold():

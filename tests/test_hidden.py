@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden, Surface
-from tests.surfaces import curved, screen_and_column
+from tests.scenes.surfaces import curved, screen_and_column
 
 
 @pytest.mark.parametrize("shape", [(4, 5), (1, 6), (3, 1), (1, 1)])

@@ -3,7 +3,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.photograph import Photograph
-from tests.calibration.conftest import calibration
+from tests.scenes.calibration import calibration
 
 SHAPES = {"hidden_shape": (3, 4), "photograph_shape": (6, 8)}
 
@@ -19,16 +19,6 @@ def photograph(transport):
     return (transport @ rng.uniform(0, 1, (12, 3))).reshape(6, 8, 3) + rng.normal(
         0, 0.01, (6, 8, 3)
     )
-
-
-@pytest.mark.parametrize(
-    "kind", [ps.NoiseAware, ps.Periscope, ps.TruncatedSVD, ps.IterativePeriscope, ps.Differencing]
-)
-def test_methods_and_solutions_are_told_briefly(transport, photograph, kind):
-    method = kind(transport, **SHAPES)
-    assert repr(method) == f"{kind.__name__}(3x4 patches, 6x8 pixels)"
-    solution = method.solve(photograph)
-    assert repr(solution).startswith(f"{type(solution).__name__}(3x4, noise ")
 
 
 def test_other_things_are_told_briefly(transport, photograph):

@@ -7,6 +7,7 @@ import pytest
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.testing import adjoint_test
 
 SHAPES = {"photograph_shape": (5, 6), "hidden_shape": (3, 4), "channel_gain": [1.2, 1.0, 0.8]}
 
@@ -27,10 +28,10 @@ def test_products_are_those_of_numpy_and_of_each_other(A):
     torch = pytest.importorskip("torch")
     transport = TorchTransport(A, **SHAPES)
     x = torch.rand(2, 3, 3, 4, dtype=torch.float64)
-    y = torch.rand(2, 3, 5, 6, dtype=torch.float64)
     expected = 1.2 * A @ x[1, 0].numpy().ravel()
     np.testing.assert_allclose(transport(x)[1, 0].numpy().ravel(), expected)
-    assert torch.allclose((transport(x) * y).sum(), (x * transport.adjoint(y)).sum())
+    shapes = (2, 3, 3, 4), (2, 3, 5, 6)
+    adjoint_test(transport, shapes, rtol=1e-12, convert=torch.from_numpy)
     assert transport.to(dtype=torch.float32)(x.float()).dtype == torch.float32
 
 

@@ -9,7 +9,7 @@ from periscopy_sim.analytic.point_light import (
     point_light_backgrounds,
     point_light_response,
 )
-from tests.analytic.test_transport import make_scenario
+from tests.scenes.boxes import make_scenario
 
 FILM = (5, 7)
 CENTER = np.array([0.74, 1.03, 0.26])

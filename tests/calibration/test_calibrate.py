@@ -14,7 +14,7 @@ from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
-from tests.calibration.conftest import ERRORS, HIDDEN, SIDE, SIZE, TRUTH, Array, Small
+from tests.scenes.calibration import ERRORS, HIDDEN, SIDE, SIZE, TRUTH, Array, Small
 
 WHITE = np.ones((*HIDDEN, 3))
 TEXTURE = """<texture type="bitmap" name="radiance">

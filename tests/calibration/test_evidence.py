@@ -15,7 +15,8 @@ from periscopy_sim.calibration.evidence import (
     smoothness,
 )
 from periscopy_sim.hidden import Hidden
-from tests.surfaces import alone, screen_and_column
+from periscopy_sim.testing import derivative_test
+from tests.scenes.surfaces import alone, screen_and_column
 
 Array = NDArray[np.float64]
 
@@ -174,17 +175,20 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(
 
 
 def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: SmoothImages) -> None:
-    explanation, h = explained(wall, images), 1e-5
-    for change in wall.changes:
-        light = change @ explanation.lights
-        volume = float(np.vdot(explanation.volume, change))
-        slope = explanation.slope(explanation.motion(light), volume)
-        sides = [
-            sum(density(wall, wall.A + step * change, images, c, ratio) / 2
-                for c, ratio in enumerate(explanation.ratios))
-            for step in (h, -h)
-        ]  # fmt: skip
-        assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=1e-4, abs=1e-3)
+    explanation = explained(wall, images)
+    slopes = [
+        explanation.slope(
+            explanation.motion(change @ explanation.lights),
+            float(np.vdot(explanation.volume, change)),
+        )
+        for change in wall.changes
+    ]
+
+    def half(along: Array) -> float:
+        A = wall.A + np.tensordot(along, wall.changes, 1)
+        return sum(density(wall, A, images, c, α) / 2 for c, α in enumerate(explanation.ratios))
+
+    derivative_test(half, slopes, np.zeros(2), steps=1e-4)
 
 
 def test_information_is_of_what_no_image_can_follow(wall: Wall, images: SmoothImages) -> None:

@@ -12,7 +12,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
-from tests.calibration.conftest import calibration
+from tests.scenes.calibration import calibration
 
 CHAIR = read_document(find_scene("chair"))
 RNG = np.random.default_rng(0)

@@ -11,7 +11,7 @@ import xarray as xr
 import periscopy_sim as ps
 from periscopy_sim.cli.light import Light
 from periscopy_sim.storage.formats.exr import write_exr
-from tests.contents import contents
+from tests.scenes.contents import contents
 
 pytestmark = pytest.mark.usefixtures("few_lights")
 

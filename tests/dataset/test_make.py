@@ -10,7 +10,7 @@ from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.rendering.ambient import background as ambient
 from periscopy_sim.shipped import find_scene
-from tests.contents import contents
+from tests.scenes.contents import contents
 
 
 @pytest.fixture(scope="module")

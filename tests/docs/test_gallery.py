@@ -7,7 +7,7 @@ import matplotlib as mpl
 import pytest
 
 import periscopy_sim as ps
-from tests.docs import ROOT, names_taken
+from tests.scenes.pages import ROOT, names_taken
 
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.rglob("*.py"))

@@ -7,7 +7,7 @@ import yaml
 
 import periscopy_sim as ps
 from periscopy_sim.cli import MODULES
-from tests.docs import ROOT
+from tests.scenes.pages import ROOT
 
 DOCS = ROOT / "docs"
 

@@ -5,7 +5,7 @@ from experiments.paper.numbers import rank_row
 from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from tests.reconstruction.penumbrae import kept_basis
+from tests.scenes.penumbrae import kept_basis
 
 FILM = (12, 10)
 HIDDEN = (3, 4)

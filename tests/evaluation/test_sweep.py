@@ -12,7 +12,7 @@ from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
-from tests.contents import contents
+from tests.scenes.contents import contents
 
 RNG = np.random.default_rng(5)
 SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))

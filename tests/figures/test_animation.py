@@ -13,7 +13,7 @@ from periscopy_sim.figures.animation import (
     require_encoder,
     side_by_side,
 )
-from tests.figures.conftest import box, covers
+from tests.scenes.pictures import box, covers
 
 METADATA = {"command": "periscopy video λ", "seed": "3"}
 # Linear 0.21404 is 0.5 in sRGB, 0.05127 is 0.25.

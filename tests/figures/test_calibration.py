@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter
 from periscopy_sim.cli.calibrate import say_calibration
 from periscopy_sim.figures.calibration import draw_calibration
-from tests.calibration.conftest import calibration
-from tests.figures.conftest import read
+from tests.scenes.calibration import calibration
+from tests.scenes.pictures import read
 
 Draw = Callable[[Calibration], Figure]
 PHOTOGRAPH = np.full((32, 36, 3), 0.5)

@@ -12,7 +12,7 @@ from periscopy_sim.figures.panels import (
 )
 from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.model.residual import Residual
-from tests.figures.conftest import covers, read
+from tests.scenes.pictures import covers, read
 
 METADATA = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
 

@@ -18,13 +18,13 @@ from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Page
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
-from tests.live.conftest import HIDDEN, PHOTOGRAPH
 
 websockets = pytest.importorskip("websockets")
 from websockets.sync.client import connect  # noqa: E402
 
 from periscopy_sim.live import gate  # noqa: E402
 
+PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 PATIENCE = 240.0  # another process may be compiling, on a busy machine
 
 

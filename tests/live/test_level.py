@@ -57,17 +57,26 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice
     assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
 
 
-def test_what_was_computed_is_kept(level, choice, monkeypatch):
-    from periscopy_sim.live import level as module
+COUNTED = """
+from pathlib import Path
+import periscopy_sim as ps
 
-    laboratory = level()
+def counted(scenario, A, B):
+    with Path(__file__).with_name("fits").open("a") as file:
+        file.write("x")
+    return ps.NoiseAware.for_scene(scenario, A, B)
+"""
+
+
+def test_what_was_computed_is_kept(level, choice, tmp_path):
+    (tmp_path / "own.py").write_text(COUNTED)
+    laboratory, choice = level(), replace(choice, method=f"{tmp_path}/own.py:counted")
     first = laboratory.pictures(choice, never)
-    monkeypatch.setattr(module, "load_scenario", None)
-    monkeypatch.setattr(module, "fit_method", None)
     noisier = laboratory.pictures(replace(choice, snr=20.0), never)
-    assert noisier.psnr < first.psnr
+    assert noisier.scenario is first.scenario and noisier.psnr < first.psnr
     again = laboratory.pictures(choice, never)
     np.testing.assert_array_equal(again.image, first.image)
+    assert (tmp_path / "fits").read_text() == "x"
 
 
 def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):

@@ -5,13 +5,12 @@ import numpy as np
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.live.room import _frame_of, as_source, on_rectangle, room_of, things_in
-from tests.live.test_level import never
+from periscopy_sim.live.room import as_source, on_rectangle, room_of, things_in
 
 
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
-    frame = _frame_of(scene)
+    frame = scene.view.frame
     local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
     pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
     image, low, high = on_rectangle(local, pixels)
@@ -32,7 +31,7 @@ def test_photograph_of_an_oblique_camera_covers_what_it_sees():
 
 
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
-    pictures = level().pictures(choice, never)
+    pictures = level().pictures(choice, lambda: False)
     scene, things = pictures.scenario, things_in(pictures)
     corners = np.array(things["monitor"]["corners"])  # lower left and right, upper left and right
     centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
@@ -51,7 +50,7 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
 def test_the_first_view_sees_the_wall_from_its_front():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
     view = room_of(scene)["view"]
-    assert (np.subtract(view["eye"], scene.view.centers) @ _frame_of(scene).normal > 0).all()
+    assert (np.subtract(view["eye"], scene.view.centers) @ scene.view.frame.normal > 0).all()
 
 
 def test_a_source_holds_the_image():

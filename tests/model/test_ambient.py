@@ -6,8 +6,8 @@ import pytest
 from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
 from periscopy_sim.numerics.precision import precision_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import kept_basis
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import kept_basis
 
 M = 400
 

@@ -65,28 +65,6 @@ def judged(name, diagnosis):
     return "unknown" if name == "preconditioned" else diagnosis
 
 
-@pytest.mark.parametrize("name", [name for name, entry in METHODS.items() if not entry.needs])
-@pytest.mark.parametrize("masked", [False, True])
-def test_residual_is_the_photograph_less_image_and_ambient_light(name, masked):
-    mask = (V < 0.5) | (U > 0) if masked else None
-    y = photograph()
-    found, solution = residual(y, name, mask)
-    used = np.ones(SHAPE, bool) if mask is None else mask
-    assert np.isnan(found.light[~used]).all()
-    rest = y / SCENE.channel_gain - (A @ solution.image.reshape(-1, 3)).reshape(*SHAPE, 3)
-    rest, grey = rest[used], (y / SCENE.channel_gain)[used]
-    freedom = len(rest)
-    if name == "noise-aware":  # its ambient light has profiles, too
-        fit = METHODS[name](SCENE, A, B).fitted_to(Photograph.of(y, mask=mask)).fit
-        rest, freedom = fit.project_out(rest.T).T, freedom - len(fit.background)
-    elif name not in ("truncated-svd", "pseudoinverse"):
-        Q = np.linalg.qr(B[used.ravel()])[0]
-        rest, freedom = rest - Q @ (Q.T @ rest), freedom - B.shape[1]
-    np.testing.assert_allclose(found.light[used], rest, atol=1e-5 * y.max())
-    expected = np.sqrt(np.sum(rest**2) / (3 * freedom) / np.mean(grey**2))
-    assert found.unexplained == pytest.approx(expected, rel=1e-3)
-
-
 @pytest.mark.parametrize("name", METHODS_OF_LIGHT)
 def test_unexplained_is_noise_alone_where_the_scene_is_right(name):
     found, _ = residual(photograph(), name, **MILD.get(name, {}))

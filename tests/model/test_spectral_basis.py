@@ -16,7 +16,7 @@ from periscopy_sim.model.spectral_basis import (
     inverse_by_factors,
     laplacian,
 )
-from tests.surfaces import alone, screen_and_column
+from tests.scenes.surfaces import alone, screen_and_column
 
 HIDDEN = Hidden.of((4, 5))
 RNG = np.random.default_rng(0)

@@ -220,20 +220,6 @@ def test_errors_of_the_transport_matrix_are_no_gain():
     assert np.sum(np.array(probabilities) < 0.05) <= 7
 
 
-def test_pixels_under_the_mask_do_not_matter():
-    mask = np.ones(WALL, bool)
-    mask[3:9, 5:12] = False
-    y = photograph(GAIN)
-    spoilt = y.copy()
-    spoilt[~mask] = np.nan
-    fitted = method(photograph_shape=None)  # its rows and columns are known from the photograph
-    found = fitted.solve(Photograph.of(spoilt, mask=mask))
-    limits = found.corrections["wall_gain_range"]
-    assert limits == pytest.approx([GAIN.min(), GAIN.max()], abs=0.08)
-    other = method().solve(Photograph.of(np.nan_to_num(spoilt), mask=mask))
-    np.testing.assert_array_equal(other.image, found.image)
-
-
 def test_dark_and_noiseless_photographs_have_no_gain():
     for y in (np.zeros((*WALL, 3)), (A @ TRUTH + AMBIENT).reshape(*WALL, 3)):
         limits = method().solve(y).corrections["wall_gain_range"]

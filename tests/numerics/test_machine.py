@@ -1,26 +1,15 @@
 import os
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 
 from periscopy_sim.numerics import machine
-from periscopy_sim.numerics.machine import core_count, in_parallel, ranges
+from periscopy_sim.numerics.machine import core_count, ranges
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture
-def four_cores(monkeypatch):
-    monkeypatch.setattr(machine, "core_count", lambda: 4)
-    machine._executor.cache_clear()
-    yield
-    machine._executor(os.getpid()).shutdown()
-    machine._executor.cache_clear()
 
 
 def _printed(script):
@@ -30,31 +19,37 @@ def _printed(script):
     ).stdout
 
 
-@pytest.mark.usefixtures("four_cores")
-def test_calls_overlap():
+FOUR_CORES = """
+import threading, time
+from periscopy_sim.numerics import machine
+machine.core_count = lambda: 4
+"""
+
+
+def test_calls_overlap_and_those_within_a_thread_do_not_wait_for_themselves():
     # Passed only when four calls wait at once.
-    barrier = threading.Barrier(4, timeout=20)
-    assert sorted(in_parallel(lambda _: barrier.wait(), range(4))) == [0, 1, 2, 3]
+    script = """
+barrier = threading.Barrier(4, timeout=20)
+print(sorted(machine.in_parallel(lambda _: barrier.wait(), range(4))))
+outer = lambda x: sum(machine.in_parallel(lambda y: x * y, range(5)))
+print(machine.in_parallel(outer, range(50)) == [10 * x for x in range(50)])
+"""
+    assert _printed(FOUR_CORES + script) == "[0, 1, 2, 3]\nTrue\n"
 
 
-@pytest.mark.usefixtures("four_cores")
-def test_a_call_from_within_a_thread_does_not_wait_for_itself():
-    def outer(x):
-        return sum(in_parallel(lambda y: x * y, range(5)))
-
-    assert in_parallel(outer, range(50)) == [10 * x for x in range(50)]
-
-
-@pytest.mark.usefixtures("four_cores")
 def test_the_first_failure_propagates_and_the_threads_survive():
-    def fail(x):
-        if x >= 3:
-            raise ArithmeticError(f"item {x}")
-        return x
-
-    with pytest.raises(ArithmeticError, match="item 3"):
-        in_parallel(fail, range(8))
-    assert in_parallel(fail, range(3)) == [0, 1, 2]
+    script = """
+def fail(x):
+    if x >= 3:
+        raise ArithmeticError(f"item {x}")
+    return x
+try:
+    machine.in_parallel(fail, range(8))
+except ArithmeticError as error:
+    print(error)
+print(machine.in_parallel(fail, range(3)))
+"""
+    assert _printed(FOUR_CORES + script) == "item 3\n[0, 1, 2]\n"
 
 
 def test_cores_are_those_that_the_process_may_use():
@@ -93,9 +88,9 @@ print(statuses)
     assert _printed(script) == "[0, 0, 0]\n"
 
 
-@pytest.mark.usefixtures("four_cores")
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 100, 1001])
-def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
+def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count, monkeypatch):
+    monkeypatch.setattr(machine, "core_count", lambda: 4)
     parts = ranges(count)
     assert [n for start, stop in parts for n in range(start, stop)] == list(range(count))
     sizes = [stop - start for start, stop in parts]
@@ -104,16 +99,18 @@ def test_ranges_cover_everything_once_in_parts_of_nearly_equal_size(count):
     assert len(parts) <= 16
 
 
-@pytest.mark.usefixtures("four_cores")
 def test_only_a_few_are_computed_ahead_of_who_takes_them():
-    called = []
-    results = machine.ahead(called.append, range(100))
-    next(results)
+    """Four threads' worth, one more, and the one that followed."""
+    script = """
+called = []
+results = machine.ahead(called.append, range(100))
+next(results)
+for end in (time.sleep, lambda _: results.close()):
+    end(0.05)
     time.sleep(0.05)
-    assert len(called) <= 6  # four threads' worth, one more, and the one that followed
-    results.close()
-    time.sleep(0.05)
-    assert len(called) <= 6
+    print(len(called) <= 6)
+"""
+    assert _printed(FOUR_CORES + script) == "True\nTrue\n"
 
 
 def test_results_computed_ahead_come_in_order_with_an_error_in_its_place():

@@ -2,7 +2,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import OVERRIDE, mi, use_variant
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
+from tests.scenes.room import Room
 
 FALSE_ALARMS = 1e-5
 """Probability with which `same_mean` fails on equal means."""
@@ -21,141 +21,6 @@ FALSE_ALARMS = 1e-5
 @pytest.fixture(scope="session", autouse=True)
 def variant() -> str:
     return use_variant()
-
-
-class Room:
-    """Scene files of a wall at y = 1, seen squarely, and a monitor at y = 0 that faces it.
-
-    The camera's square pixels cover 0.4 m in x about (0.7, 1, 0.3); the monitor is 0.4 m x 0.3 m
-    about (0.2, 0, 0.3). The wall's albedo is 0.5.
-    """
-
-    diffuse = '<bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>'
-    black = '<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>'
-    area = '<emitter type="area"><rgb name="radiance" value="1"/></emitter>'
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.number = count(1)
-
-    @staticmethod
-    def lcd(vertical: float = 18, horizontal: float = 1) -> str:
-        return (
-            '<emitter type="lcd"><rgb name="radiance" value="1"/>'
-            f'<float name="vertical_exponent" value="{vertical}"/>'
-            f'<float name="horizontal_exponent" value="{horizontal}"/></emitter>'
-        )
-
-    @staticmethod
-    def wall(bsdf: str = diffuse, *, angle: float = 90, x: float = 0.7) -> str:
-        return (
-            f'<shape type="rectangle" id="wall">{bsdf}<transform name="to_world">'
-            f'<rotate x="1" angle="{angle}"/><translate x="{x}" y="1" z="0.3"/>'
-            "</transform></shape>"
-        )
-
-    @staticmethod
-    def monitor(
-        emitter: str | None = None,
-        *,
-        scale: tuple[float, float] = (0.2, 0.15),
-        turn: float = 180,
-        tilt: float = 0,
-        y: float = 0,
-        flip: bool = False,
-        inside: str = black,
-    ) -> str:
-        """Turned about z and tilted about x, in degrees; a turn of 180 faces the wall."""
-        return (
-            '<shape type="rectangle" id="monitor">'
-            f'<boolean name="flip_normals" value="{str(flip).lower()}"/>'
-            f'<transform name="to_world"><scale x="{scale[0]}" y="{scale[1]}"/>'
-            f'<rotate x="1" angle="90"/><rotate z="1" angle="{turn}"/>'
-            f'<rotate x="1" angle="{tilt}"/><translate x="0.2" y="{y}" z="0.3"/></transform>'
-            f"{Room.lcd() if emitter is None else emitter}{inside}</shape>"
-        )
-
-    def curved_monitor(self, emitter: str, *, mirrored: bool = False, flip: bool = False) -> str:
-        """A screen bent about a vertical axis towards the wall, 0.3 m high, as a PLY mesh.
-
-        It spans 0.8 rad of a circle of radius 0.5 m about (0.2, 0.5), in 16 facets.
-        """
-        trimesh = pytest.importorskip("trimesh")
-        u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, 17), [0.0, 1.0]))
-        angle = 0.8 * (u - 0.5)
-        x, y = 0.2 - 0.5 * np.sin(angle), 0.5 - 0.5 * np.cos(angle)
-        left = np.arange(16)
-        faces = np.concatenate(
-            [np.stack([left, left + 1, left + 18], 1), np.stack([left, left + 18, left + 17], 1)]
-        )
-        uv = np.stack([1 - u if mirrored else u, v], axis=1)
-        mesh = trimesh.Trimesh(
-            np.stack([x, y, 0.15 + 0.3 * v], axis=1),
-            faces[:, ::-1] if flip else faces,
-            visual=trimesh.visual.TextureVisuals(uv=uv),
-            process=False,
-        )
-        mesh.export(self.folder / "screen.ply")
-        return (
-            '<shape type="ply" id="monitor"><string name="filename" value="screen.ply"/>'
-            '<boolean name="face_normals" value="true"/>'
-            f'<boolean name="flip_normals" value="{str(flip).lower()}"/>{emitter}{self.black}'
-            "</shape>"
-        )
-
-    @staticmethod
-    def camera(
-        size: tuple[int | str, int | str] = (5, 6),
-        *,
-        film: str = "hdrfilm",
-        inside_film: str = '<rfilter type="box"/>',
-    ) -> str:
-        return (
-            '<sensor type="orthographic" id="camera"><transform name="to_world">'
-            '<scale x="0.2" y="0.2"/><lookat origin="0.7, 0.9, 0.3" target="0.7, 1, 0.3" '
-            f'up="0, 0, 1"/></transform><film type="{film}">'
-            f'<integer name="height" value="{size[0]}"/><integer name="width" value="{size[1]}"/>'
-            f"{inside_film}</film></sensor>"
-        )
-
-    @staticmethod
-    def blocker(center: str = "0.45, 0.5, 0.3", radius: float = 0.06, bsdf: str = black) -> str:
-        return (
-            f'<shape type="sphere" id="ball"><point name="center" value="{center}"/>'
-            f'<float name="radius" value="{radius}"/>{bsdf}</shape>'
-        )
-
-    @staticmethod
-    def cube(
-        center: tuple[float, ...], half: tuple[float, ...], name: str = "box", inside: str = ""
-    ) -> str:
-        """A box of half extents about a centre."""
-        scale, place = (", ".join(map(str, each)) for each in (half, center))
-        return (
-            f'<shape type="cube" id="{name}"><transform name="to_world"><scale value="{scale}"/>'
-            f'<translate value="{place}"/></transform>{inside}</shape>'
-        )
-
-    def write(
-        self,
-        *extra: str,
-        wall: str | None = None,
-        monitor: str | None = None,
-        camera: str | None = None,
-    ) -> Path:
-        """Write a scene to a file of its own; an empty part is left out."""
-        parts = [
-            self.wall() if wall is None else wall,
-            self.monitor() if monitor is None else monitor,
-            self.camera() if camera is None else camera,
-            *extra,
-        ]
-        path = self.folder / f"room{next(self.number)}.xml"
-        path.write_text('<scene version="3.0.0">\n' + "\n".join(parts) + "\n</scene>\n")
-        return path
-
-    def load(self, *extra: str, hidden: tuple[int, int] = (2, 3), **parts: str) -> Scenario:
-        return load_scenario(self.write(*extra, **parts), hidden)
 
 
 @pytest.fixture

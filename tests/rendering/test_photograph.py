@@ -6,7 +6,7 @@ from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.variant import mi
-from tests.rendering.ambient.lamps import scene_of
+from tests.scenes.lamps import scene_of
 
 GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
 

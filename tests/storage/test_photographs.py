@@ -113,7 +113,7 @@ def test_8_bit_files_are_decoded_with_a_warning(tmp_path, suffix):
 def test_one_channel_is_grey(tmp_path, shape):
     grey = COUNTS[..., 0].reshape(shape)
     tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack")
-    files = save_npy(tmp_path / "y.npy", grey), save_png(tmp_path / "y.png", grey)
+    files = save_npy(tmp_path / "y.npy", grey), save_png(tmp_path / "y.png", grey, interlace=True)
     for path in (*files, tmp_path / "y.tif"):
         assert np.array_equal(read(path).values, COUNTS[..., :1])
 

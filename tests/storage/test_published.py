@@ -16,7 +16,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import published
 from periscopy_sim.storage.formats.srgb import srgb_encode
-from tests.contents import contents
+from tests.scenes.contents import contents
 
 TRUTH = np.random.default_rng(0).uniform(0.1, 1, (29, 36, 3))
 FRAME = "TestPosD11Video/frame_0.mat"

@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.load import load_scenario
-from tests.calibration.silhouette.conftest import HIDDEN
+from tests.scenes.silhouette import HIDDEN
 
 
 def test_it_is_the_rectangle_that_was_declared(plane, scenario):

@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.calibration.silhouette.recover import recover_silhouette
 from periscopy_sim.errors import PhotographError, SceneError
-from tests.calibration.silhouette.conftest import FLAG, HIDDEN, photograph
+from tests.scenes.silhouette import FLAG, HIDDEN, photograph
 
 
 def test_known_pictures_show_nearly_every_cell_whatever_the_colours_of_a_camera(

@@ -7,7 +7,7 @@ from periscopy_sim.calibration.silhouette.scene import cell_mesh, with_mesh, wri
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
-from tests.calibration.silhouette.conftest import FLAG, HIDDEN, SCENE, silhouette
+from tests.scenes.silhouette import FLAG, HIDDEN, SCENE, silhouette
 
 
 def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):

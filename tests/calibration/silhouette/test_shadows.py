@@ -4,7 +4,8 @@ import pytest
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.rendering.scene.load import load_scenario
-from tests.calibration.silhouette.conftest import FLAG, HIDDEN
+from periscopy_sim.testing import adjoint_test
+from tests.scenes.silhouette import FLAG, HIDDEN
 
 ALL = np.ones((40, 40), bool)
 
@@ -42,9 +43,8 @@ def test_light_is_linear_in_opacities_and_its_adjoint_agrees(shadows):
     one_by_one = [shadows.open - shadows.matrix(unit) for unit in np.eye(FLAG.size)]
     blocked = np.tensordot(opacities, [each @ image for each in one_by_one], 1)
     np.testing.assert_allclose(shadows.open @ image - blocked, A @ image, rtol=1e-4)
-    gradient = random.standard_normal(A.shape).astype(np.float32)
-    along = opacities @ shadows.along(gradient)
-    assert along == pytest.approx(np.vdot(gradient, shadows.open - A), rel=1e-3)
+    products = lambda o: shadows.open - shadows.matrix(o), shadows.along
+    adjoint_test(products, (opacities.shape, A.shape), rtol=1e-5)
 
 
 def test_pixels_that_are_not_used_have_no_rows(empty, plane, shadows):

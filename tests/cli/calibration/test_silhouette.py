@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.calibration.silhouette.conftest import (  # noqa: F401 (fixtures)
+from tests.scenes.silhouette import (  # noqa: F401 (fixtures)
     FLAG,
     SCENE,
     flagged,

@@ -39,11 +39,7 @@ def test_folder_holds_image_pictures_and_summary(light, succeeds, tiny, tmp_path
     }
     assert {name: summary[name] for name in expected} == expected
     assert len(summary["noise"]) == len(summary["lambda"]) == 3 and summary["kappa"] > 0
-    fitting = {"transport matrix", "prototype backgrounds", "fit the method"}
-    seconds = summary["seconds"]
-    solved = {"reconstruct", "residual and standard errors", "draw"}
-    assert set(seconds) == {"load the scene", "check the scene", *fitting, *solved}
-    assert sum(seconds.values()) < time.perf_counter() - start
+    assert 0 < sum(summary["seconds"].values()) < time.perf_counter() - start
     provenance = summary["provenance"]
     chair = hashlib.sha256(ps.find_scene("chair").read_bytes()).digest()
     assert provenance["scene_sha256"] == hashlib.sha256(chair).hexdigest()

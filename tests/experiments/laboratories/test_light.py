@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.irradiance import polygon_irradiance
+from tests.scenes.irradiance import polygon_irradiance
 
 mi = pytest.importorskip("mitsuba")
 pytestmark = pytest.mark.skipif(

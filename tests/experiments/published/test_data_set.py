@@ -5,7 +5,7 @@ import scipy.io
 import periscopy_sim as ps
 from experiments.published import layout
 from experiments.published.data_set import read_capture
-from tests.experiments.published.conftest import COUNTS, save_capture
+from tests.scenes.published import COUNTS, save_capture
 
 NPY = b"\x93NUMPY\x01\x00" + bytes(120)
 GREY = np.full((6, 8, 3), 0.5)

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from experiments.published import ambient, layout, repeats, single_pixels, stills
 from experiments.published.__main__ import main
 from experiments.report import Verdict
-from tests.experiments.published.conftest import LIT, NOISE, PAINT, SBRS
+from tests.scenes.published import LIT, NOISE, PAINT, SBRS
 
 pytestmark = pytest.mark.thorough  # to render the stand-in takes 20 s
 

@@ -9,7 +9,7 @@ from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from tests.laboratory.built.conftest import (
+from tests.scenes.laboratory import (
     CAMERA,
     HIDDEN,
     MONITOR,

@@ -11,7 +11,7 @@ from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import find_scene
-from tests.laboratory.built.conftest import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders, turned
+from tests.scenes.laboratory import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders, turned
 
 
 def test_names_of_files_are_no_markup_of_the_scene(tmp_path):

@@ -11,8 +11,8 @@ from periscopy_sim.reconstruction.baselines.differencing import (
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.preconditioned.still import repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import relative_error
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 18)
 HIDDEN = (5, 6)
@@ -88,17 +88,6 @@ def test_published_differencing_ends_at_its_cap_near_the_minimum():
     np.testing.assert_array_equal(published.iterations, 1100)
     np.testing.assert_array_equal(published.weight, converged.weight)
     assert 1e-4 < relative_error(published.image, converged.image) < 0.5
-
-
-@pytest.mark.parametrize("scale", [1e3, 1e-6])
-def test_unit_of_the_photograph_scales_the_image_and_changes_nothing_else(scale):
-    y = photograph_of(penumbrae.two_halves(HIDDEN), noise=2e-3)
-    method = differencing(tolerance=1e-6)
-    expected, scaled = method.solve(y), method.solve(scale * y)
-    assert relative_error(scaled.image, scale * expected.image) < 1e-4
-    np.testing.assert_allclose(scaled.weight, scale * expected.weight, rtol=1e-9)
-    svd = truncated_svd()
-    assert relative_error(svd.reconstruct(scale * y), scale * svd.reconstruct(y)) < 1e-6
 
 
 @pytest.mark.parametrize(("fraction", "kept"), [(0.4, 12), (0.1, 3), (1e-3, 1), (1.0, 30)])

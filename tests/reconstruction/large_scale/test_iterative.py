@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from tests.model.test_transport_operator import Blocks
+from tests.scenes.blocks import Blocks
 
 PHOTOGRAPH, HIDDEN = (20, 21), (5, 6)
 M, N = 420, 30

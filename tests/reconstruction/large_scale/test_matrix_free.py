@@ -10,7 +10,7 @@ from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.surfaces import alone, screen_and_column
+from tests.scenes.surfaces import alone, screen_and_column
 
 SHAPE = (5, 6)
 M, N = 300, 30

@@ -82,16 +82,6 @@ def test_frame_minimizes_the_objective_with_the_distance_to_the_frame_before(exa
 
 
 @pytest.mark.parametrize("coupling", ["l1", "none"])
-def test_first_frame_is_the_still_and_so_is_the_first_after_a_restart(still, coupling):
-    video = NoiseAwareVideo(still, coupling=coupling)
-    for y in (PHOTOGRAPHS[0], PHOTOGRAPHS[3]):
-        video.restart()
-        assert video.previous is None
-        np.testing.assert_array_equal(video.next_frame(y), still.reconstruct(y))
-        np.testing.assert_array_equal(video.previous, still.reconstruct(y))
-
-
-@pytest.mark.parametrize("coupling", ["l1", "none"])
 def test_where_a_frame_starts_from_does_not_matter(still, exact, coupling):
     # The exact frame that follows the same frame, solved for from black.
     weight = 0.8 if coupling == "l1" else 0.0
@@ -137,16 +127,6 @@ def test_coupling_lowers_the_error_in_motion_and_more_at_rest(still):
     assert ratios[1] < ratios[0]
 
 
-@pytest.mark.parametrize("coupling", ["l1", "none"])
-def test_batch_is_the_frames_one_at_a_time_and_goes_on_where_it_ended(still, coupling, monkeypatch):
-    monkeypatch.setattr("periscopy_sim.reconstruction.method.BATCH", 2)
-    live, batch = (NoiseAwareVideo(still, coupling=coupling) for _ in range(2))
-    one_at_a_time = np.stack([live.next_frame(y) for y in PHOTOGRAPHS])
-    at_once = np.concatenate([batch.frames(PHOTOGRAPHS[:3]), batch.frames(PHOTOGRAPHS[3:])])
-    np.testing.assert_array_equal(at_once, one_at_a_time)
-    assert batch.frames(PHOTOGRAPHS[:0]).shape == (0, *HIDDEN, 3)
-
-
 @pytest.mark.parametrize("scale", [1.0, 7.0])
 @pytest.mark.parametrize("penalty", [0.1, 0.4])
 def test_iterations_that_start_from_the_minimum_stay_there(exact, scale, penalty):
@@ -156,13 +136,6 @@ def test_iterations_that_start_from_the_minimum_stay_there(exact, scale, penalty
     stayed, _ = exact.recover(brighter, few, split)
     assert distance(stayed.image, scale * minimum.image) < 1e-4
     assert distance(exact.recover(brighter, few)[0].image, scale * minimum.image) > 1e-2
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1e12])
-def test_unit_of_all_photographs_scales_the_frames_alone(still, scale):
-    expected = NoiseAwareVideo(still).frames(PHOTOGRAPHS)
-    frames = NoiseAwareVideo(still).frames(scale * PHOTOGRAPHS)
-    np.testing.assert_allclose(frames, scale * expected, rtol=1e-3, atol=1e-3 * scale)
 
 
 @pytest.mark.parametrize(("before", "after"), [(1, 1e-3), (1, 0.25), (1, 4), (1, 1e3)])
@@ -190,14 +163,3 @@ def test_cut_is_followed(still):
         errors.append(distance(video.next_frame(y + NOISE * draw), after))
         stills.append(distance(still.reconstruct(y + NOISE * draw), after))
     assert np.mean(errors) < 1.5 * np.mean(stills)
-
-
-def test_rejected_photograph_leaves_the_video_as_it_was(still):
-    video, undisturbed = NoiseAwareVideo(still), NoiseAwareVideo(still)
-    for each in (video, undisturbed):
-        each.next_frame(PHOTOGRAPHS[0])
-    for wrong in (np.nan * PHOTOGRAPHS[1], PHOTOGRAPHS[1][:-1]):
-        with pytest.raises(ValueError, match="photograph"):
-            video.next_frame(wrong)
-    expected = undisturbed.next_frame(PHOTOGRAPHS[1])
-    np.testing.assert_array_equal(video.next_frame(PHOTOGRAPHS[1]), expected)

@@ -4,8 +4,8 @@ from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import kept_basis, relative_error
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import kept_basis, relative_error
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)

@@ -6,8 +6,8 @@ from scipy import stats
 
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
-from tests.reconstruction import penumbrae
-from tests.reconstruction.penumbrae import relative_error
+from tests.scenes import penumbrae
+from tests.scenes.penumbrae import relative_error
 
 PHOTOGRAPH = (20, 20)
 HIDDEN = (5, 6)
@@ -46,17 +46,6 @@ def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(expli
     assert result.shape == (*HIDDEN, 3)
     assert result.dtype == (np.float32 if explicit else np.float64)
     assert relative_error(result, penumbrae.two_halves(HIDDEN)) < (1e-4 if explicit else 1e-6)
-
-
-@explicit_or_factored
-def test_prototype_background_of_any_strength_leaves_the_image_alone(explicit):
-    periscope = Periscope(
-        A, B, hidden=HIDDEN, rank_tolerance=1e-12, explicit=explicit, repair_threshold=np.inf
-    )
-    image = np.random.default_rng(3).random((*HIDDEN, 3))
-    without = periscope.reconstruct(photograph_of(image, noise=1e-3))
-    with_light = periscope.reconstruct(photograph_of(image, noise=1e-3, background=1000.0))
-    assert relative_error(with_light, without) < 1e-5
 
 
 @explicit_or_factored
@@ -130,33 +119,3 @@ def test_explicit_and_factored_agree_but_for_rounding_beside_the_noise(noise, to
     for field in fields(Reconstruction):
         error = relative_error(getattr(single, field.name), getattr(double, field.name))
         assert error < tolerance, field.name
-
-
-@pytest.mark.parametrize(
-    "shape", [(20, 19, 3), (399, 3), (20, 20), (20, 20, 4), (3, 20, 20), (1200,), ()]
-)
-def test_photograph_of_another_shape_is_refused(shape):
-    periscope = Periscope(A, B, hidden=HIDDEN)
-    with pytest.raises(ValueError, match="A has 400 rows"):
-        periscope.reconstruct(np.ones(shape))
-
-
-@pytest.mark.parametrize(
-    "settings", [{"tv_weight": -1}, {"tv_weight": np.nan}, {"repair_threshold": -1}]
-)
-def test_weights_out_of_range_are_refused_at_once(settings):
-    with pytest.raises(ValueError, match="not negative"):
-        Periscope(A, B, hidden=HIDDEN, **settings)
-
-
-def test_photographs_beyond_one_batch_are_recovered_as_those_within(monkeypatch):
-    monkeypatch.setattr("periscopy_sim.reconstruction.method.BATCH", 2)
-    rng = np.random.default_rng(1)
-    periscope = Periscope(rng.random((20, 6)), hidden=(2, 3))
-    photographs = rng.random((5, 20, 3))
-    estimates = list(periscope.estimates(photographs))
-    assert [len(e.noise) for e in estimates] == [2, 2, 1]
-    together = np.concatenate([e.preconditioned for e in estimates]).reshape(-1, 2, 3, 3)
-    np.testing.assert_array_equal(
-        together, [periscope.solve(y).preconditioned for y in photographs]
-    )

@@ -6,8 +6,8 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import relative_errors, render_background
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.view import pixel_edges
-from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
-from tests.rendering.conftest import Room
+from tests.scenes.lamps import LIGHT, point_light, scene_of
+from tests.scenes.room import Room
 
 COARSE = {"target": 1.0}
 

@@ -4,8 +4,8 @@ import pytest
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.view import pixel_edges
-from tests.irradiance import polygon_irradiance
-from tests.rendering.ambient.lamps import LIGHT, point_light, scene_of
+from tests.scenes.irradiance import polygon_irradiance
+from tests.scenes.lamps import LIGHT, point_light, scene_of
 
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
 TOWARD_ROOM = np.array([0.0, -1.0, 0.0])

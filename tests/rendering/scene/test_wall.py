@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from tests.rendering.materials import (
+from tests.scenes.materials import (
     BLEND,
     BUMPS,
     RAMP,

@@ -13,8 +13,8 @@ from periscopy_sim.rendering.transport.bounced import (
 )
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport, render_transport
 from periscopy_sim.rendering.variant import dr
-from tests.rendering.conftest import Room
-from tests.rendering.materials import GLOSSY, SLOPE, painted, write_files
+from tests.scenes.materials import GLOSSY, SLOPE, painted, write_files
+from tests.scenes.room import Room
 
 SEEDS = 8
 SHINY = '<bsdf type="conductor"/>'

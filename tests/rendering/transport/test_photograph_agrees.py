@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
-from tests.rendering.materials import GLOSSY, painted
+from tests.scenes.materials import GLOSSY, painted
 
 SEEDS = 12
 

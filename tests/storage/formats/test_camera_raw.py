@@ -10,7 +10,7 @@ import tifffile
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.storage.photographs import read_sensor_image
 from periscopy_sim.storage.tables import read_colour_matrix
-from tests.storage.formats.dng import WHITE, write_dng
+from tests.scenes.dng import WHITE, write_dng
 
 pytest.importorskip("rawpy")
 

@@ -9,7 +9,7 @@ from PIL import Image
 from periscopy_sim.storage.formats.table import FORMATS
 from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
 from periscopy_sim.storage.sequences import open_frames
-from tests.storage.formats.dng import write_dng
+from tests.scenes.dng import write_dng
 
 SHAPE = (24, 40)  # LibRaw reads nothing smaller than 22 pixels
 V, U = np.meshgrid(np.linspace(0, 1, SHAPE[0]), np.linspace(0, 1, SHAPE[1]), indexing="ij")

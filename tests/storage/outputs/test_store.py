@@ -7,7 +7,7 @@ from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
-from tests.contents import contents
+from tests.scenes.contents import contents
 
 SIZES = {
     "block": 3,
