@@ -195,7 +195,7 @@ def test_one_channel_is_as_three_alike(fit):
     light = [residual_of(y, 0 * y, fit) for y in lights]
     assert light[0].unexplained == pytest.approx(light[1].unexplained)
     images = [np.repeat(TRUTH[:, :1], count, axis=1) for count in (1, 3)]
-    differences = fit.observation.hidden.differences
+    differences = fit.hidden.differences
     errors = [
         standard_errors(fit.gram, differences, np.eye(f.shape[1]), f, 3.0, 5.0, N) for f in images
     ]
