@@ -1,9 +1,10 @@
 """One photograph of the relay wall with all that belongs to it, checked once."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -233,7 +234,7 @@ def _checked(
     if shape is not None:
         check_size(array.shape[:2], shape, name)
     with np.errstate(over="ignore", invalid="ignore"):  # of longer floats, and signalling NaN
-        light = np.array(array, dtype=np.float64)
+        light = np.array(array, dtype=np.float64, order="C")
     if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
         raise PhotographError(
             f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
@@ -260,13 +261,15 @@ def _checked(
     return light
 
 
-def of_one_wall(photographs: Any, shape: tuple[int, int] | None = None) -> list[Photograph]:
+def of_one_wall(
+    photographs: Any, shape: tuple[int, int] | None = None, names: Iterable[str] = ()
+) -> list[Photograph]:
     """Return photographs of one wall, each checked, with the conditions of all of them.
 
     They are one photograph, a sequence or a stack, of `Photograph`s or arrays. Each gets the mask
     of the pixels that all masks leave, all photographs with the monitor off, of equal ones one, and
-    the colour matrix. A PhotographError says that one is no photograph of this shape, or that they
-    have different colour matrices.
+    the colour matrix. Messages call them by `names`. A PhotographError says that one is no
+    photograph of this shape, or that they have different colour matrices.
     """
     is_one = isinstance(photographs, Photograph)
     if is_one or not (isinstance(photographs, Sequence) or np.ndim(photographs) == 4):
@@ -283,10 +286,9 @@ def of_one_wall(photographs: Any, shape: tuple[int, int] | None = None) -> list[
         raise PhotographError("the photographs have different colour matrices; give one")
     common: dict[str, Any] = {"mask": mask, "monitor_off": off}
     common["colour_matrix"] = matrices[0] if matrices else None
-    return [
-        Photograph.of(each.values if isinstance(each, Photograph) else each, shape, **common)
-        for each in photographs
-    ]
+    arrays = (each.values if isinstance(each, Photograph) else each for each in photographs)
+    named = zip(arrays, chain(names, repeat("photograph")), strict=False)
+    return [Photograph.of(each, shape, name, **common) for each, name in named]
 
 
 def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:

@@ -98,7 +98,9 @@ def measure(setting: Setting, finer: float, photograph: Array) -> Times:
     cheap = finer == 1
     runs = 3 if cheap else 1
     factored, _ = clocked(partial(form_preconditioner, A, B), runs)
-    explicit, periscope = clocked(partial(ps.Periscope.for_scene, scenario, A, B), runs)
+    explicit, periscope = clocked(
+        lambda: ps.Periscope.for_scene(scenario, A, B).fitted_to(photograph), runs
+    )
     periscope.reconstruct(photograph)  # compiles
     reconstruction, _ = clocked(partial(periscope.reconstruct, photograph), 9)
     del periscope, _
@@ -123,9 +125,7 @@ def measure(setting: Setting, finer: float, photograph: Array) -> Times:
 
 
 def _prepare(A: NDArray[np.float32], scenario: Scenario) -> Differencing:
-    method = Differencing(
-        A, photograph_shape=scenario.photograph_shape, hidden_shape=scenario.hidden_shape
-    )
+    method = Differencing(A, photograph_shape=scenario.photograph_shape, hidden=scenario.hidden)
     # A first photograph makes it compute what is left to compute once for a scene.
     noise = np.random.default_rng(0).random((*scenario.photograph_shape, 3))
     method.reconstruct(noise)

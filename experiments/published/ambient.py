@@ -167,8 +167,10 @@ def _level(
         given = (scene.scenario, scene.A, scene.B)
         for name, method in ((OURS_WITH, ps.NoiseAware), (PAPER_WITH, ps.Periscope)):
             try:
-                fitted = method.for_scene(*given, backgrounds=[background.photograph])
-                images[name] = fitted.reconstruct(lit.photograph)
+                off = [background.photograph]
+                images[name] = method.for_scene(*given).reconstruct(
+                    ps.Photograph.of(lit.photograph, monitor_off=off)
+                )
             except (ValueError, ps.PeriscopyError) as error:
                 refusal = str(error)
     return Level(lit, alone, dark, images, refusal)

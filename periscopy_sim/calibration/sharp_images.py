@@ -51,7 +51,7 @@ class SharpImages:
         method = NoiseAware(
             A,
             background,
-            hidden_shape=self.shape,
+            hidden=self.shape,
             profiles=False,
             corrections=(),
             tolerance=TOLERANCE,

@@ -200,7 +200,8 @@ class Sweep:
         """Fit the methods to all of the photographs; reject settings that no sweep can have."""
         if len(self.backgrounds) * len(self.sbrs) * len(self.seeds) > MOST_TRIALS:
             raise PeriscopyError(f"the sweep has more than {MOST_TRIALS} trials; vary less")
-        signal, *ambient = of_one_wall([self.signal, *self.backgrounds.values()])
+        given = {"signal": self.signal, **self.backgrounds}
+        signal, *ambient = of_one_wall([*given.values()], names=given)
         own = [each for each in self.methods.values() if not isinstance(each, StillMethod)]
         if own and (signal.monitor_off or signal.colour_matrix is not None):
             raise PeriscopyError(

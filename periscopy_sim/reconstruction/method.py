@@ -182,6 +182,14 @@ class StillMethod(Documented, ABC, Generic[Precision]):
 
     _latest: tuple[bytes, Self] | None = None
 
+    def __new__(cls, *arguments: Any, **_: Any) -> Self:
+        """Reject a scene in the place of A, by a TypeError that names `for_scene`."""
+        if arguments and hasattr(arguments[0], "photograph_shape"):
+            raise TypeError(
+                f"A comes first; to fit to a scene, {cls.__name__}.for_scene(scene, A, B)"
+            )
+        return super().__new__(cls)
+
     def __init__(
         self,
         A: Any,
@@ -191,12 +199,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         photograph_shape: Size | None = None,
         channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
-        profiles: bool = False,
     ) -> None:
-        if hasattr(A, "photograph_shape"):
-            raise TypeError(
-                f"A comes first; to fit to a scene, {type(self).__name__}.for_scene(scene, A, B)"
-            )
         self.fit = Fit(
             # Objects with `row_blocks` stream the rows of A; anything else becomes an array.
             A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A),
@@ -205,7 +208,6 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             photograph_shape=photograph_shape,
             channel_gain=channel_gain,
             rank_tolerance=rank_tolerance,
-            profiles=profiles,
             unmixes=not self.mixes_colours,
         )
 
@@ -253,12 +255,12 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             **settings,
         )
 
-    def fitted_to(self, photograph: Photograph | Image) -> Self:
+    def fitted_to(self, photograph: Photograph | Image | None = None) -> Self:
         """Return the method for the conditions of a photograph, ready for it.
 
         The method uses the pixels of its mask, projects out the light of its photographs with the
-        monitor off, and knows its colour matrix; for a photograph without conditions, or an array,
-        it is this method. All that does not depend on the values is computed. The latest such
+        monitor off, and knows its colour matrix; for a photograph without conditions, an array, or
+        None, it is this method. All that does not depend on the values is computed. The latest such
         method is kept: photographs under the same conditions are fitted once.
 
         Raises
@@ -276,7 +278,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         latest = self._latest  # another thread may replace it
         if latest is None or latest[0] != key:
             assert isinstance(photograph, Photograph)
-            method = self._with(self.fit.fitted_to(photograph))
+            method = self._with(replace(self.fit, conditions=photograph))
             method.prepare()
             self._latest = latest = key, method
         return latest[1]

@@ -125,4 +125,6 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
     def frames(self, photographs: Series) -> NDArray[Precision]:
         """Recover the frames, (K, R, C, channels), that follow the latest one; see `recoveries`."""
         images = [recover().image for recover in self.recoveries(photographs)]
-        return np.array(images, self.precision)
+        if images:
+            return np.array(images, self.precision)
+        return np.zeros((0, *self.hidden_shape, np.asarray(photographs).shape[-1]), self.precision)

@@ -3,6 +3,7 @@ import pytest
 
 from experiments.paper.numbers import rank_row
 from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from tests.reconstruction.penumbrae import kept_basis
 
@@ -84,9 +85,10 @@ def test_mask_leaves_out_rows_of_a_b_and_the_differences(part):
     mask = np.random.default_rng(5).random(FILM) > part if part else None
     used = np.ones(M, bool) if mask is None else mask.ravel()
     A, B = transport(), backgrounds()
+    given = None if mask is None else Photograph.of(np.ones(FILM), mask=mask)
     found = diagnose(
         np.where(used[:, None], A, np.nan), np.where(used[:, None], B, np.nan), FILM, HIDDEN,
-        mask=mask, rank_tolerance=1e-6,
+        photograph=given, rank_tolerance=1e-6,
     )  # fmt: skip
     D = difference_matrix()
     D = D[~D[:, ~used].any(axis=1)]
@@ -101,7 +103,18 @@ def test_mask_leaves_out_rows_of_a_b_and_the_differences(part):
     assert found.bound_ratio == pytest.approx(np.sum(alone**2) / np.sum(P**2), rel=1e-6)
     assert found.residual_background == pytest.approx(100 * residuals(P, B[used]).mean(), rel=1e-3)
     with pytest.raises(ValueError, match="leaves 11 pixels for 12 patches"):
-        diagnose(A, B, FILM, HIDDEN, mask=np.arange(M) < 11)
+        few = Photograph.of(np.ones(FILM), mask=np.arange(M).reshape(FILM) < 11)
+        diagnose(A, B, FILM, HIDDEN, photograph=few)
+
+
+def test_photographs_with_the_monitor_off_are_columns_of_b():
+    A, B, off = transport(), backgrounds(), np.random.default_rng(1).random((*FILM, 2)) + 1
+    given = Photograph.of(np.ones((*FILM, 2)), monitor_off=[off])
+    found = diagnose(A, B, FILM, HIDDEN, photograph=given, rank_tolerance=1e-6)
+    joined = np.hstack([B, off.reshape(M, 2)])
+    expected = diagnose(A, joined, FILM, HIDDEN, rank_tolerance=1e-6)
+    assert np.allclose(found.bounds, expected.bounds)
+    assert found.background_rank == expected.background_rank
 
 
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])

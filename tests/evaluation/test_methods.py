@@ -18,6 +18,7 @@ from periscopy_sim.evaluation.methods import (
     source_sha256,
 )
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
 from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
@@ -53,8 +54,13 @@ class Masked(Mine):
         super().__init__(scenario, A, B)
         self.mask = mask
 
-def open_to_all(*arguments, **more):
-    return Masked(*arguments, **more)
+def masked(scenario, A, B, *, mask=None):
+    return Masked(scenario, A, B, mask)
+
+class Seen(Mine):
+    def reconstruct(self, photograph):
+        self.seen = photograph
+        return np.ones((*self.scenario.hidden_shape, photograph.shape[2]))
 
 constant = 4
 """
@@ -64,6 +70,7 @@ constant = 4
 class Scene:
     photograph_shape: tuple = (8, 6)
     hidden_shape: tuple = (2, 3)
+    hidden: tuple = (2, 3)
     channel_gain: tuple = (1.2, 1.0, 0.8)
 
 
@@ -105,7 +112,7 @@ def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
     ]:
         method = fit_method(name, Scene(), A, B)
         method.tv_weight, method.repair_threshold = 0, np.inf
-        image = image_by(method, photograph(background), (2, 3))
+        image = image_by(method, photograph(background), (2, 3, 3))
         assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
 
 
@@ -113,17 +120,32 @@ MASK = np.random.default_rng(6).random((8, 6)) > 0.2
 
 
 @pytest.mark.usefixtures("mine")
-@pytest.mark.parametrize("name", ["mine.py:Masked", "mine.py:open_to_all"])
+@pytest.mark.parametrize("name", ["mine.py:Masked", "mine.py:masked"])
 def test_own_method_that_takes_a_mask_is_given_it(name):
-    assert fit_method(name, Scene(), A, B, MASK).mask is MASK
-    assert fit_method(name, Scene(), A, B).mask is None
+    fitted = fit_method(name, Scene(), A, B, Photograph.of(photograph(), mask=MASK))
+    assert (fitted.method.mask == MASK).all()
+    assert fit_method(name, Scene(), A, B).method.mask is None
 
 
 @pytest.mark.usefixtures("mine")
 def test_own_method_that_takes_no_mask_is_fitted_without_and_the_user_told():
     with pytest.warns(UserWarning, match=r"'mine\.py:Mine' takes no keyword mask: .* as black"):
-        fitted = fit_method("mine.py:Mine", Scene(), A, B, MASK)
-    assert fitted.A is A
+        given = Photograph.of(photograph() + 1, mask=MASK)
+        fitted = fit_method("mine.py:Mine", Scene(), A, B, given)
+    assert fitted.method.A is A
+    black = np.where(MASK[..., None], given.values, 0)
+    np.testing.assert_allclose(fitted.reconstruct(given), black.mean())
+
+
+@pytest.mark.usefixtures("mine")
+def test_own_method_sees_the_monitors_primaries():
+    colours = ColourMatrix(np.array([[0.7, 0.2, 0], [0.2, 1, 0.3], [0, 0.3, 1], [0.4, 0.4, 0.4]]))
+    method = find_method("mine.py:Seen")(Scene(channel_gain=None), A, B)
+    given = Photograph.of(colours.mix(photograph()), colour_matrix=colours)
+    method.reconstruct(given)
+    np.testing.assert_allclose(method.fitted_to(given).method.seen, photograph())
+    method.reconstruct(photograph()[..., :1])  # and grey
+    assert method.method.seen.shape == (8, 6, 1)
 
 
 def test_unknown_name_is_refused_with_the_known_ones():
@@ -143,22 +165,23 @@ def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
     path = list(sys.path)
     method = fit_method(name, Scene(), A, B)
     assert sys.path == path
-    assert method.scenario == Scene() and method.A is A and method.B is B
-    assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0), (2, 3)), 2)
+    own = method.method
+    assert own.scenario == Scene() and own.A is A and own.B is B
+    assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0), (2, 3, 3)), 2)
     assert source_sha256(name) == hashlib.sha256(mine.read_bytes()).hexdigest()
 
 
 def test_own_method_of_a_file_travels_to_a_process_without_the_file(mine):
-    method = fit_method("mine.py:Mine", Scene(hidden=(2, 3)), A, B)
-    method.scenario = None  # a class of this test, which the other process does not know
+    method = fit_method("mine.py:Mine", Scene(), A, B)
+    method._scenario = method.method.scenario = None  # which the other process does not know
     content = cloudpickle.dumps(method)
     mine.unlink()
-    code = "import pickle, sys; print(pickle.load(sys.stdin.buffer).A.shape)"
+    code = "import pickle, sys; print(pickle.load(sys.stdin.buffer).method.A.shape)"
     ended = subprocess.run(
         [sys.executable, "-c", code], input=content, capture_output=True, cwd=mine.parent
     )
     assert ended.stdout == b"(48, 6)\n", ended.stderr
-    assert pickle.loads(content).B.shape == B.shape
+    assert pickle.loads(content).method.B.shape == B.shape
 
 
 @pytest.mark.parametrize(
@@ -251,12 +274,12 @@ def test_the_documentations_own_method_is_blind_to_ambient_light(mine):
     (mine.parent / "my_method.py").write_text(code)
     method = fit_method("my_method.py:MyMethod", Scene(), A, B)
     for background in (0, 5):
-        assert np.allclose(image_by(method, photograph(background), (2, 3)), TRUTH, rtol=1e-5)
+        assert np.allclose(image_by(method, photograph(background), (2, 3, 3)), TRUTH, rtol=1e-5)
     # With noise: the hidden part of the joint least squares problem.
     y = photograph(5) + RNG.normal(0, 0.1, (8, 6, 3))
     joint = np.linalg.lstsq(np.hstack([A, B]), y.reshape(48, 3), rcond=None)[0][:6]
     expected = (joint / Scene.channel_gain).reshape(2, 3, 3)
-    assert np.allclose(image_by(method, y, (2, 3)), expected, rtol=1e-5, atol=1e-6)
+    assert np.allclose(image_by(method, y, (2, 3, 3)), expected, rtol=1e-5, atol=1e-6)
 
 
 class Returning:
@@ -282,4 +305,4 @@ class Returning:
 )
 def test_image_that_breaks_the_promise_is_refused(image, message):
     with pytest.raises(ValueError, match=message):
-        image_by(Returning(image), photograph(), (2, 3))
+        image_by(Returning(image), photograph(), (2, 3, 3))

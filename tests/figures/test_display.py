@@ -49,11 +49,13 @@ def test_grey_images_and_masks_are_shown_in_grey(image):
     grey = ps.to_srgb(image[..., 0])
     assert grey.shape == image.shape and (grey == grey[..., :1]).all()
     np.testing.assert_array_equal(ps.to_srgb(image[..., :1]), grey)
+    four = np.concatenate([image, image[..., :1]], axis=2)
+    np.testing.assert_array_equal(ps.to_srgb(four, 1), ps.to_srgb(image, 1))
     mask = image[..., 0] > 0.5
     np.testing.assert_allclose(ps.to_srgb(mask)[..., 1], mask, atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [np.zeros((2, 2, 4)), np.zeros(5), np.full((2, 2), np.nan)])
+@pytest.mark.parametrize("wrong", [np.zeros((2, 2, 3, 3)), np.zeros(5), np.full((2, 2), np.nan)])
 def test_what_is_no_image_is_refused(wrong):
     for act in (ps.to_srgb, ps.show):
         with pytest.raises(ValueError, match="is no image"):

@@ -39,7 +39,7 @@ FITTED = {
 """Methods that need not know which pixels are neighbours."""
 ALL = FITTED | {
     "differencing": lambda A, _=None, **more: Differencing(
-        A, photograph_shape=PHOTOGRAPH, hidden=HIDDEN, channel_gain=GAIN, **more
+        A, photograph_shape=PHOTOGRAPH, hidden=HIDDEN, **{"channel_gain": GAIN} | more
     )
 }
 

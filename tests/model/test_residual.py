@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import percentages, residual_of
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
@@ -49,7 +50,7 @@ def photograph(A=A, wall=0.0, noise=NOISE, seed=0):
 
 
 def residual(y, name="noise-aware", mask=None, **options):
-    method, given = METHODS[name](SCENE, A, B, **options), Photograph.of(y, mask=mask)
+    method, given = METHODS[name](SCENE, A, B, **options), Photograph(y, mask)
     solution = method.solve(given)
     return method.report(given, solution).residual, solution
 
@@ -192,14 +193,12 @@ def test_residual_stands_out_of_the_noise_that_images_leave():
     """The comparison is with what is left of white noise, and smooth light harms no rough image."""
     rng = np.random.default_rng(3)
     A = rng.random((V.size, 700))  # explain 40 % of white noise
-    transport = TransportOperator(A, np.ones((V.size, 1)) / np.sqrt(V.size))
+    fit = Fit(A, np.ones((V.size, 1)), hidden=Hidden.of((20, 35)), photograph_shape=SHAPE)
     signal = np.repeat(A.mean(axis=1, keepdims=True), 3, axis=1)
     noise = rng.standard_normal((V.size, 3))
     for strength, stands_out in ((0.0, False), (0.055, True)):
         uneven = (10 + signal) * strength * paint(2).reshape(-1, 1)
-        found = residual_of(
-            10 + signal + uneven + noise, signal, transport, lambda v: v.T.reshape(-1, *SHAPE)
-        )
+        found = residual_of(10 + signal + uneven + noise, signal, fit)
         assert np.nansum(found.light**2) < 1.4 * noise.size  # of noise alone 1
         assert (found.excess > 2) is stands_out
         assert found.cost < 0.25 and found.diagnosis == "fits"

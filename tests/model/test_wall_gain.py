@@ -39,7 +39,7 @@ def monomials(highest, lowest=0):
 
 
 def fitted_to(A, B, mask=None):
-    given = Photograph.of(photograph(), mask=mask)
+    given = Photograph.of(photograph(), mask=None if mask is None else mask.reshape(WALL))
     fit = Fit(A, B, hidden=Hidden.of(HIDDEN), conditions=given)
     wall_gain = WallGain(fit)
     Q = fit.background.T
@@ -220,19 +220,18 @@ def test_errors_of_the_transport_matrix_are_no_gain():
     assert np.sum(np.array(probabilities) < 0.05) <= 7
 
 
-@pytest.mark.parametrize("flat", [False, True])
-def test_pixels_under_the_mask_do_not_matter(flat):
+def test_pixels_under_the_mask_do_not_matter():
     mask = np.ones(WALL, bool)
     mask[3:9, 5:12] = False
     y = photograph(GAIN)
     spoilt = y.copy()
     spoilt[~mask] = np.nan
-    # Its rows and columns are known from the mask, or else given.
-    given = {"mask": mask.ravel()} if flat else {"mask": mask, "photograph_shape": None}
-    found = method(**given).solve(spoilt)
+    fitted = method(photograph_shape=None)  # its rows and columns are known from the photograph
+    found = fitted.solve(Photograph.of(spoilt, mask=mask))
     limits = found.corrections["wall_gain_range"]
     assert limits == pytest.approx([GAIN.min(), GAIN.max()], abs=0.08)
-    np.testing.assert_array_equal(method(**given).solve(np.nan_to_num(spoilt)).image, found.image)
+    other = method().solve(Photograph.of(np.nan_to_num(spoilt), mask=mask))
+    np.testing.assert_array_equal(other.image, found.image)
 
 
 def test_dark_and_noiseless_photographs_have_no_gain():

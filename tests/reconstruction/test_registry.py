@@ -101,8 +101,7 @@ def test_method_for_stills_alone_makes_no_video():
 def test_a_new_method_is_one_entry():
     option = Option("fraction", 0.4, "Part of the singular values that are kept.", 0.01, 1)
     entry = MethodEntry("mine", "mine", "baselines.truncated_svd:TruncatedSVD", (option,))
-    solved = entry(Scene(), A, B, fraction=0.5, tv_weight=0, repair_threshold=np.inf).solve(Y)
-    assert np.linalg.matrix_rank(solved.image.reshape(6, 3)) == 3
+    assert len(entry(Scene(), A, B, fraction=0.5)._singular[0]) == 3
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -115,7 +115,7 @@ def test_one_channel_is_grey(tmp_path, shape):
     tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack")
     files = save_npy(tmp_path / "y.npy", grey), save_png(tmp_path / "y.png", grey)
     for path in (*files, tmp_path / "y.tif"):
-        assert np.array_equal(read(path).values, np.repeat(COUNTS[..., :1], 3, axis=2))
+        assert np.array_equal(read(path).values, COUNTS[..., :1])
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -129,8 +129,8 @@ def test_further_channels_are_left_out_with_a_warning(tmp_path, channels):
         file.write(str(tmp_path / "y.exr"))
     for path in (save_png(tmp_path / "y.png", values), tmp_path / "y.tif", tmp_path / "y.exr"):
         photograph = read(path)
-        expected = np.broadcast_to(values[..., :channels], LIGHT.shape)
-        assert np.array_equal(photograph.values, expected) and len(photograph.warnings) == 1
+        assert np.array_equal(photograph.values, values[..., :channels])
+        assert len(photograph.warnings) == 1
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -139,10 +139,10 @@ def test_patches_that_cannot_be_told_apart_are_refused():
     twins = A.copy()
     twins[:, 7] = twins[:, 8]
     with pytest.raises(ValueError, match="full column rank"):
-        Differencing(twins, photograph_shape=PHOTOGRAPH, hidden=HIDDEN)
+        Differencing(twins, photograph_shape=PHOTOGRAPH, hidden=HIDDEN).prepare()
     with pytest.raises(ValueError, match="fewer than 30 singular values"):
-        TruncatedSVD(twins, hidden=HIDDEN, fraction=1.0)
-    TruncatedSVD(twins, hidden=HIDDEN)
+        TruncatedSVD(twins, hidden=HIDDEN, fraction=1.0).prepare()
+    TruncatedSVD(twins, hidden=HIDDEN).prepare()
 
 
 SHAPES = [(3, 2), (2, 3), (4, 4), (5, 1), (1, 5)]

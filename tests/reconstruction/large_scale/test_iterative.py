@@ -108,10 +108,10 @@ def test_settings_out_of_range_are_rejected(wrong):
 
 def test_photographs_with_no_more_pixels_than_ambient_light_has_patterns_are_refused():
     with pytest.raises(ValueError, match="36 pixels"):
-        IterativePeriscope(A[:36], np.eye(36)[:, :34], hidden=HIDDEN)
+        IterativePeriscope(A[:36], np.eye(36)[:, :34], hidden=HIDDEN).prepare()
 
 
 def test_pixels_that_determine_no_image_are_refused():
     few = slice(0, N + B.shape[1] - 1)
     with pytest.raises(ValueError, match="do not determine"):
-        IterativePeriscope(A[few], B[few], hidden=HIDDEN)
+        IterativePeriscope(A[few], B[few], hidden=HIDDEN).prepare()

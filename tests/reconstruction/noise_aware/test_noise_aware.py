@@ -90,7 +90,7 @@ def test_image_minimizes_the_penalized_likelihood(positive, regularization, matr
         y, M = matrix.mix(SIGNAL) + photograph() - SIGNAL, matrix.matrix
     method = NoiseAware(
         A, B, hidden=HIDDEN, regularization=regularization, positive=positive, tolerance=1e-6,
-        max_iterations=20_000,
+        max_iterations=20_000, profiles=False, corrections=(),
     )  # fmt: skip
     found = method.solve(Photograph.of(y, colour_matrix=matrix))
     arguments = (y.reshape(-1, 3), found.noise, found.weight, M)
@@ -103,8 +103,9 @@ def test_image_minimizes_the_penalized_likelihood(positive, regularization, matr
 
 def test_identity_is_the_default_and_the_matrixs_unit_is_that_of_the_image():
     y = photograph()
+    method = NoiseAware(A, B, hidden=HIDDEN, profiles=False, corrections=())
     plain, identity, mixed, twice = (
-        NoiseAware(A, B, hidden=HIDDEN).reconstruct(Photograph.of(y, colour_matrix=matrix))
+        method.reconstruct(Photograph.of(y, colour_matrix=matrix))
         for matrix in (None, ColourMatrix(np.eye(3)), MIXING, ColourMatrix(2 * MIXING.matrix))
     )
     np.testing.assert_allclose(identity, plain, rtol=1e-6)

@@ -56,7 +56,7 @@ def test_a_monochrome_camera_gives_grey_at_full_size(tmp_path):
         file.pages.first.tags["PhotometricInterpretation"].overwrite(34892)  # LinearRaw
     exposure, _ = read_sensor_image(path)
     assert exposure.cell == 1
-    assert np.array_equal(exposure.values, np.repeat(MOSAIC[..., None] - 512.0, 3, axis=2))
+    assert np.array_equal(exposure.values, MOSAIC[..., None] - 512.0)
 
 
 def test_a_full_pixel_saturates_its_cell(tmp_path):

@@ -46,9 +46,15 @@ def test_any_memory_layout_is_written_right(tmp_path, view):
     assert np.array_equal(read_exr(tmp_path / "y.exr")[0], view)
 
 
+def test_grey_is_one_channel(tmp_path):
+    write_exr(tmp_path / "y.exr", IMAGE[..., :1], {})
+    assert np.array_equal(decode_exr(tmp_path / "y.exr").values, IMAGE[..., :1])
+    assert np.array_equal(read_exr(tmp_path / "y.exr")[0], np.repeat(IMAGE[..., :1], 3, axis=2))
+
+
 def test_wrong_shapes_are_refused(tmp_path):
     for image in (IMAGE[..., 0], IMAGE[..., :2], IMAGE[:0]):
-        with pytest.raises(ValueError, match="shape"):
+        with pytest.raises(ValueError, match="1 or 3"):
             write_exr(tmp_path / "y.exr", image, {})
     with pytest.raises(OutputError):
         write_exr(tmp_path, IMAGE, {})
