@@ -244,11 +244,7 @@ class Fit:
 
     @cached_property
     def _ambient(self) -> tuple[Array, int]:
-        """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
-
-        The smooth columns come first. The noise of photographs with the monitor off is counted
-        wherever noise is estimated from what is unexplained.
-        """
+        """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth."""
         Q = background_basis(self.used(self.B), self.rank_tolerance)
         if self.profiles and Q.shape[1] and self.shape is not None:
             Q = joined_basis(Q, self.used(wall_profiles(self.shape)))
