@@ -127,8 +127,8 @@ def draw_real(path: Path, capture: Path) -> None:
         ),
     ):
         A, B = ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
-        method = ps.NoiseAware.for_scene(scene, A, B, colour_matrix=colours)
-        image = method.reconstruct(photograph)
+        given = ps.Photograph.of(photograph, colour_matrix=colours)
+        image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(given)
         shifted = ps.registered(image, truth)
         print(f"{ps.psnr(image, truth):.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")
         pictures[title] = image / np.percentile(image, 99.5)

@@ -5,7 +5,7 @@ import periscopy_sim as ps
 from periscopy_sim.photograph import Photograph
 from tests.scenes.calibration import calibration
 
-SHAPES = {"hidden_shape": (3, 4), "photograph_shape": (6, 8)}
+SHAPES = {"hidden": (3, 4), "photograph_shape": (6, 8)}
 
 
 @pytest.fixture(scope="module")

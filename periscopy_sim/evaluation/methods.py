@@ -170,9 +170,13 @@ def image_by(method: Method, photograph: Image, shape: tuple[int, ...]) -> NDArr
 
 
 def promised(image: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return a method's image as float32; a ValueError unless of a shape, real and finite."""
+    """Return a method's image as float32; a ValueError unless it is real and finite.
+
+    The shape is (R, C, channels), or (R, C) of any number of channels.
+    """
     values = np.asarray(image)
-    if values.shape != shape or values.dtype.kind not in "iuf":
+    fits = values.ndim == 3 and values.shape[: len(shape)] == shape
+    if not fits or values.dtype.kind not in "iuf":
         raise ValueError(
             f"returned {values.dtype} of shape {values.shape} instead of real numbers of shape "
             f"{shape}"
@@ -196,7 +200,8 @@ class OwnMethod(StillMethod[np.float64]):
     def __init__(
         self, A: Matrix, B: Matrix | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
     ) -> None:
-        super().__init__(A, B, profiles=True, **sizes)
+        super().__init__(A, B, **sizes)
+        self.fit = replace(self.fit, profiles=True)
         self._scenario, self._entry = scenario, entry
 
     @cached_property

@@ -10,7 +10,7 @@ wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
 import warnings
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -114,16 +114,14 @@ class Fit:
         Whether `wall_profiles` join the ambient light, where there is a B and the photograph's rows
         and columns are known.
     unmixes
-        Whether planes are in the monitor's primaries, so that their noise is mixed. Otherwise they
-        are in the camera's channels.
+        Whether planes are in the monitor's primaries, their noise mixed, not in the camera's.
 
     Raises
     ------
     ValueError
-        If sizes do not fit, the mask leaves fewer pixels than patches, the wall reflects nothing in
-        a channel or has a colour that the photograph's channels do not show, or a photograph with
-        the monitor off has no light. When it is first used: if A or B is not finite in the pixels
-        used, or B explains all of A.
+        If sizes do not fit, the mask leaves fewer pixels than patches, the wall has no colour for
+        each channel, or a photograph with the monitor off has no light. When used first: if A or B
+        is not finite in the pixels used, or B explains all of A.
     """
 
     A: Matrix
@@ -159,12 +157,6 @@ class Fit:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without Aᵀ, which follows from A."""
         return {name: each for name, each in vars(self).items() if name != "transport"}
-
-    def fitted_to(self, photograph: Photograph) -> "Fit":
-        """Return a fit of the same scene to the conditions of a photograph."""
-        return replace(self, conditions=photograph)
-
-    # -- pixels, channels and patches ------------------------------------------------------------
 
     @property
     def mask(self) -> Mask | None:
@@ -226,9 +218,8 @@ class Fit:
     def planes(self, photographs: Image) -> Array:
         """Return photographs as a grey wall would show them, (K, C, M') float64.
 
-        They are (K, rows, columns, C) or (K, M, C). Each channel is divided by the wall's gain, and
-        unmixed if the fit unmixes. A ValueError says that photographs are of another size, or not
-        finite where they are used.
+        They are (K, rows, columns, C) or (K, M, C), of the right size, and finite where used. Each
+        channel is divided by the wall's gain, and unmixed if the fit unmixes.
         """
         grey = self._grey(np.asarray(photographs))
         if self.mixing is None or not self.unmixes:
@@ -236,10 +227,7 @@ class Fit:
         return np.asarray(np.linalg.pinv(self.mixing) @ grey)
 
     def vectors(self, photograph: Image) -> Array:
-        """Return a photograph as a grey wall would show it, the y of y = A f, (M', C) float64.
-
-        See `planes`, of one photograph.
-        """
+        """Return `planes` of one photograph as the y of y = A f, (M', C) float64."""
         return np.ascontiguousarray(self.planes(plain_array(photograph)[None])[0].T)
 
     def mixed(self, image: Image) -> Array:
@@ -248,25 +236,15 @@ class Fit:
         return f if self.mixing is None or self.unmixes else f @ self.mixing.T
 
     def placed(self, values: Array) -> Array:
-        """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere.
-
-        The rows and columns of photographs must be known.
-        """
+        """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere."""
         assert self.shape is not None
         planes = np.full((values.shape[1], self.A.shape[0]), np.nan)
         planes[:, slice(None) if self.mask is None else self.mask] = values.T
         return planes.reshape(-1, *self.shape)
 
-    # -- ambient light and A⊥ --------------------------------------------------------------------
-
     @cached_property
     def _ambient(self) -> tuple[Array, int]:
-        """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth.
-
-        They come first: of range(B) and, if asked for, of `wall_profiles`. Each channel of each
-        photograph with the monitor off then joins, its strength to be found. Their own noise is
-        counted wherever noise is estimated from what is unexplained.
-        """
+        """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth."""
         Q = background_basis(self.used(self.B), self.rank_tolerance)
         if self.profiles and Q.shape[1] and self.shape is not None:
             Q = joined_basis(Q, self.used(wall_profiles(self.shape)))
@@ -358,8 +336,6 @@ class Fit:
     def curvatures(self) -> Array:
         """(N',) the visible patterns' curvatures."""
         return self.patterns.curvatures[self.visible]
-
-    # -- evidence --------------------------------------------------------------------------------
 
     def project_out(self, rows: Image) -> Image:
         """Return rows, (J, M'), with all ambient light projected out."""
@@ -467,8 +443,5 @@ class Fit:
                 f"columns, channels) with rows x columns = {M}"
             )
         matrix = None if self.conditions is None else self.conditions.colour_matrix
-        if matrix is not None and shape[-1] != len(matrix.matrix):
-            raise InputError(
-                f"the photograph has {shape[-1]} channels, the colour matrix {len(matrix.matrix)} "
-                "rows; give the camera's own matrix"
-            )
+        if matrix is not None and (count := len(matrix.matrix)) != shape[-1]:
+            raise InputError(f"the colour matrix has {count} rows for {shape[-1]} channels")

@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import Any
 
 
 class Documented:
@@ -22,12 +22,10 @@ def _signature(cls: Any) -> inspect.Signature:
     _, *own = inspect.signature(cls.__init__).parameters.values()
     if not (own and own[-1].kind is inspect.Parameter.VAR_KEYWORD):
         return inspect.Signature(own)
-    form, keyword = get_args(own.pop().annotation), inspect.Parameter.KEYWORD_ONLY
-    named = [p for p in inspect.signature(cls.__mro__[1]).parameters.values() if p.kind is keyword]
-    for name, kind in inspect.get_annotations(form[0]).items() if form else ():  # a TypedDict's
-        default = None if type(None) in get_args(kind) else inspect.Parameter.empty
-        named.append(inspect.Parameter(name, keyword, annotation=kind, default=default))
-    own += {p.name: p for p in named if p.name not in {each.name for each in own}}.values()
+    own.pop()
+    names, keyword = {each.name for each in own}, inspect.Parameter.KEYWORD_ONLY
+    inherited = inspect.signature(cls.__mro__[1]).parameters.values()
+    own += [each for each in inherited if each.kind is keyword and each.name not in names]
     return inspect.Signature(own)
 
 

@@ -199,7 +199,6 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         photograph_shape: Size | None = None,
         channel_gain: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
-        profiles: bool = False,
     ) -> None:
         self.fit = Fit(
             # Objects with `row_blocks` stream the rows of A; anything else becomes an array.
@@ -209,7 +208,6 @@ class StillMethod(Documented, ABC, Generic[Precision]):
             photograph_shape=photograph_shape,
             channel_gain=channel_gain,
             rank_tolerance=rank_tolerance,
-            profiles=profiles,
             unmixes=not self.mixes_colours,
         )
 
@@ -280,7 +278,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         latest = self._latest  # another thread may replace it
         if latest is None or latest[0] != key:
             assert isinstance(photograph, Photograph)
-            method = self._with(self.fit.fitted_to(photograph))
+            method = self._with(replace(self.fit, conditions=photograph))
             method.prepare()
             self._latest = latest = key, method
         return latest[1]

@@ -11,9 +11,8 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from periscopy_sim.photograph import ColourMatrix
 
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, MethodEntry, Option
 from periscopy_sim.reconstruction.video_method import FrameByFrame

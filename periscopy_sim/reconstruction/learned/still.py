@@ -19,7 +19,7 @@ from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
-from periscopy_sim.reconstruction.learned.weights import CHANNELS, NETWORK, SHIPPED, read_weights
+from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Report, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
@@ -65,7 +65,7 @@ class Learned(NoiseAware):
 
     @cached_property
     def _basis(self) -> tuple[Any, Any, Any]:
-        """The patterns, (N, N), their products with K, and their curvatures, as tensors."""
+        """The patterns, (N, N), their curvatures and their products with K, as tensors."""
         import torch
 
         rows, curvatures = self.fit.patterns.rows, self.fit.patterns.curvatures
@@ -82,10 +82,6 @@ class Learned(NoiseAware):
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about; see `reconstruct`."""
         solution = super().solve(photograph)
-        if solution.image.shape[-1] != CHANNELS:
-            raise InputError(
-                f"{NETWORK} learned from images of {CHANNELS} channels alone: take noise-aware"
-            )
         problem = problem_of(self, solution)
         return solution if problem is None else replace(solution, image=self._refined(problem))
 
@@ -93,8 +89,12 @@ class Learned(NoiseAware):
         """Return the network's image, (R, C, channels)."""
         import torch
 
-        from periscopy_sim.reconstruction.learned.unrolled_network import Problems
+        from periscopy_sim.reconstruction.learned.unrolled_network import CHANNELS, Problems
 
+        if len(problem.start) != CHANNELS:
+            raise InputError(
+                f"{NETWORK} learned from images of {CHANNELS} channels alone: take noise-aware"
+            )
         of_photograph = problem.data, problem.weights, problem.errors[None], problem.start
         batch = (torch.from_numpy(each)[None] for each in of_photograph)
         problems = Problems(*self._basis, *batch)

@@ -21,7 +21,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from periscopy_sim.reconstruction.learned.weights import CHANNELS
+CHANNELS = 3
+"""Channels of the images that networks learn from."""
 
 DILATIONS = 1, 2, 1, 1
 """Dilations of the four layers of each D_k: a patch depends on neighbours up to 5 away."""

@@ -22,9 +22,6 @@ SHIPPED = Path(__file__).with_name(f"{NETWORK}.safetensors")
 
 KIND = "periscopy network"
 
-CHANNELS = 3
-"""Channels of the images that networks learn from."""
-
 
 @dataclass(frozen=True, eq=False)
 class Weights:

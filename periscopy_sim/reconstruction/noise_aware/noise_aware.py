@@ -135,7 +135,8 @@ class NoiseAware(StillMethod[np.float64]):
         uncertain: UncertainTransport | None = None,
         **scene: Any,
     ) -> None:
-        super().__init__(A, B, profiles=profiles, **scene)
+        super().__init__(A, B, **scene)
+        self.fit = replace(self.fit, profiles=profiles)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)

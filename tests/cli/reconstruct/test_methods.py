@@ -30,7 +30,7 @@ def test_other_method_writes_its_image_and_what_it_reports(
     assert {name: summary.get(name) for name in options} == options
     # The others repair what they take for outliers in an image that is noise.
     assert summary["psnr"] > (25 if "differencing" in method else 10)
-    assert summary["psnr_registered"] >= summary["psnr"] and len(summary["shift"]) == 2
+    assert summary["psnr_registered"] >= summary["psnr"] - 1e-9 and len(summary["shift"]) == 2
 
 
 MINE = """
