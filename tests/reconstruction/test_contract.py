@@ -99,7 +99,7 @@ def test_options_reach_their_parameters_from_the_least_to_the_most(name):
 def test_a_new_method_is_one_entry():
     option = Option("fraction", 0.4, "Part of the singular values that are kept.", 0.01, 1)
     entry = MethodEntry("mine", "mine", "baselines.truncated_svd:TruncatedSVD", (option,))
-    assert entry(Scene(), A, B, fraction=0.5).rank == 10
+    assert entry(Scene(), A, B, fraction=0.5).fraction == 0.5
     assert fitted("differencing-published").stop == "published" != fitted("differencing").stop
 
 
