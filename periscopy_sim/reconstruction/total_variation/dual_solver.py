@@ -34,14 +34,14 @@ GAP_INTERVAL = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class ImageGrid:
     """The frames of one surface, and ∇ over all their pixels, frame after frame."""
 
     shape: tuple[int, int, int]  # (frames, R, C)
     differences: Differences  # down, across, and in time where frames are tied
 
     @classmethod
-    def of(cls, differences: Differences, size: Size, frames: int, w: float) -> "Frames":
+    def of(cls, differences: Differences, size: Size, frames: int, w: float) -> "ImageGrid":
         """Return the frames of a surface, (R, C), tied in time by w, or by nothing if w is 0."""
         return cls((frames, *size), differences.over_time(frames, w) if w else differences)
 
@@ -87,7 +87,7 @@ def solve_dual(
     g: Array,
     p: Array,
     bounds: tuple[Array, Array],
-    frames: Frames,
+    frames: ImageGrid,
     stop: tuple[float, int],
     duals: Array,
 ) -> tuple[Array, NDArray[np.int64], Array]:

@@ -27,7 +27,7 @@ from periscopy_sim.numerics.validation import (
     checked_image,
     warn_unconverged,
 )
-from periscopy_sim.reconstruction.total_variation.dual_solver import Frames, solve_dual
+from periscopy_sim.reconstruction.total_variation.dual_solver import ImageGrid, solve_dual
 
 Image = NDArray[Any]  # of the type of the image given
 
@@ -203,7 +203,7 @@ Grids = list[tuple[slice, Size, Differences]]
 
 # Images of one size follow each other: few are kept, for they are as large as images.
 _of_grid = lru_cache(maxsize=1)(Differences.of_grid)
-_frames = lru_cache(maxsize=4)(Frames.of)
+_frames = lru_cache(maxsize=4)(ImageGrid.of)
 
 
 def _planes(image: Image, hidden: Hidden | None, in_time: bool) -> tuple[Grids, Array]:
