@@ -23,6 +23,7 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, check_size, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
+from periscopy_sim.scene import Scene
 
 WEIGHTS = 0.4, 1, 1, 1, 2
 """Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
@@ -34,7 +35,7 @@ GROWTH = 1.5
 
 def calibrate(
     photograph: Photograph | Image | Sequence[Photograph | Image],
-    scene: str | Path,
+    scene: str | Path | Scene,
     hidden: tuple[int, int],
     free: Free | None = None,
     *,
@@ -58,7 +59,7 @@ def calibrate(
         with the monitor off is projected out. Photographs with a colour matrix are unmixed first:
         their channels' noise is then correlated, which the standard errors leave out.
     scene
-        A Mitsuba XML file, or the name of a shipped scene.
+        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
         (R, C) of the hidden image; the search uses at most 36 patches along a side.
     free

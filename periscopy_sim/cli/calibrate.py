@@ -64,10 +64,9 @@ class CalibrationSession(PhotoSession):
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
         return {
             "photograph": [wall, *others],
-            "scene": self.path,
+            "scene": self.scenario.scene,
             "hidden": self.size,
             "shown": [self.hidden_image(name) for name in self.shown or ()],
-            "parameters": self.definitions,
             "seed": self.seed,
         }
 
@@ -146,7 +145,7 @@ def find_parameters(
             from periscopy_sim.calibration.calibrate import calibrate
 
         files = session.read()
-        _write_copy(session, scene, {}, out)  # proves now that it can be written
+        _write_copy(session, scene, {}, out, load=False)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
@@ -169,14 +168,21 @@ def _distrust(result: str, doubts: Sequence[str]) -> str:
 
 
 def _write_copy(
-    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
+    session: PhotoSession,
+    staged: Path,
+    values: Mapping[str, str],
+    out: Path,
+    remark: str = "",
+    *,
+    load: bool = True,
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        ps.load_scenario(staged, session.size)
+        if load:
+            ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "

@@ -33,6 +33,7 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Scene
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
@@ -47,7 +48,7 @@ UNSEEN = 1e-2
 
 def recover_silhouette(
     photograph: Photograph | Image | Sequence[Photograph | Image],
-    scene: str | Path,
+    scene: str | Path | Scene,
     hidden: tuple[int, int],
     shape: str,
     cells: tuple[int, int] | None = None,
@@ -66,7 +67,7 @@ def recover_silhouette(
         shown. The pixels used are those that all masks leave; the light of all photographs with the
         monitor off is projected out. Photographs with a colour matrix are unmixed first.
     scene
-        A Mitsuba XML file, or the name of a shipped scene.
+        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
         (R, C) of the hidden image. Of an unknown one, the search uses at most 24 patches along a
         side, of a known one 36.

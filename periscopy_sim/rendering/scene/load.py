@@ -41,7 +41,7 @@ RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 
 
 def load_scenario(
-    path: str | Path,
+    scene: str | Path | Scene,
     hidden: tuple[int, int],
     parameters: Mapping[str, str | float] | None = None,
     *,
@@ -59,8 +59,8 @@ def load_scenario(
 
     Parameters
     ----------
-    path
-        A Mitsuba XML file, or the name of a shipped scene.
+    scene
+        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
         (R, C), rows and columns of the hidden image.
     parameters
@@ -83,7 +83,10 @@ def load_scenario(
         participating medium, or the hidden size is not possible.
     """
     rows, columns = map(operator.index, hidden)
-    scene = load_scene(path, parameters)
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene, parameters)
+    elif parameters:
+        scene = scene.at(**parameters)
     view = View.of(scene, photograph)
     if min(rows, columns) < 1 or rows * columns > len(view.points):
         size = "{}x{}".format(*view.shape)
@@ -178,9 +181,8 @@ class SceneLoader:
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
         variant, built = self._built
-        if variant == mi.variant() and scene.parameters == self.scene.parameters:
-            return built
-        return _instantiated(scene)
+        same = not self._motions(scene) and scene.emission == self.scene.emission
+        return built if same and variant == mi.variant() else _instantiated(scene)
 
     def _seen(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
