@@ -82,6 +82,9 @@ class Hidden(Mapping[str, Surface]):
     ----------
     surfaces
         The surfaces by id, one at least.
+    by_distance
+        Whether differences are weighted by the distances of patches, see `Differences`. They change
+        the image of a real doorway by 13 %, and no photograph shows yet that they improve it.
 
     Attributes
     ----------
@@ -91,10 +94,10 @@ class Hidden(Mapping[str, Surface]):
         The columns of A that each surface has, by its id.
     """
 
-    def __init__(self, surfaces: Mapping[str, Surface]) -> None:
+    def __init__(self, surfaces: Mapping[str, Surface], *, by_distance: bool = False) -> None:
         if not surfaces:
             raise InputError("there is no hidden surface; give one at least")
-        self._surfaces = dict(surfaces)
+        self._surfaces, self.by_distance = dict(surfaces), by_distance
         ends = np.cumsum([0, *(np.prod(each.shape, dtype=int) for each in surfaces.values())])
         self.slices = {
             name: slice(int(start), int(stop))
@@ -164,14 +167,16 @@ class Hidden(Mapping[str, Surface]):
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
         if not self.keys() & motions.keys():
             return self
-        return Hidden({n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()})
+        moved = {n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()}
+        return Hidden(moved, by_distance=self.by_distance)
 
     def shifted(self, across: float = 0.0, up: float = 0.0) -> "Hidden":
         """Return the surfaces moved within themselves, by so many patches across and up."""
-        return Hidden({
+        moved = {
             name: replace(each, centers=each.centers + across * each.across + up * each.up)
             for name, each in self.items()
-        })  # fmt: skip
+        }
+        return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
@@ -210,17 +215,18 @@ class Hidden(Mapping[str, Surface]):
     @cached_property
     def differences_by_surface(self) -> "dict[str, Differences]":
         """Each surface's own ∇ by its id: no difference crosses from one surface to another."""
-        grids = {name: (each.shape, each.centers) for name, each in self.items()}
-        return {name: Differences.of_grid(*grid) for name, grid in grids.items()}
+        return {
+            name: Differences.of_grid(each.shape, each.centers if self.by_distance else None)
+            for name, each in self.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
     """Forward differences down and across each surface, ∇: those past its border are zero.
 
-    On a grid of equal patches they have weight 1. Where patches lie at different distances, as on a
-    curved surface, a difference is weighted by the surface's mean distance along that axis over its
-    own: a derivative.
+    They have weight 1. Given the patches' centres, a difference is weighted by the surface's mean
+    distance along that axis over its own: a derivative along a curved surface.
 
     Attributes
     ----------

@@ -91,7 +91,7 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
 
 def test_axes_that_are_not_alike_have_no_eigenvectors_of_their_own():
     centers = RNG.random((20, 3))
-    bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)})
+    bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)}, by_distance=True)
     assert inverse_by_axes(bent.differences, (4, 5)) is None
     images = RNG.standard_normal((3, 20)).astype(np.float32)
     smoothed = InverseLaplacian(bent)(images)

@@ -16,7 +16,8 @@ def curved(rows: int, columns: int) -> Surface:
 
 def screen_and_column() -> Hidden:
     """Return 3 x 4 equal patches, and 2 x 5 of a column."""
-    return Hidden({"screen": Surface.flat((3, 4)), "column": curved(2, 5)})
+    surfaces = {"screen": Surface.flat((3, 4)), "column": curved(2, 5)}
+    return Hidden(surfaces, by_distance=True)
 
 
 def alone(hidden: Hidden) -> list[Hidden]:
