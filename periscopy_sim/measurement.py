@@ -48,16 +48,11 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     Parameters
     ----------
     photograph
-        (rows, columns, 3), in any unit.
+        (rows, columns, 3), in any unit; the result is in the same.
     snr
         Signal-to-noise ratio in dB. Its signal is the whole photograph, ambient light included.
     seed
         Seed of the noise.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns, 3).
 
     Raises
     ------
@@ -189,10 +184,6 @@ class Sensor:
         reference
             Light, in units of the photograph, that collects `electrons`: one for several
             photographs keeps their exposure the same. None for this photograph's mean.
-
-        Returns
-        -------
-        Exposure
 
         Raises
         ------

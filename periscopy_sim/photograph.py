@@ -121,12 +121,10 @@ class Photograph:
             (rows, columns) of the scene's camera; None for any.
         name
             What messages call the photograph.
-        mask
-            (rows, columns) bool, True where methods use the photograph; None for everywhere.
+        mask, colour_matrix
+            As the attributes.
         monitor_off
             Photographs with the monitor off, of the same shape, by name or in a sequence.
-        colour_matrix
-            From the monitor's primaries to the camera's channels; None for the identity.
         warnings
             Lines of the reader. One is added if most values are negative.
 
@@ -137,7 +135,7 @@ class Photograph:
         """
         mask = None if mask is None else np.array(mask)
         light = _checked(values, shape, name, mask)
-        if np.mean(used_pixels(light, mask) < 0) > 0.5:
+        if np.mean(light[... if mask is None else mask] < 0) > 0.5:
             warnings = (*warnings, f"{name}: most values are negative; check the dark frame")
         off = {} if monitor_off is None else monitor_off
         if not isinstance(off, Mapping):
@@ -235,14 +233,15 @@ def _checked(
         check_size(array.shape[:2], shape, name)
     with np.errstate(over="ignore", invalid="ignore"):  # of longer floats, and signalling NaN
         light = np.array(array, dtype=np.float64, order="C")
-    if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
-        raise PhotographError(
-            f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
-        )
-    if mask is not None and not mask.any():
-        raise PhotographError(
-            f"{name}: the mask leaves out every pixel; it is True where the wall is"
-        )
+    if mask is not None:
+        if mask.shape != light.shape[:2] or mask.dtype != np.bool_:
+            raise PhotographError(
+                f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
+            )
+        if not mask.any():
+            raise PhotographError(
+                f"{name}: the mask leaves out every pixel; it is True where the wall is"
+            )
     broken = np.argwhere(blackened(~np.isfinite(light), mask))
     if len(broken):
         counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
@@ -251,7 +250,7 @@ def _checked(
             f"{name}: {counted} NaN or infinite, the first at row {row}, column {column}, channel "
             f"{channel}; replace them, or leave them out by a mask"
         )
-    used = used_pixels(light, mask)
+    used = light[... if mask is None else mask]
     if not used.any():
         raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
     if used.max() <= 0:
@@ -298,11 +297,6 @@ def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:
     if mask.shape != other.shape:
         raise PhotographError(f"masks of {mask.shape} and {other.shape} pixels; give one size")
     return mask & other
-
-
-def used_pixels(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:
-    """Return the pixels of an image inside a mask, (M', channels); without a mask, the image."""
-    return image if mask is None else image[mask]
 
 
 def blackened(image: NDArray[Any], mask: Mask | None) -> NDArray[Any]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import declared_errors
-from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
+from periscopy_sim.reconstruction.learned.still import Problem, problem_of
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file

@@ -10,8 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics import Array, Image, precision_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,10 @@
 """Ambient light: an orthonormal basis of what the model leaves free beside the hidden image."""
 
-from typing import Any
-
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy import linalg
 
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.precision import cast_columns, precision_of
+from periscopy_sim.numerics import Array, Image, cast_columns, precision_of
 from periscopy_sim.numerics.validation import InputError
 
 RANK_TOLERANCE = 1e-10
@@ -34,18 +30,14 @@ PIXELS_A_DEGREE = 6
 """Pixels along a side for each degree of `wall_profiles`, at least: 126 pixels carry degree 20."""
 
 
-def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_TOLERANCE) -> Array:
+def background_basis(B: Image, rank_tolerance: float = RANK_TOLERANCE) -> Array:
     """Return an orthonormal basis Q, (M, r) float64, of the numerical range of B, (M, L).
 
     B is rank-deficient to working precision: its lights are far away, so their responses are nearly
     the same few smooth fields. The basis has the left singular vectors of B, its columns scaled to
     unit norm, whose singular values exceed `rank_tolerance`, in (0, 1), times the largest, or B's
-    own precision, `precision_of`, if that is more: beyond it, vectors are rounding errors.
-
-    Raises
-    ------
-    ValueError
-        If the tolerance is out of range or B is not finite.
+    own precision, `precision_of`, if that is more: beyond it, vectors are rounding errors. A B that
+    is not finite is a ValueError, and so is a tolerance out of range.
     """
     if not 0 < rank_tolerance < 1:
         raise InputError(f"the rank tolerance must lie between 0 and 1, not {rank_tolerance}")
@@ -70,7 +62,7 @@ def background_basis(B: NDArray[np.floating[Any]], rank_tolerance: float = RANK_
     return np.asarray(orthonormal @ U[:, σ > rank_tolerance * σ[0]])
 
 
-def joined_basis(Q: Array, columns: NDArray[np.floating[Any]]) -> Array:
+def joined_basis(Q: Array, columns: Image) -> Array:
     """Return an orthonormal basis of range(Q), (M, r), and of a few columns, (M, K), beside it.
 
     Q is orthonormal. The basis includes a column however little of it lies outside of range(Q),
@@ -98,9 +90,7 @@ def wall_profiles(shape: tuple[int, int]) -> Array:
     return np.hstack([np.repeat(down[:, 1:], columns, axis=0), np.tile(across, (rows, 1))])
 
 
-def _sketched_basis(
-    B: NDArray[np.floating[Any]], scale: Array, rank_tolerance: float
-) -> Array | None:
+def _sketched_basis(B: Image, scale: Array, rank_tolerance: float) -> Array | None:
     """Return the basis from products of scaled B with a few random vectors, if so few suffice.
 
     Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 1.5: where the last

@@ -32,8 +32,7 @@ from periscopy_sim.model.transport_operator import (
     TransportOperator,
     used_rows,
 )
-from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
 from periscopy_sim.photograph import Photograph
@@ -93,46 +92,23 @@ class Fit:
     The constructor checks sizes; everything else is computed when it is first used, and kept. No
     vector has the pixels that the mask excludes, whatever they hold.
 
-    Attributes
-    ----------
-    A
-        (M, N) light transport matrix.
-    B
-        (M, L) prototype backgrounds; None for none.
-    hidden
-        The hidden surfaces of the N patches.
-    photograph_shape
-        (rows, columns) that photographs must have; None checks the number of pixels alone.
-    channel_gain
-        Positive colour of the wall, a number for each channel; None for a grey wall.
-    conditions
-        A photograph, whose mask, photographs with the monitor off and colour matrix count; None for
-        none of these.
-    rank_tolerance
-        Relative tolerance on B's singular values, see `background_basis`.
-    profiles
-        Whether `wall_profiles` join the ambient light, where there is a B and the photograph's rows
-        and columns are known.
-    unmixes
-        Whether planes are in the monitor's primaries, their noise mixed, not in the camera's.
-
-    Raises
-    ------
-    ValueError
-        If sizes do not fit, the mask leaves fewer pixels than patches, the wall has no colour for
-        each channel, or a photograph with the monitor off has no light. When used first: if A or B
-        is not finite in the pixels used, or B explains all of A.
+    It raises a ValueError if sizes do not fit, the mask leaves fewer pixels than patches, the wall
+    has no colour for each channel, or a photograph with the monitor off has no light; when used
+    first, if A or B is not finite in the pixels used, or B explains all of A.
     """
 
-    A: Matrix
-    B: Image | None = None
+    A: Matrix  # (M, N) light transport matrix
+    B: Image | None = None  # (M, L) prototype backgrounds
     _: KW_ONLY
-    hidden: Hidden
-    photograph_shape: tuple[int, int] | None = None
-    channel_gain: Image | None = None
+    hidden: Hidden  # the surfaces of the N patches
+    photograph_shape: tuple[int, int] | None = None  # (rows, columns); None checks M alone
+    channel_gain: Image | None = None  # positive colour of the wall by channel; None for grey
+    # A photograph, whose mask, photographs with the monitor off and colour matrix count.
     conditions: Photograph | None = None
-    rank_tolerance: float = RANK_TOLERANCE
+    rank_tolerance: float = RANK_TOLERANCE  # of B's singular values, see `background_basis`
+    # Whether `wall_profiles` join B, where the photograph's rows and columns are known.
     profiles: bool = False
+    # Whether planes are in the monitor's primaries, their noise mixed, not in the camera's.
     unmixes: bool = False
 
     def __post_init__(self) -> None:
@@ -235,7 +211,7 @@ class Fit:
         f = np.asarray(self.hidden.vector(image), np.float64)
         return f if self.mixing is None or self.unmixes else f @ self.mixing.T
 
-    def placed(self, values: Array) -> Array:
+    def placed(self, values: Image) -> Array:
         """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere."""
         assert self.shape is not None
         planes = np.full((values.shape[1], self.A.shape[0]), np.nan)
@@ -261,10 +237,8 @@ class Fit:
         B = np.zeros((self.A.shape[0], 0)) if self.B is None else self.B
         if not self.monitor_off:
             return B
-        columns = self.monitor_off_columns
-        whole = np.zeros((len(B), columns.shape[1]))
-        whole[... if self.mask is None else self.mask] = columns
-        return np.hstack([B, whole])
+        whole = np.nan_to_num(self.placed(self.monitor_off_columns))
+        return np.hstack([B, whole.reshape(len(whole), -1).T])
 
     @property
     def basis(self) -> Array:
@@ -364,18 +338,14 @@ class Fit:
         """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (C, N')."""
         return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
 
-    def shown(self, images: Image) -> Array:
-        """Return the coefficients of the light of images, (C, N), in the visible patterns."""
-        products = times_rows(np.ascontiguousarray(images, np.float64), self.gram)
-        shown = times_rows(products.astype(np.float32), self.patterns.rows)
-        return np.asarray(shown[:, self.visible], np.float64)
-
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
         """Return the part of y⊥ that A⊥ can explain, (C, N'), and an image's residual, over σ."""
-        f = self.mixed(image).T / (evidence.level * self.unit)
+        f = np.ascontiguousarray(self.mixed(image).T / (evidence.level * self.unit))
+        products = times_rows(f, self.gram).astype(np.float32)
+        shown = times_rows(products, self.patterns.rows)[:, self.visible]
         scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
         whole = evidence.coefficients[:, self.visible] / scales
-        return whole, whole - self.shown(f) / scales
+        return whole, whole - shown / scales
 
     def unexplained(self, rows: Array) -> Array:
         """Return the part of rows, (J, M'), that no hidden image and no ambient light explain."""

@@ -28,12 +28,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.numerics import Array
+from periscopy_sim.numerics import Array, Mask
 
 DARK = 0.05
 """Fraction of the smooth light's mean below which a background photograph shows no paint."""
@@ -49,10 +48,7 @@ the background photographs did as much harm as the correction did good."""
 class Paint:
     """The correction of the wall's paint, as photographs with the monitor off show it.
 
-    Raises
-    ------
-    ValueError
-        If there are no photographs with the monitor off.
+    It raises a ValueError if there are none.
     """
 
     def __init__(self, fit: Fit) -> None:
@@ -123,7 +119,7 @@ def _fit_fields(terms: Array, rest: Array) -> tuple[Array, float, int]:
     return shares, float(np.sum(coordinates**2 / eigenvalues[kept])), int(kept.sum())
 
 
-def _moved(fields: Array, part: float, mask: NDArray[np.bool_] | None) -> Array:
+def _moved(fields: Array, part: float, mask: Mask | None) -> Array:
     """Return fields, (J, M'), moved down by a part of the photograph, its end put before it."""
     if mask is None:
         return np.roll(fields, round(part * fields.shape[1]), axis=1)

@@ -72,19 +72,17 @@ class Residual:
     light
         (rows, columns, C) r, each channel over the wall's colour, in the photograph's unit; NaN
         where pixels are not used.
-    unexplained
-        Standard deviation of r over the photograph's root mean square.
-    unexplained_by_any
-        The same of the part that no hidden image explains; None if too few pixels have neighbours.
-    noise_alone
-        The same of the camera's noise alone, independent in the channels; None likewise.
+    unexplained, unexplained_by_any, noise_alone
+        Standard deviation of r, of its part that no hidden image explains, and of the camera's
+        noise alone, independent in the channels; over the photograph's root mean square.
     excess
-        Energy of the blurred residual over that of noise; 1 for white noise, None likewise.
+        Energy of the blurred residual over that of noise; 1 for white noise.
     diagnosis
         Verdict on the scene.
     cost
-        Error that a misfit like this one makes in an image, over that which noise leaves; None
-        likewise, or where A is too large, or where the image is black.
+        Error that such a misfit makes in an image, over that which noise leaves; None where A is
+        too large or the image is black. Of too few pixels with neighbours, `unexplained` is the
+        only number.
     """
 
     light: Array = field(repr=False)

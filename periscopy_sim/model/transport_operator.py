@@ -14,12 +14,11 @@ from itertools import pairwise
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from periscopy_sim.model.ambient import ROUNDING
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.validation import InputError
 
@@ -60,7 +59,7 @@ def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
         yield from A.row_blocks()
 
 
-def used_rows(A: Matrix, mask: NDArray[np.bool_]) -> Image:
+def used_rows(A: Matrix, mask: Mask) -> Image:
     """Return a copy of the rows of A, (M, N), where the mask, (M,), is True."""
     return np.concatenate([block[mask[rows]] for rows, block in row_blocks(A)])
 
@@ -76,22 +75,9 @@ class Eigenvectors:
 class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     """A⊥ = A − Q QᵀA as a SciPy linear operator, by passes over A's rows.
 
-    Parameters
-    ----------
-    A
-        (M, N) array or memory map of floats, or `RowBlocks`.
-    Q
-        (M, r) orthonormal basis of what is projected out; None for nothing.
-
-    Attributes
-    ----------
-    QtA, whole_squared_norm, squared_norm
-        (r, N) QᵀA, ‖A‖_F² and ‖A⊥‖_F².
-
-    Raises
-    ------
-    ValueError
-        If the rows of Q do not match A's, A is not finite, or nothing is left of it.
+    A is (M, N), an array or memory map of floats, or `RowBlocks`; Q is (M, r) orthonormal columns,
+    or None. `QtA` is QᵀA, (r, N); the squared norms are ‖A‖_F², of the whole, and ‖A⊥‖_F². It
+    raises a ValueError if the rows of Q do not match A's, A is not finite, or A⊥ is nothing.
     """
 
     def __init__(self, A: Matrix, Q: Array | None = None) -> None:

@@ -33,11 +33,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from periscopy_sim.hidden import Differences, Hidden
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, Mask
 
 ROUNDING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one
@@ -63,23 +62,10 @@ def standard_errors(
     of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
     excludes is left out of account, so errors of images with much black are reported too large.
 
-    Parameters
-    ----------
-    gram
-        (N, N) A⊥ᵀA⊥, of the given rank.
-    differences
-        ∇ of images on the hidden surfaces.
-    precision
-        (3, 3) Π, of 1/σ_c² on its diagonal without a colour matrix.
-    f
-        (N, 3) f̂.
-    weight
-        λ > 0.
-    misfit
-        Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c², in the camera's channels.
-    response
-        (K, 3, N) A⊥ᵀT Σ^½ of the scene's own errors, in the primaries; None where the scene is
-        taken for right.
+    `gram` is A⊥ᵀA⊥, (N, N), of the given rank, `differences` are those of images and `f` is f̂,
+    (N, 3). The precision is Π = Mᵀ diag(1/σ_c²) M, (3, 3), the weight λ > 0, and the misfit
+    Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² in the camera's channels. The response, (K, 3, N), is A⊥ᵀT Σ^½ of
+    the scene's own errors, in the primaries; None for a scene that is right.
     """
     P = curvature_of_total_variation(differences, f, weight)
     noises, pulls = np.empty((2, len(gram), len(precision)))
@@ -169,7 +155,7 @@ class UncertainTransport:
     directions: Array
     slopes: Callable[[Array], Image]
 
-    def lights(self, image: Array, mask: NDArray[np.bool_] | None = None) -> Array:
+    def lights(self, image: Array, mask: Mask | None = None) -> Array:
         """Return D f, (K, 3, M'): what each direction's standard error does to an image's light.
 
         The image is (R, C, 3); M' counts the pixels used.

@@ -63,10 +63,7 @@ class GainEstimate:
 class WallGain:
     """The correction of a smooth gain over the wall; see the module.
 
-    Raises
-    ------
-    ValueError
-        If the rows and columns of photographs are unknown.
+    It raises a ValueError if the rows and columns of photographs are unknown.
     """
 
     def __init__(self, fit: Fit) -> None:
@@ -93,13 +90,16 @@ class WallGain:
         image = self._fit.mixed(first_image(photograph)).T / evidence.level
         coordinates = self._fit.coordinates(evidence)
         gain = self.estimate(photograph.y, coordinates, evidence.noise, image)
-        planes = photograph.planes - evidence.level * gain.added
-        corrected = replace(photograph, planes=planes)
-        # A gain that takes the place of wrong geometry leaves more unexplained than it explains.
-        if not (gain.accepted and _unexplained(corrected) < _unexplained(photograph)):
-            return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
-        limits = [float(gain.field.min()), float(gain.field.max())]
-        return corrected, {"wall_gain_found": True, "wall_gain_range": limits}
+        if gain.accepted:
+            planes = photograph.planes - evidence.level * gain.added
+            corrected = replace(photograph, planes=planes)
+            found = (each.evidence for each in (photograph, corrected))
+            before, after = (np.sum((each.level * each.noise) ** 2) for each in found)
+            # A gain in the place of wrong geometry leaves more unexplained than it explains.
+            if after < before:
+                limits = [float(gain.field.min()), float(gain.field.max())]
+                return corrected, {"wall_gain_found": True, "wall_gain_range": limits}
+        return photograph, {"wall_gain_found": False, "wall_gain_range": [1.0, 1.0]}
 
     def estimate(self, y: Array, coordinates: Array, noise: Array, image: Image) -> GainEstimate:
         """Return the gain of a photograph, and whether there is one.
@@ -170,12 +170,6 @@ def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
     down, across = (legendre.legvander(np.linspace(-1, 1, size), highest).T for size in shape)
     orders = [(i, degree - i) for degree in range(lowest, highest + 1) for i in range(degree + 1)]
     return np.array([np.outer(down[i], across[j]).ravel() for i, j in orders])
-
-
-def _unexplained(photograph: FittedPhotograph) -> float:
-    """Return the energy of the noise that a photograph seems to have, over all channels."""
-    evidence = photograph.evidence
-    return float(np.sum((evidence.level * evidence.noise) ** 2))
 
 
 def products(vectors: Image, count: int) -> Array:

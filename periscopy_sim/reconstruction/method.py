@@ -15,7 +15,6 @@ from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import Residual, residual_of
-from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph
@@ -36,28 +35,14 @@ class Note:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A solution's numbers, pictures, notes and warnings.
+    """A solution's numbers, pictures, notes and warnings."""
 
-    Attributes
-    ----------
-    numbers
-        Numbers that a summary records, by name.
-    notes, warnings
-        Facts that a user may want to know, and reasons why the image may be wrong.
-    stages
-        Titles and images, (R, C, channels), that led to the solution.
-    standard_errors
-        (R, C, channels) of each patch; None where the method knows none.
-    residual
-        None where the photograph's rows and columns are unknown.
-    """
-
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-    notes: Sequence[Note] = ()
-    warnings: Sequence[Note] = ()
-    stages: Sequence[tuple[str, Image]] = ()
-    standard_errors: Array | None = None
-    residual: Residual | None = None
+    numbers: Mapping[str, Any] = field(default_factory=dict)  # for a summary, by name
+    notes: Sequence[Note] = ()  # facts that a user may want to know
+    warnings: Sequence[Note] = ()  # reasons why the image may be wrong
+    stages: Sequence[tuple[str, Image]] = ()  # titles and images that led to the solution
+    standard_errors: Array | None = None  # (R, C, channels); None where the method knows none
+    residual: Residual | None = None  # None where the photograph's rows and columns are unknown
 
     @property
     def verdict(self) -> Note:
@@ -235,15 +220,8 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     def for_scene(cls, scene: Any, A: Any, B: Any = None, **settings: Any) -> Self:
         """Fit to a scenario, which gives the sizes and the colour of the wall.
 
-        Parameters
-        ----------
-        scene
-            A `Scenario`, or anything with its ``photograph_shape``, ``hidden`` and
-            ``channel_gain``.
-        A, B
-            As in the class.
-        **settings
-            The class's other parameters.
+        The scene is a `Scenario`, or anything with its ``photograph_shape``, ``hidden`` and
+        ``channel_gain``. A, B and the settings are the class's parameters.
         """
         construct: Callable[..., Self] = cls
         return construct(
@@ -278,24 +256,17 @@ class StillMethod(Documented, ABC, Generic[Precision]):
         latest = self._latest  # another thread may replace it
         if latest is None or latest[0] != key:
             assert isinstance(photograph, Photograph)
-            method = self._with(replace(self.fit, conditions=photograph))
+            method = copy(self)
+            for name in [*vars(method)]:
+                if isinstance(getattr(type(self), name, None), cached_property):
+                    delattr(method, name)  # it followed from the fit
+            method.fit, method._latest = replace(self.fit, conditions=photograph), None
             method.prepare()
             self._latest = latest = key, method
         return latest[1]
 
     def prepare(self) -> None:
         """Compute all that photographs under the same conditions share."""
-
-    def _with(self, fit: Fit) -> Self:
-        """Return the method with another fit, and without what followed from its own."""
-        cached = (
-            n for n in vars(self) if isinstance(getattr(type(self), n, None), cached_property)
-        )
-        method = copy(self)
-        for name in cached:
-            delattr(method, name)
-        method.fit, method._latest = fit, None
-        return method
 
     def batches(self, photographs: Series) -> Iterator[tuple[Self, Image]]:
         """Yield photographs in turn, `BATCH` at most, beside the method for their conditions."""
@@ -347,21 +318,15 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     def report(self, photograph: Image, solution: Any) -> Report:
         """Return what the method knows of a solution beside its image.
 
-        Parameters
-        ----------
-        photograph
-            The photograph that `solve` got.
-        solution
-            The result of `solve`.
-
-        Raises
-        ------
-        ValueError
-            As in `reconstruct`.
+        The photograph is the one that `solve` got, the solution its result. Errors are those of
+        `reconstruct`.
         """
-        signal = self.fit.operator.light(self.fit.mixed(solution.image))
-        noise = _is_noise(signal, self.fit.operator, solution.noise)
-        warnings = [Note("no_hidden_image")] * noise
+        operator = self.fit.operator
+        signal = operator.light(self.fit.mixed(solution.image))
+        over_noise = operator.project_out(signal) / np.maximum(solution.noise, 1e-100)
+        count = signal.shape[1] * min(operator.shape)
+        is_noise = np.sum(over_noise**2) < count + SIGNIFICANT * np.sqrt(2 * count)
+        warnings = [Note("no_hidden_image")] * bool(is_noise)
         residual, numbers = None, solution.numbers()
         if self.fit.shape is not None:
             residual = residual_of(self.corrected(photograph, solution), signal, self.fit)
@@ -385,10 +350,3 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B c + n describes, (M', C), in the pixels used."""
         return self.fit.vectors(photograph)
-
-
-def _is_noise(light: Array, transport: TransportOperator, noise: Array) -> bool:
-    """Return whether an image's light A f̂, (M', C), is no more than what noise makes of images."""
-    energy = np.sum((transport.project_out(light) / np.maximum(noise, 1e-100)) ** 2)
-    count = light.shape[1] * min(transport.shape)
-    return bool(energy < count + SIGNIFICANT * np.sqrt(2 * count))

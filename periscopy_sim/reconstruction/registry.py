@@ -11,15 +11,11 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
+    from periscopy_sim.numerics import Image
     from periscopy_sim.reconstruction.method import StillMethod
     from periscopy_sim.reconstruction.video_method import FrameByFrame
-
-Matrix = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -72,16 +68,14 @@ class MethodEntry:
     def __call__(
         self,
         scene: Any,
-        A: Matrix,
-        B: Matrix,
+        A: Image,
+        B: Image,
         uncertain: UncertainTransport | None = None,
         **options: float,
     ) -> StillMethod[Any]:
-        """Return the method for a scene; the options' values by their names.
+        """Return the method for a scene, as `StillMethod.for_scene`; the options by their names.
 
-        Of methods that know no uncertain scenes none may be given.
-
-        A scene is a `Scenario`, or anything with its sizes and the colour of its wall.
+        Only methods that know uncertain scenes accept one.
         """
         fitted: StillMethod[Any] = _class(self.of).for_scene(
             scene,

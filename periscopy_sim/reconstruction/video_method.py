@@ -27,8 +27,6 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         Name of the coupling to the previous frame.
     l1_weight
         λ₂ over λ.
-    couplings
-        Names that the method accepts.
 
     Attributes
     ----------
@@ -41,15 +39,12 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
         If the coupling is unknown, or a weight is negative or not finite.
     """
 
-    def __init__(
-        self,
-        still: StillMethod[Precision],
-        coupling: str,
-        l1_weight: float,
-        couplings: tuple[str, ...],
-    ) -> None:
-        if coupling not in couplings:
-            known = ", ".join(f"'{each}'" for each in couplings)
+    couplings: tuple[str, ...]
+    """Names of the couplings that the method accepts."""
+
+    def __init__(self, still: StillMethod[Precision], coupling: str, l1_weight: float) -> None:
+        if coupling not in self.couplings:
+            known = ", ".join(f"'{each}'" for each in self.couplings)
             raise ValueError(f"coupling '{coupling}' is not known; use one of {known}")
         check_weight("l1_weight", l1_weight)
         self.still = still
@@ -70,49 +65,17 @@ class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
 
     @abstractmethod
     def recoveries(self, photographs: Series) -> Iterator[Callable[[], FrameSolution]]:
-        """Prepare many photographs together, and yield what recovers each frame.
+        """Prepare many photographs together, and yield what recovers each frame, to call in order.
 
-        Parameters
-        ----------
-        photographs
-            (K, rows, columns, C) or (K, M, C), linear, in time's order; or K `Photograph`s, to
-            which `still` is fitted, see `StillMethod.fitted_to`.
-
-        Yields
-        ------
-        callable
-            Recovers a photograph's frame; call them in order.
-
-        Raises
-        ------
-        ValueError
-            As in `next_frame`.
+        They are (K, rows, columns, C) or (K, M, C), linear, in time's order; or K `Photograph`s, to
+        which `still` is fitted, see `StillMethod.fitted_to`. Errors are those of `next_frame`.
         """
 
     def next_frame(self, photograph: Photograph | Image) -> NDArray[Precision]:
-        """Recover the frame that follows the latest one.
+        """Recover the frame, (R, C, channels), that follows the latest one.
 
-        Parameters
-        ----------
-        photograph
-            A `Photograph`; or (rows, columns, C) or (M, C), linear. It is in the unit of the
-            photographs before it.
-
-        Returns
-        -------
-        ndarray
-            (R, C, channels), linear, of the type that the method for stills gives.
-
-        Raises
-        ------
-        ValueError
-            If the photograph has not M pixels or is not finite where it is used; the
-            next one then follows the latest frame all the same.
-
-        Warns
-        -----
-        RuntimeWarning
-            The tolerance was not reached.
+        The photograph is in the unit of the photographs before it. After an error, the next frame
+        follows the latest one. See `StillMethod.reconstruct` for the rest, errors and warnings.
         """
         image: NDArray[Precision] = self.solve_next(photograph).image
         return image

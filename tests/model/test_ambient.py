@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.model.ambient import background_basis, joined_basis, wall_profiles
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics import precision_of
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from tests.scenes import penumbrae
 from tests.scenes.penumbrae import kept_basis

@@ -4,8 +4,6 @@ References
 ----------
 [15] Saunders, Murray-Bruce, Goyal, "Computational periscopy with an ordinary digital camera",
 Nature, 2019.
-Beck, Teboulle, "A fast iterative shrinkage-thresholding algorithm for linear inverse problems",
-2009.
 """
 
 import math
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import (
     InputError,
     check_stopping,
@@ -39,7 +37,7 @@ def neighbour_differences(
     photograph_shape: tuple[int, int],
     *,
     wrap: bool = True,
-    mask: NDArray[np.bool_] | None = None,
+    mask: Mask | None = None,
 ) -> NDArray[Precision]:
     """Apply the D of Eq. 3 to the rows of A, (M, N), or to one photograph, (M,); row-major.
 
@@ -49,7 +47,7 @@ def neighbour_differences(
     only the (rows − 1) x columns differences within columns are taken. D A is in column-major
     order.
 
-    With a mask, (rows, columns), A has the M' rows used alone. A difference then counts only if
+    With a mask, flat or (rows, columns), A has the M' rows used alone. A difference then counts if
     both its pixels are used, and the last pixel if it is; only the rows that count are returned.
     """
     rows, columns = photograph_shape
@@ -85,10 +83,10 @@ def descend_as_published(
 ) -> tuple[Array, int]:
     """Return the image, (R, C), where the published code of [15] stops, and its iterations.
 
-    Accelerated proximal gradient steps for ‖K f − b‖² + λ‖f‖_TV from the unregularized least
-    squares, `start`, (R, C); G = KᵀK is (N, N), h = Kᵀb is (N,). The step may grow fivefold each
-    time and is then shortened until the quadratic model, with the spectral norm of the step as an
-    image, bounds the data term. After a growth the proximal operator keeps the weight of the
+    Accelerated proximal gradient steps (Beck and Teboulle, 2009) for ‖K f − b‖² + λ‖f‖_TV from the
+    least squares, `start`, (R, C); G = KᵀK is (N, N), h = Kᵀb is (N,). The step may grow fivefold
+    each time and is then shortened until the quadratic model, with the spectral norm of the step as
+    an image, bounds the data term. After a growth the proximal operator keeps the weight of the
     shorter step, until the line search fails: this is how the published code has it, and why its
     image wanders about the minimum, by some 10 % and depending on rounding, until its iterations
     are used up. The proximal operator is solved to a relative duality gap of 1e-6, where the
@@ -144,9 +142,7 @@ class DifferencingResult(Solution[np.float64]):
     """A hidden image by differencing; the noise is that of the differenced photograph."""
 
     iterations: NDArray[np.int64]  # (channels,)
-    residual: (
-        Array  # (channels,) as in `NoiseAwareReconstruction`; NaN where the published steps ended
-    )
+    residual: Array  # (channels,) as in `NoiseAwareReconstruction`; NaN by the published steps
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weights and the iterations."""
@@ -214,8 +210,7 @@ class Differencing(StillMethod[np.float64]):
         shape = self.fit.shape
         if shape is None:
             raise InputError("differencing needs photograph_shape, (rows, columns)")
-        mask = None if self.fit.mask is None else self.fit.mask.reshape(shape)
-        return neighbour_differences(values, shape, mask=mask)
+        return neighbour_differences(values, shape, mask=self.fit.mask)
 
     @cached_property
     def _inverse(self) -> Preconditioner:

@@ -8,8 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics import Array, Image, precision_of
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.method import Report, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
@@ -66,20 +65,11 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         self.repair_threshold = repair_threshold
 
     @cached_property
-    def _projected(self) -> Array:
-        """(M', N) A⊥ of the pixels used."""
-        used, Q = np.ascontiguousarray(self.fit.rows, np.float64), self.fit.basis
-        if not np.isfinite(used).all():
-            raise InputError("A must be finite")
-        return used - Q @ (Q.T @ used) if Q.size else used
-
-    @cached_property
     def _singular(self) -> tuple[Array, Array]:
         """The singular values kept, (k,) ascending, and their right vectors, (N, k)."""
         N = self.hidden.patches
         rank = max(round(self.fraction * N), 1)
-        gram = self._projected.T @ self._projected
-        energy, V = linalg.eigh(gram, subset_by_index=(N - rank, N - 1))
+        energy, V = linalg.eigh(self.fit.operator.gram, subset_by_index=(N - rank, N - 1))
         if not energy[0] > max(1e-14, precision_of(np.asarray(self.fit.A)) ** 2) * energy[-1]:
             raise InputError(
                 f"A has fewer than {rank} singular values above rounding: keep a smaller fraction "
@@ -100,12 +90,12 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     @of_all
     def solve(self, photograph: Image) -> Reconstruction:
         """Recover the hidden image and keep the stages; see `reconstruct`."""
-        y, Q, (singular_values, V) = self.fit.vectors(photograph), self.fit.basis, self._singular
+        transport, (singular_values, V) = self.fit.operator, self._singular
         σ = singular_values[:, np.newaxis]
-        y -= Q @ (Q.T @ y)
-        coefficients = V.T @ (self._projected.T @ y) / σ  # U_kᵀ y
+        y = transport.project_out(self.fit.vectors(photograph))
+        coefficients = V.T @ transport.rmatmat(y) / σ  # U_kᵀ y
         energy, explained = (np.sum(each**2, axis=0) for each in (y, coefficients))
-        noise = residual_noise(energy, explained, len(y) - len(σ) - Q.shape[1])
+        noise = residual_noise(energy, explained, len(y) - len(σ) - transport.Q.shape[1])
         # The trace of V_k Σ_k⁻² V_kᵀ.
         standard_error = noise * np.sqrt(np.sum(σ**-2) / len(V))
         estimate = V @ (coefficients / σ)

@@ -136,14 +136,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         noise = noise_of(end.f, end.product)
         iterations, change = len(end.path), end.path_of_last_third()
         warn_unconverged("iterative recovery", iterations, change, self.tolerance)
-        return IterativeReconstruction(
-            image=self.hidden.image(end.f),
-            noise=noise,
-            weight=self._weight(noise),
-            iterations=iterations,
-            change=change,
-            converged=change <= self.tolerance,
-        )
+        image, state = self.hidden.image(end.f), (iterations, change, change <= self.tolerance)
+        return IterativeReconstruction(image, noise, self._weight(noise), *state)
 
     @cached_property
     def eigenvectors(self) -> Eigenvectors:

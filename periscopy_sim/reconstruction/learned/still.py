@@ -7,18 +7,18 @@ The network reads the photograph's coefficients, no pixels.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.reconstruction.learned.problem import Problem, problem_of
 from periscopy_sim.reconstruction.learned.weights import NETWORK, SHIPPED, read_weights
 from periscopy_sim.reconstruction.method import Report, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
@@ -26,8 +26,53 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAwareReconstruction,
 )
 
+Single = NDArray[np.float32]
+
+LEAST_ERROR = 1e-4
+"""Over the image's scale: no error is believed to be smaller."""
+
 _THREADS = Lock()
 """Lock of PyTorch's number of threads, which the whole process shares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A photograph as the network reads it, images over their `scale`; see `Problems`."""
+
+    data: Single  # (P, N)
+    weights: Single  # (P, N)
+    errors: Single  # (R, C)
+    start: Single  # (P, R, C)
+    scale: float  # of the image, in units of the photograph's over those of A
+
+
+def problem_of(method: NoiseAware, solution: NoiseAwareReconstruction) -> Problem | None:
+    """Return the problem of a photograph from its noise-aware solution; None of a black image."""
+    evidence, patterns = solution.evidence, method.fit.patterns
+    # The network takes each of the monitor's primaries on its own.
+    coefficients, variances = evidence.coefficients, evidence.noise**2
+    if method.fit.mixing is not None:
+        unmixing = np.linalg.pinv(method.fit.mixing)
+        coefficients, variances = unmixing @ coefficients, unmixing**2 @ variances
+    start = np.moveaxis(solution.image, -1, 0) * (method.fit.unit / evidence.level)
+    scale = float(np.sqrt(np.mean(start**2)))
+    if not scale > 0:
+        return None
+    start = start / scale
+    weights = scale**2 / np.tile(variances[:, None], len(patterns.curvatures))
+    data = weights * coefficients / scale
+    # Images of this contrast: a Gaussian prior of precision p K, K = ∇ᵀ∇ + I.
+    slopes = np.sum(method.hidden.differences(start.reshape(3, -1).T) ** 2)
+    p = start.size / float(slopes + np.sum(start**2))
+    spread = np.mean(1 / (weights * patterns.curvatures + p), axis=0)
+    errors = np.sqrt(np.maximum(spread.astype(np.float32) @ patterns.rows**2, LEAST_ERROR**2))
+    return Problem(
+        data=data.astype(np.float32),
+        weights=weights.astype(np.float32),
+        errors=errors.reshape(method.hidden_shape),
+        start=start.astype(np.float32),
+        scale=scale * evidence.level / method.fit.unit,
+    )
 
 
 class Learned(NoiseAware):
@@ -59,7 +104,14 @@ class Learned(NoiseAware):
         super().__init__(A, B, **settings)
         file = SHIPPED if weights == NETWORK else Path(weights)
         read = read_weights(file)
-        read.check_size(self.hidden_shape, file)
+        if self.hidden_shape != read.hidden_shape:
+            sizes = read.hidden_shape, self.hidden_shape
+            known, wanted = ("{}x{}".format(*size) for size in sizes)
+            raise ValueError(
+                f"the weights {file.name} ({read.digest[:12]}) learned from hidden images of "
+                f"{known} patches, the scene has {wanted}: load the scene with hidden {known}, or "
+                "train others by experiments.learned"
+            )
         self.provenance = {"network": NETWORK, "sha256": read.digest, **read.provenance}
         self._network = read.network(file)
 

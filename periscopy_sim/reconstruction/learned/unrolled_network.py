@@ -9,7 +9,7 @@ with K = ∇ᵀ∇ + I, a_p the photograph's coefficients and w_p their weights.
 proximal step of the misfit in closed form. In the second, D_k is a small convolutional network of
 the step, after the scheme of J. Adler and O. Öktem, "Learned primal-dual reconstruction", IEEE TMI
 2018. v_0 is the noise-aware image, e_i are the patches' standard errors under a Gaussian prior of
-that image's contrast (`problem`), and e is their root mean square. D_k ends in weights that are
+that image's contrast (`Problem`), and e is their root mean square. D_k ends in weights that are
 zero before training, so that the network begins as v_0.
 """
 
@@ -37,7 +37,7 @@ class Problems:
     rows_K: torch.Tensor  # (N, N) W_p K, a pattern a row
     data: torch.Tensor  # (K, 3, N) w a
     weights: torch.Tensor  # (K, 3, N) w
-    errors: torch.Tensor  # (K, 1, R, C) standard errors of the patches; see `problem`
+    errors: torch.Tensor  # (K, 1, R, C) standard errors of the patches; see `Problem`
     start: torch.Tensor  # (K, 3, R, C) the noise-aware images
 
 

@@ -58,16 +58,6 @@ class Weights:
             ) from error
         return network.requires_grad_(False)
 
-    def check_size(self, hidden_shape: tuple[int, int], file: str | Path) -> None:
-        """Raise a ValueError if a scene has hidden images of another size."""
-        if tuple(hidden_shape) != self.hidden_shape:
-            known, wanted = ("{}x{}".format(*shape) for shape in (self.hidden_shape, hidden_shape))
-            raise ValueError(
-                f"the weights {Path(file).name} ({self.digest[:12]}) learned from hidden images of "
-                f"{known} patches, the scene has {wanted}: load the scene with hidden {known}, or "
-                "train others by experiments.learned"
-            )
-
 
 def write_weights(weights: Weights, file: str | Path) -> None:
     """Write a network's weights."""
@@ -90,11 +80,8 @@ def write_weights(weights: Weights, file: str | Path) -> None:
 def read_weights(file: str | Path) -> Weights:
     """Read a network's weights.
 
-    Raises
-    ------
-    PeriscopyError
-        If PyTorch or safetensors is not installed, or the file is missing, damaged, or of another
-        kind or network.
+    A PeriscopyError says that PyTorch or safetensors is not installed, or that the file is missing,
+    damaged, or of another kind or network.
     """
     require("torch")
     safetensors = require("safetensors")

@@ -151,7 +151,11 @@ class NoiseAware(StillMethod[np.float64]):
     def corrections(self) -> list[Correction]:
         """The corrections, made for the fit."""
         chosen = self._corrections
-        return [each(self.fit) for each in (self._defaults() if chosen is None else chosen)]
+        if chosen is None:
+            has_paint = self.fit.monitor_off and self.fit.smooth_rank
+            chosen = [Paint, WallGain] if has_paint else [WallGain]
+            chosen = [] if self.fit.shape is None else chosen
+        return [each(self.fit) for each in chosen]
 
     def prepare(self) -> None:
         """Compute the spectral basis, and what corrections need; see `StillMethod`."""
@@ -162,13 +166,23 @@ class NoiseAware(StillMethod[np.float64]):
         """Return the hidden image and how it came about; see `reconstruct`."""
         (planes,) = self.fit.planes(plain_array(photograph)[None])
         corrected = FittedPhotograph(planes, self.fit)
-        first, summary = _FirstImages(self), dict[str, Any]()
+        summary, iterations = dict[str, Any](), 0
+        split: Splitting | None = None
+
+        def first_image(photograph: FittedPhotograph) -> Array:  # started from the one before
+            nonlocal iterations, split
+            most = min(FIRST, (self.max_iterations - iterations) // 2)
+            schedule = Schedule(self.tolerance, most)
+            first, split = self.recover(photograph.evidence, schedule, split)
+            iterations += first.iterations
+            return first.image
+
         for correction in self.corrections:
-            corrected, numbers = correction(corrected, first)
+            corrected, numbers = correction(corrected, first_image)
             summary.update(numbers)
-        schedule = Schedule(self.tolerance, self.max_iterations - first.iterations)
-        solution, _ = self.recover(corrected.evidence, schedule, first.split)
-        iterations = first.iterations + solution.iterations
+        schedule = Schedule(self.tolerance, self.max_iterations - iterations)
+        solution, _ = self.recover(corrected.evidence, schedule, split)
+        iterations += solution.iterations
         solution = replace(
             solution, iterations=iterations, photograph=corrected, corrections=summary
         )
@@ -281,27 +295,3 @@ class NoiseAware(StillMethod[np.float64]):
     def _mixing(self, channels: int) -> Array:
         """Return the matrix from images to the channels of the evidence, (C, P)."""
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
-
-    def _defaults(self) -> list[Callable[[Fit], Correction]]:
-        """Return the default corrections of a fit; see the class."""
-        if self.fit.shape is None:
-            return []
-        paint: list[Callable[[Fit], Correction]] = [Paint] if self.fit.smooth_rank else []
-        return [*(paint if self.fit.monitor_off else []), WallGain]
-
-
-class _FirstImages:
-    """A photograph's first images, each started from the one before, and their iterations."""
-
-    def __init__(self, method: NoiseAware) -> None:
-        self._method = method
-        self.split: Splitting | None = None
-        self.iterations = 0
-
-    def __call__(self, photograph: FittedPhotograph) -> Array:
-        """Return a first image, see `FirstImage`."""
-        most = min(FIRST, (self._method.max_iterations - self.iterations) // 2)
-        schedule = Schedule(self._method.tolerance, most)
-        first, self.split = self._method.recover(photograph.evidence, schedule, self.split)
-        self.iterations += first.iterations
-        return first.image

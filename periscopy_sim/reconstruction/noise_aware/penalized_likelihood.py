@@ -123,11 +123,7 @@ def right_hand_side(split: Splitting, gradient: Gradient) -> Image:
 
 @compiled_reordered
 def advance(
-    f: Image,
-    split: Splitting,
-    gradient: Gradient,
-    penalties: Penalties,
-    previous: Image | None,
+    f: Image, split: Splitting, gradient: Gradient, penalties: Penalties, previous: Image | None
 ) -> Residuals:
     """Update u, v, p and q in place from a new f, (C, N), in single precision.
 
@@ -188,7 +184,10 @@ def _approach(target: Image, previous: Image, pull: float, positive: bool, kept:
         kept[c] = max(target[c], zero) if positive and previous[c] == 0 else target[c]
         squared += (kept[c] - previous[c]) ** 2
     distance = max(math.sqrt(squared) - pull, zero)
-    if positive and _is_cut_off(kept, previous, distance, pull):
+    least = zero  # of v over the sum of distance and pull; below zero, something is cut off
+    for c in range(len(target)):
+        least = min(least, distance * kept[c] + pull * previous[c])
+    if positive and least < 0:
         near, far = zero, distance
         for _ in range(BISECTIONS):
             distance = (near + far) / 2
@@ -205,14 +204,6 @@ def _approach(target: Image, previous: Image, pull: float, positive: bool, kept:
         # Not from the frame before, which may be so bright that the rest is lost in rounding.
         value = kept[c] + share * (previous[c] - kept[c]) if distance > 0 else previous[c]
         kept[c] = max(value, zero) if positive else value
-
-
-@compiled_reordered
-def _is_cut_off(target: Image, previous: Image, distance: float, pull: float) -> bool:
-    least = target.dtype.type(0)
-    for c in range(len(target)):
-        least = min(least, distance * target[c] + pull * previous[c])
-    return bool(least < 0)
 
 
 RIDGE = 0.01

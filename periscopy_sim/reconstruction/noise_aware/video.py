@@ -42,11 +42,12 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
     """
 
     still: NoiseAware
+    couplings = get_args(Coupling)
 
     def __init__(
         self, still: NoiseAware, *, coupling: Coupling = "l1", l1_weight: float = 0.8
     ) -> None:
-        super().__init__(still, coupling, l1_weight, get_args(Coupling))
+        super().__init__(still, coupling, l1_weight)
 
     def restart(self) -> None:
         """Forget the latest frame: the next frame starts a video."""

@@ -11,16 +11,13 @@ every weight ω > 0: ω is inert and does not appear.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.precision import precision_of
+from periscopy_sim.numerics import Array, Image, precision_of
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
 from periscopy_sim.numerics.validation import InputError
 
@@ -48,7 +45,7 @@ class Preconditioner:
         M, N = self.A.shape
         return f"Preconditioner({N} patches, {M} pixels, backgrounds of rank {self.Q.shape[1]})"
 
-    def project_out(self, y: NDArray[np.floating[Any]]) -> Array:
+    def project_out(self, y: Image) -> Array:
         """Return photographs, (M,) or (M, K), with range(B) projected out: y − Q Qᵀ y, float64."""
         return np.asarray(y - self.Q @ (self.Q.T @ y))
 
@@ -56,7 +53,7 @@ class Preconditioner:
         """Apply (A⊥ᵀ A⊥)⁻¹ to (N,) or (N, K)."""
         return np.asarray(linalg.cho_solve((self.cholesky.T, True), g, check_finite=False))
 
-    def apply(self, y: NDArray[np.floating[Any]]) -> Array:
+    def apply(self, y: Image) -> Array:
         """Return P y, (N,) or (N, K) float64, of photographs, (M,) or (M, K), without forming P."""
         # One step of iterative refinement: the Gram matrix squares A's condition number.
         y = self.project_out(y)
@@ -64,7 +61,7 @@ class Preconditioner:
         residual = self.project_out(y - self.A @ f)
         return np.asarray(f + self.solve(self.A.T @ residual))
 
-    def noise(self, y: Array, f: Array, factor: Image | None = None) -> Array:
+    def noise(self, y: Image, f: Image, factor: Image | None = None) -> Array:
         """Return σ of photographs, (K,), from what [A, B] leaves of them; see `residual_noise`.
 
         y is (K, M) with range(B) projected out, f = P y is (K, N). ‖A⊥ f‖ = ‖R f‖, R the Cholesky
@@ -92,10 +89,7 @@ class Preconditioner:
 
 
 def form_preconditioner(
-    A: NDArray[np.floating[Any]],
-    B: NDArray[np.floating[Any]] | None = None,
-    *,
-    rank_tolerance: float = RANK_TOLERANCE,
+    A: Image, B: Image | None = None, *, rank_tolerance: float = RANK_TOLERANCE
 ) -> Preconditioner:
     """Form the optimized preconditioner of Eq. 8.
 
@@ -107,10 +101,6 @@ def form_preconditioner(
         (M, L) prototype backgrounds; None or no columns gives the pseudoinverse of A.
     rank_tolerance
         Relative tolerance on B's singular values, see `background_basis`.
-
-    Returns
-    -------
-    Preconditioner
 
     Raises
     ------

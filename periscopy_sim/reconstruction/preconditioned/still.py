@@ -1,19 +1,18 @@
 """Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.products import project_out, times_rows
+from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
-from periscopy_sim.reconstruction.method import Report, Series, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.method import Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
@@ -127,13 +126,9 @@ class Periscope(StillMethod[np.floating[Any]]):
         # Its roundings are independent: of the energy of R f, a sum, they leave 1e-9.
         return self.preconditioner.cholesky.astype(np.float32) if self.explicit else None
 
-    @cached_property
-    def _background(self) -> Array:
-        return np.ascontiguousarray(self.preconditioner.Q.T)
-
     def prepare(self) -> None:
         """Form P; see `StillMethod`."""
-        _ = self.preconditioner.noise_gain, self._factor, self._background
+        _ = self.preconditioner.noise_gain, self._factor, self.fit.background
         if self.explicit:
             _ = self._matrix
 
@@ -152,16 +147,11 @@ class Periscope(StillMethod[np.floating[Any]]):
         numbers, stages = {**fitted, **report.numbers}, solution.stages("preconditioned, P y")
         return replace(report, numbers=numbers, stages=stages)
 
-    def estimates(self, photographs: Series) -> Iterator[Estimate]:
-        """Precondition photographs, (K, rows, columns, C) or (K, M, C), see `batches`."""
-        for method, part in self.batches(photographs):
-            yield method.estimate(part)
-
     def estimate(self, photographs: Image) -> Estimate:
-        """Precondition photographs and estimate the noise of each; see `estimates`."""
+        """Precondition photographs, (K, rows, columns, C) or (K, M, C); estimate their noise."""
         P, planes = self.preconditioner, self.fit.planes(photographs)
         # A row for each channel of each photograph.
-        y = project_out(planes.reshape(-1, planes.shape[-1]), self._background)
+        y = self.fit.project_out(planes.reshape(-1, planes.shape[-1]))
         if not self.explicit:
             f = P.apply(y.T).T
         else:
@@ -220,9 +210,8 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
     frame. μ remains that of the eight neighbours: where a whole region has changed, the previous
     frame would make its every patch stick out, and be put back to what it was.
 
-    At the border only what lies within the image counts: five neighbours at an edge and three in
-    a corner. A still's median is then of six or four values, the average of the two in the
-    middle; a video's of eleven or seven. A single patch has no neighbours and stays.
+    At the border only patches within the image count, so that a still's median may be the average
+    of the two values in the middle. A single patch has no neighbours and stays.
 
     Parameters
     ----------
@@ -268,7 +257,7 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
     return repaired
 
 
-def _windows(image: Array, where: NDArray[np.bool_]) -> Array:
+def _windows(image: Array, where: Mask) -> Array:
     """Return the 3 x 3 windows about some patches, (n, channels, 9), NaN beyond the border."""
     padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))[where]

@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import check_weight
 from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.preconditioned.still import (
@@ -53,6 +53,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     """
 
     still: Periscope
+    couplings = get_args(Coupling)
 
     def __init__(
         self,
@@ -62,7 +63,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         temporal_weight: float = 1.0,
         l1_weight: float = 0.4,
     ) -> None:
-        super().__init__(still, coupling, l1_weight, get_args(Coupling))
+        super().__init__(still, coupling, l1_weight)
         check_weight("temporal_weight", temporal_weight)
         if np.isinf(still.tv_weight) and coupling != "none":
             raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
@@ -71,11 +72,12 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
         super().restart()
-        self._dual: NDArray[np.float64] | None = None
+        self._dual: Array | None = None
 
     def recoveries(self, photographs: Series) -> Iterator[Callable[[], Reconstruction]]:
         """Apply P to many photographs in one product; see `FrameByFrame.recoveries`."""
-        for estimate in self.still.estimates(photographs):
+        for still, part in self.still.batches(photographs):
+            estimate = still.estimate(part)
             for k in range(len(estimate.noise)):
                 yield partial(self.finish, estimate, k)
 

@@ -19,6 +19,7 @@ frame, but there the weight of the difference is zero. So no loop knows a border
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,15 @@ from periscopy_sim.hidden import Differences, Size
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered
 
-Strides = NDArray[np.int64]
-
 GAP_INTERVAL = 10
 """Iterations between two duality gaps, each of which costs as much as one of them."""
+
+
+class Neighbours(NamedTuple):
+    """∇ as compiled loops read it."""
+
+    strides: NDArray[np.int64]  # (axes,) how far on the neighbours lie
+    weights: Array  # (axes, margin + pixels) of differences, 0 in a margin of the longest stride
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +52,16 @@ class ImageGrid:
         return cls((frames, *size), differences.over_time(frames, w) if w else differences)
 
     @cached_property
-    def strides(self) -> Strides:
-        """How far on the neighbours lie, (axes,)."""
+    def neighbours(self) -> Neighbours:
+        """The strides and the weights of the differences."""
         following = self.differences.following
-        return np.asarray((following - np.arange(following.shape[1])).max(axis=1))
-
-    @cached_property
-    def weights(self) -> Array:
-        """(axes, margin + pixels) of differences, 0 in a margin of the longest stride."""
-        return np.pad(self.differences.weights, ((0, 0), (self.strides.max(), 0)))
+        strides = np.asarray((following - np.arange(following.shape[1])).max(axis=1))
+        return Neighbours(strides, np.pad(self.differences.weights, ((0, 0), (strides.max(), 0))))
 
     @cached_property
     def largest(self) -> float:
         """A bound of |div q|/τ."""
-        return 2 * float(self.weights.max(axis=1).sum()) or 1.0
+        return 2 * float(self.differences.weights.max(axis=1).sum()) or 1.0
 
     def flattening_bound(self, g: Array) -> Array:
         """Return a τ from which on the minimizer is the mean, (K, 1), for (K, pixels) of mean zero.
@@ -115,7 +117,7 @@ def solve_dual(
     τ2 = np.minimum(τ2, 2 * peak + largest)  # which gives p already
     limits = np.hstack([τ / scale, τ2 / scale])
     step = 1 / (frames.differences.norm_bound or 1.0)
-    fixed = frames.strides, frames.weights, step, stop
+    fixed = frames.neighbours, step, stop
     for k in np.flatnonzero(~(flat | unchanged)).tolist():
         solution, iterations[k], gaps[k] = _minimize(
             scaled[k], scaled_p[k], tuple(limits[k]), *fixed, duals[k]
@@ -129,19 +131,17 @@ def _minimize(
     g: Array,
     p: Array,
     bounds: tuple[float, float],
-    strides: Strides,
-    weights: Array,
+    neighbours: Neighbours,
     step: float,
     stop: tuple[float, int],
     relative_dual: Array,
 ) -> tuple[Array, int, float]:
     """Minimize for one channel of numbers near 1, from q/τ, which receives that of f.
 
-    `weights` are those of differences, (axes, margin + pixels), 0 in a margin of the longest
-    stride. Returns f, the iterations taken and the relative duality gap.
+    Returns f, the iterations taken and the relative duality gap.
     """
     axes, size = relative_dual.shape
-    margin, (τ, τ2) = strides.max(), bounds
+    margin, (τ, τ2) = neighbours.strides.max(), bounds
     q = np.zeros((axes, margin + size))
     q[:, margin:] = τ * relative_dual
     r, f = q.copy(), np.zeros(margin + size)
@@ -149,26 +149,24 @@ def _minimize(
     t, gap, iteration = 1.0, math.inf, 0
     while iteration < stop[1] and gap > stop[0]:
         iteration += 1
-        _apply_dual(g, p, τ2, r, strides, weights, f)
+        _apply_dual(g, p, τ2, r, neighbours, f)
         t_next = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        _climb(f, r, strides, weights, τ, step, moved, shrink)
+        _climb(f, r, neighbours, τ, step, moved, shrink)
         momentum, t = (t - 1) / t_next, t_next
         if _extrapolate(moved, shrink, momentum, q, r) > 0:
             r[:] = q
             t = 1.0
         if iteration % GAP_INTERVAL == 0 or iteration == stop[1]:
-            _apply_dual(g, p, τ2, q, strides, weights, f)
-            gap = _relative_gap(g, p, f, strides, weights, τ, τ2, q)
+            _apply_dual(g, p, τ2, q, neighbours, f)
+            gap = _relative_gap(g, p, f, neighbours, bounds, q)
     relative_dual[:] = q[:, margin:] / τ
     return f[:size], iteration, gap
 
 
 @compiled_reordered
-def _apply_dual(
-    g: Array, p: Array, τ2: float, q: Array, strides: Strides, weights: Array, f: Array
-) -> None:
+def _apply_dual(g: Array, p: Array, τ2: float, q: Array, neighbours: Neighbours, f: Array) -> None:
     """Set f = g + div q − s."""
-    margin = q.shape[1] - len(g)
+    (strides, weights), margin = neighbours, q.shape[1] - len(g)
     for axis in range(len(strides)):
         before = margin - strides[axis]
         ahead, behind = q[axis, margin:], q[axis, before:]
@@ -187,17 +185,10 @@ def _apply_dual(
 
 @compiled_reordered
 def _climb(
-    f: Array,
-    r: Array,
-    strides: Strides,
-    weights: Array,
-    τ: float,
-    step: float,
-    moved: Array,
-    shrink: Array,
+    f: Array, r: Array, neighbours: Neighbours, τ: float, step: float, moved: Array, shrink: Array
 ) -> None:
     """Set `moved` to r + step · ∇f, and `shrink` to what brings its length down to τ."""
-    axes, size = moved.shape
+    (strides, weights), (axes, size) = neighbours, moved.shape
     margin = r.shape[1] - size
     for axis in range(axes):
         following, before, new = f[strides[axis] :], r[axis, margin:], moved[axis]
@@ -236,17 +227,10 @@ def _extrapolate(moved: Array, shrink: Array, momentum: float, q: Array, r: Arra
 
 @compiled_reordered
 def _relative_gap(
-    g: Array,
-    p: Array,
-    f: Array,
-    strides: Strides,
-    weights: Array,
-    τ: float,
-    τ2: float,
-    q: Array,
+    g: Array, p: Array, f: Array, neighbours: Neighbours, bounds: tuple[float, float], q: Array
 ) -> float:
     """Return the duality gap over the primal objective at f."""
-    margin = q.shape[1] - len(g)
+    (strides, weights), (τ, τ2), margin = neighbours, bounds, q.shape[1] - len(g)
     gap = objective = 0.0
     for n in range(len(g)):
         squared = product = 0.0

@@ -36,7 +36,7 @@ def problems(small):
     torch = pytest.importorskip("torch")
     from periscopy_sim.hidden import Hidden
     from periscopy_sim.model.spectral_basis import laplacian
-    from periscopy_sim.reconstruction.learned.problem import problem_of
+    from periscopy_sim.reconstruction.learned.still import problem_of
     from periscopy_sim.reconstruction.learned.unrolled_network import Problems
     from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
