@@ -3,7 +3,7 @@
 No names say which parameter moves what: a small change of each shows it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,16 +63,12 @@ class Handle:
         return tuple(np.any(self.directions != 0, axis=0).tolist())
 
 
-def find_movables(
-    given: Mapping[str, str], load: Callable[[Mapping[str, str]], Scenario]
-) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
+def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
     """Return the movable parameters of a scene, in the file's order, and its handles.
 
-    `load` makes a scenario of values for the scene's ``<default>``s, one of a small photograph.
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    scenario = load(given)
     document, errors = scenario.document, declared_errors(scenario.document)
     parts = _parts(scenario)
     movables: list[Movable] = []
@@ -83,7 +79,7 @@ def find_movables(
         try:
             value = float(text)
             nudge = 1e-3 * (abs(value) or 1.0)
-            nudged = load({**given, name: f"{value + nudge:.17g}"})
+            nudged = scenario.at(**{name: f"{value + nudge:.17g}"})
         except (ValueError, SceneError):
             continue
         if nudged.photograph_shape != scenario.photograph_shape:

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.live.laboratory import LiveLaboratory
-from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
+from periscopy_sim.live.level import Choice, Level, LivePictures, coarse
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
 from periscopy_sim.numerics import Array
@@ -42,19 +41,17 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        path, given = scenario.path, scenario.parameters
-        used = 1.0 if photograph is None else len(photograph.used) / np.prod(photograph.shape)
-        sizes = scenario.photograph_shape, scenario.hidden_shape
-        coarse, full = (
-            Level(path, given, each, light, photograph, is_coarse=each is not sizes)
-            for each in (coarse_sizes(*sizes, used), sizes)
-        )
-        movables, handles = find_movables(given, coarse.scenario)
+        small = coarse(scenario, 1.0 if photograph is None else float(photograph.pixels.mean()))
+        movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
             images = ()
         self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
-        self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
+        self._laboratory = LiveLaboratory(
+            Level(small, light, photograph, is_coarse=True),
+            Level(scenario, light, photograph, is_coarse=False),
+            self.page.show, self.page.tell,
+        )  # fmt: skip
         self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
 
