@@ -16,8 +16,13 @@ from periscopy_sim.calibration.prior import (
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import Search, expected_stages
-from periscopy_sim.calibration.standard_errors import standard_errors
-from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
+from periscopy_sim.calibration.trust import (
+    doubts,
+    is_significant,
+    learned,
+    misfits,
+    standard_errors,
+)
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, check_size, of_one_wall

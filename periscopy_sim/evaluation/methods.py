@@ -29,7 +29,6 @@ from periscopy_sim.reconstruction.method import Method, Report, Solution, StillM
 from periscopy_sim.reconstruction.registry import METHODS, MethodEntry
 from periscopy_sim.scenario import Scenario
 
-Matrix = NDArray[np.floating[Any]]
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
 
@@ -45,8 +44,8 @@ class OwnEntry:
     def __call__(
         self,
         scene: Any,
-        A: Matrix,
-        B: Matrix,
+        A: Image,
+        B: Image,
         uncertain: UncertainTransport | None = None,  # noqa: ARG002  it knows none
     ) -> "OwnMethod":
         """Return the method for a scene; the first photograph makes the user's own object."""
@@ -116,8 +115,8 @@ def source_sha256(name: str) -> str | None:
 def fit_method(
     name: str,
     scenario: Scenario,
-    A: Matrix,
-    B: Matrix,
+    A: Image,
+    B: Image,
     photograph: Photograph | Image | None = None,
     uncertain: UncertainTransport | None = None,
     **options: float,
@@ -198,7 +197,7 @@ class OwnMethod(StillMethod[np.float64]):
     """
 
     def __init__(
-        self, A: Matrix, B: Matrix | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
+        self, A: Image, B: Image | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
     ) -> None:
         super().__init__(A, B, **sizes)
         self.fit = replace(self.fit, profiles=True)

@@ -70,7 +70,7 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
     document, errors = scenario.document, declared_errors(scenario.document)
-    parts = _parts(scenario)
+    parts = parts_of(scenario)
     movables: list[Movable] = []
     moves: Moves = {}
     for name, text in document.values.items():
@@ -86,7 +86,7 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
             continue
         speeds = {
             part: (points - parts[part]) / nudge
-            for part, points in _parts(nudged).items()
+            for part, points in parts_of(nudged).items()
             if part in parts and points.shape == parts[part].shape
             and not np.allclose(points, parts[part], rtol=0, atol=1e-7)  # single precision
         }  # fmt: skip
@@ -105,7 +105,7 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
     return tuple(movables), tuple(_handles(values, moves, parts))
 
 
-def _parts(scenario: Scenario) -> dict[str, Array]:
+def parts_of(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
     occluders = scenario.scene.occluders
     shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in occluders}
