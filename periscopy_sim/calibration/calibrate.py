@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -15,7 +15,7 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search import Search, expected_stages
+from periscopy_sim.calibration.search import Search
 from periscopy_sim.calibration.trust import (
     doubts,
     is_significant,
@@ -28,13 +28,6 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, check_size, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
-
-WEIGHTS = 0.4, 1, 1, 1, 2
-"""Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
-levels have the same pixels, as measured on the chair at 32x32, 63x63 and 126x126."""
-
-GROWTH = 1.5
-"""Power of the ratio of fine to coarse pixels with which the last three grow, measured likewise."""
 
 
 def calibrate(
@@ -136,8 +129,7 @@ def _calibrated(
 ) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
-    path = _Path(problem, progress, fine.scene.pixels.sum() / coarse.scene.pixels.sum())
-    search = Search(coarse, fine, seed, path.add, path.expected)
+    search = Search(coarse, fine, seed, progress)
     starts = search.starts() if problem.has_unknown_images else [fine.candidate(fine.center)]
     level, end = search.best(starts)
     gain, κ = end.point[len(names) :], end.temperature
@@ -165,7 +157,7 @@ def _calibrated(
         uncertain=problem.uncertain,
         moves=errors.moves,
         correlation=errors.correlation,
-        path=path.stages,
+        path=search.path,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :channels] / scale),
@@ -176,32 +168,6 @@ def _calibrated(
         colour_matrix=_colour_matrix(end) if problem.pictures else None,
         doubts=reasons,
     )
-
-
-class _Path:
-    """A search's draws, and where its coarse, fine and last temperatures end."""
-
-    def __init__(
-        self, problem: CalibrationProblem, progress: Callable[[float], None], finer: float
-    ) -> None:
-        self.expected = expected_stages(len(problem.photographs), problem.has_unknown_images)
-        self._weights = np.multiply(WEIGHTS, np.power(finer, [0, 0, GROWTH, GROWTH, GROWTH]))
-        self._count, self._progress = len(problem.names), progress
-        self._rows: tuple[list[Array], ...] = ([], [], [], [])
-
-    def add(self, stage: int, candidate: Candidate) -> None:
-        """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
-        values = candidate.point[: self._count]
-        self._rows[stage].append(np.append(values, candidate.evidence))
-        # Stages follow each other: those before this one are complete, whatever was expected.
-        ended = *self.expected[:stage], min(len(self._rows[stage]), self.expected[stage])
-        whole = self._weights @ [*self.expected, 1]
-        self._progress(float(self._weights[: stage + 1] @ ended / whole))
-
-    @property
-    def stages(self) -> tuple[Array, ...]:
-        """The rows of `Calibration.path`."""
-        return tuple(np.reshape(rows, (-1, self._count + 1)) for rows in self._rows)
 
 
 def _colour_matrix(look: Look) -> Array:
