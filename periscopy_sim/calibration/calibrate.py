@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.level import Look, ResolutionLevel
@@ -92,8 +93,6 @@ def calibrate(
         If photographs are not of the camera's size, show nothing, are fewer than the shown
         pictures, a shown picture is black, or one is given beside a colour matrix.
     """
-    from threadpoolctl import threadpool_limits
-
     photographs = of_one_wall(photograph)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
@@ -143,9 +142,9 @@ def _calibrated(
     values = fine.values(best.point)
     distances, known = (values - problem.centers) / problem.errors, learned(joint, len(names))
     reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
-    errors = standard_errors(problem, joint)
-    columns = problem.centers, values, errors.statistical, errors.total, problem.errors
-    channels = fine.groups[0].light.shape[2]
+    statistical, total, correlation, moves = standard_errors(problem, joint)
+    columns = problem.centers, values, statistical, total, problem.errors
+    channels = problem.photographs[0].channels
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
     before, after = ([each.noise for each in look.explanations] for look in (measured, best))
     progress(1.0)
@@ -155,8 +154,8 @@ def _calibrated(
             for name, *row in zip(names, *columns, strict=True)
         ),
         uncertain=problem.uncertain,
-        moves=errors.moves,
-        correlation=errors.correlation,
+        moves=moves,
+        correlation=correlation,
         path=search.path,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,

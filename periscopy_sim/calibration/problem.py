@@ -84,8 +84,8 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        channels = self.photographs[0].values.shape[2]
-        return self._level(PIXELS_A_PATCH, SharpImages(self._in_patches(self._hidden), channels))
+        images = SharpImages(self._in_patches(self._hidden), self.photographs[0].channels)
+        return self._level(PIXELS_A_PATCH, images)
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.

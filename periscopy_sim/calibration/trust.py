@@ -1,9 +1,9 @@
 """How well photographs determine a scene's parameters, and when not to believe it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.problem import CalibrationProblem
@@ -21,18 +21,12 @@ MISFIT = 0.4
 more, and their images were worse by 10 dB."""
 
 
-@dataclass(frozen=True, eq=False)
-class StandardErrors:
-    """Standard errors of P parameters, none above that of its measured value."""
+def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Array, Array, Array]:
+    """Return standard errors from a look at P parameters, U uncertain ones and the gain.
 
-    statistical: Array  # (P,) in a scene that is otherwise right
-    total: Array  # (P,) with U uncertain parameters
-    correlation: Array  # (P, P) of the total errors
-    moves: Array  # (P, U), see `Calibration`
-
-
-def standard_errors(problem: CalibrationProblem, joint: Look) -> StandardErrors:
-    """Return standard errors from a look at the parameters, the uncertain ones and the gain.
+    They are those in a scene that is otherwise right, (P,), and with the uncertain parameters,
+    (P,), none above that of the measured value; the correlation of the latter, (P, P); and the
+    `moves` of `Calibration`, (P, U).
 
     The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered. Were an uncertain parameter
     p wrong by δ, the photographs would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
@@ -47,12 +41,9 @@ def standard_errors(problem: CalibrationProblem, joint: Look) -> StandardErrors:
     alone = MARGIN**2 * inverse[:count, :count]
     covariance = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(covariance))
-    return StandardErrors(
-        statistical=np.minimum(np.sqrt(np.diag(alone)), limit),
-        total=np.minimum(deviations, limit),
-        correlation=covariance / np.outer(deviations, deviations),
-        moves=moves,
-    )
+    statistical = np.minimum(np.sqrt(np.diag(alone)), limit)
+    correlation = covariance / np.outer(deviations, deviations)
+    return statistical, np.minimum(deviations, limit), correlation, moves
 
 
 def learned(look: Look, count: int) -> float:
@@ -71,9 +62,7 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
     Where the start is right the gain of so many parameters has the χ² distribution (Wilks), and
     exceeds this threshold with a probability of `chance`.
     """
-    from scipy.stats import chi2
-
-    return bool(gain > chi2.isf(chance, max(parameters, 1.0)))
+    return bool(gain > special.chdtri(max(parameters, 1.0), chance))
 
 
 def misfits(look: Look, noise: Array) -> Array:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
@@ -128,8 +129,6 @@ def fit_method(
     A PeriscopyError says that a user's own callable raised an error or returned no method, a
     ValueError that one of `METHODS` cannot be fitted.
     """
-    from threadpoolctl import threadpool_limits
-
     entry = find_method(name)
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)

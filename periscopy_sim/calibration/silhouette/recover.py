@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.evidence import SmoothImages
@@ -104,8 +105,6 @@ def recover_silhouette(
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many
         as pictures (without these: one).
     """
-    from threadpoolctl import threadpool_limits
-
     report = progress or (lambda _: None)
     first = load_scenario(scene, hidden, parameters)
     plane = MaskPlane.of(first, shape)
