@@ -1,66 +1,14 @@
 """The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from periscopy_sim.model.transport_operator import row_blocks
+from periscopy_sim.hidden import Size
+from periscopy_sim.model.transport_operator import Matrix, row_blocks
 from periscopy_sim.scenario import Scenario
-
-Shape = tuple[int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class Sizes:
-    """A matrix, the images it maps, and the wall's colour."""
-
-    A: Any  # (M, N) float32 or float64 array, or what has `row_blocks`
-    photograph_shape: Shape  # (rows, columns), of M pixels
-    hidden_shape: Shape  # (rows, columns), of N patches
-    channel_gain: NDArray[Any] | None  # (3,), of A's type; None where the wall is grey
-
-
-def sizes_of(
-    transport: Any,
-    scene: Scenario | None = None,
-    hidden_shape: Shape | None = None,
-    photograph_shape: Shape | None = None,
-    channel_gain: ArrayLike | None = None,
-) -> Sizes:
-    """Take a scene, whose A `transport` makes, or a matrix with its scene or its sizes.
-
-    A size that is not known is one row of pixels or patches. What does not fit is a ValueError.
-    """
-    if isinstance(transport, Scenario):
-        from periscopy_sim.rendering.transport.plan import transport as transport_of
-
-        scene, transport = transport, transport_of(transport)
-    A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
-    if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
-        raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
-    if scene is not None:
-        photograph_shape = photograph_shape or scene.photograph_shape
-        hidden_shape = hidden_shape or scene.hidden_shape
-        channel_gain = scene.channel_gain if channel_gain is None else channel_gain
-    M, N = A.shape
-    photograph_shape, hidden_shape = photograph_shape or (1, M), hidden_shape or (1, N)
-    if (np.prod(photograph_shape), np.prod(hidden_shape)) != (M, N):
-        raise ValueError(
-            f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
-            f"of {hidden_shape} have not as many"
-        )
-    if channel_gain is None or np.all(np.asarray(channel_gain) == 1):
-        return Sizes(A, photograph_shape, hidden_shape, None)
-    gain = np.asarray(channel_gain, getattr(A, "dtype", np.float32))
-    if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
-        raise ValueError("the wall's colour is 3 finite numbers that are not negative")
-    return Sizes(A, photograph_shape, hidden_shape, gain)
-
-
-Array = NDArray[Any]
 
 
 class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
@@ -73,57 +21,59 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     ----------
     hidden_shape, photograph_shape
         (rows, columns, 3) of the images that vectors hold.
+    channel_gain
+        (3,) the wall's colour.
     """
 
-    def __init__(self, sizes: Sizes) -> None:
-        M, N = sizes.A.shape
-        dtype = getattr(sizes.A, "dtype", np.dtype(np.float32))
-        super().__init__(np.dtype(dtype), (3 * M, 3 * N))
-        self.A = sizes.A
-        self.hidden_shape = (*sizes.hidden_shape, 3)
-        self.photograph_shape = (*sizes.photograph_shape, 3)
-        self.channel_gain = sizes.channel_gain
+    def __init__(
+        self, A: Matrix, hidden_shape: Size, photograph_shape: Size, channel_gain: ArrayLike
+    ) -> None:
+        (M, N), dtype = A.shape, np.dtype(getattr(A, "dtype", np.float32))
+        super().__init__(dtype, (3 * M, 3 * N))
+        self.A = A
+        self.hidden_shape, self.photograph_shape = (*hidden_shape, 3), (*photograph_shape, 3)
+        self.channel_gain = np.asarray(channel_gain, dtype)
 
-    def image(self, x: ArrayLike) -> Array:
+    def image(self, x: ArrayLike) -> NDArray[Any]:
         """Return a vector as the hidden image that it holds, (rows, columns, 3)."""
         return np.reshape(x, self.hidden_shape)
 
-    def photograph(self, y: ArrayLike) -> Array:
+    def photograph(self, y: ArrayLike) -> NDArray[Any]:
         """Return a vector as the photograph that it holds, (rows, columns, 3)."""
         return np.reshape(y, self.photograph_shape)
 
-    def _matmat(self, X: Array) -> Array:
+    def _matmat(self, X: NDArray[Any]) -> NDArray[Any]:
         f = self._planes(X)
         y = np.empty((self.A.shape[0], f.shape[1]), self.dtype)
         for rows, block in row_blocks(self.A):
             y[rows] = block @ f
         return self._coloured(y).reshape(-1, X.shape[1])
 
-    def _rmatmat(self, Y: Array) -> Array:
+    def _rmatmat(self, Y: NDArray[Any]) -> NDArray[Any]:
         y = self._coloured(self._planes(Y))
         f = np.zeros((self.A.shape[1], y.shape[1]), self.dtype)
         for rows, block in row_blocks(self.A):
             f += block.T @ y[rows]
         return f.reshape(-1, Y.shape[1])
 
-    def _rmatvec(self, y: Array) -> Array:
+    def _rmatvec(self, y: NDArray[Any]) -> NDArray[Any]:
         return self._rmatmat(y.reshape(-1, 1)).ravel()
 
-    def _planes(self, X: Array) -> Array:
+    def _planes(self, X: NDArray[Any]) -> NDArray[Any]:
         """Return (3 n, K) as (n, 3 K), of A's type."""
         return np.asarray(X, self.dtype).reshape(-1, 3 * X.shape[1])
 
-    def _coloured(self, y: Array) -> Array:
+    def _coloured(self, y: NDArray[Any]) -> NDArray[Any]:
         gain = self.channel_gain
-        return y if gain is None else y * np.repeat(gain, y.shape[1] // 3)
+        return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // 3)
 
 
 def transport_operator(
     transport: Any,
     *,
     scene: Scenario | None = None,
-    hidden_shape: Shape | None = None,
-    photograph_shape: Shape | None = None,
+    hidden_shape: Size | None = None,
+    photograph_shape: Size | None = None,
     channel_gain: ArrayLike | None = None,
 ) -> ImageOperator:
     """Return the light transport as a SciPy linear operator over images.
@@ -150,4 +100,24 @@ def transport_operator(
     ValueError
         If the sizes or the colour do not fit A.
     """
-    return ImageOperator(sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain))
+    if isinstance(transport, Scenario):
+        from periscopy_sim.rendering.transport.plan import transport as transport_of
+
+        scene, transport = transport, transport_of(transport)
+    A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
+    if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
+        raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
+    M, N = A.shape
+    photograph_shape = photograph_shape or (scene.photograph_shape if scene else (1, M))
+    hidden_shape = hidden_shape or (scene.hidden_shape if scene else (1, N))
+    if (np.prod(photograph_shape), np.prod(hidden_shape)) != (M, N):
+        raise ValueError(
+            f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
+            f"of {hidden_shape} have not as many"
+        )
+    if channel_gain is None:
+        channel_gain = scene.channel_gain if scene else np.ones(3)
+    gain = np.asarray(channel_gain)
+    if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
+        raise ValueError("the wall's colour is 3 finite numbers that are not negative")
+    return ImageOperator(A, hidden_shape, photograph_shape, gain)

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from periscopy_sim.adapters.linear_operator import Shape, sizes_of
+from periscopy_sim.adapters.linear_operator import transport_operator
 from periscopy_sim.extras import require
+from periscopy_sim.hidden import Size
 from periscopy_sim.scenario import Scenario
 
 
@@ -49,19 +50,23 @@ class TorchTransport:
         device: Any = None,
         dtype: Any = None,
         scene: Scenario | None = None,
-        hidden_shape: Shape | None = None,
-        photograph_shape: Shape | None = None,
+        hidden_shape: Size | None = None,
+        photograph_shape: Size | None = None,
         channel_gain: ArrayLike | None = None,
     ) -> None:
         torch = require("torch")
         if hasattr(transport, "row_blocks"):
             raise ValueError("tensors need A in memory: give what render_transport returns")
-        known = sizes_of(transport, scene, hidden_shape, photograph_shape, channel_gain)
-        self.hidden_shape, self.photograph_shape = known.hidden_shape, known.photograph_shape
+        known = transport_operator(
+            transport, scene=scene, hidden_shape=hidden_shape, photograph_shape=photograph_shape,
+            channel_gain=channel_gain,
+        )  # fmt: skip
+        self.hidden_shape, self.photograph_shape = (
+            shape[:2] for shape in (known.hidden_shape, known.photograph_shape)
+        )
         A = np.require(known.A, requirements=["C", "W"])
         self.A = torch.as_tensor(A, device=device, dtype=dtype)
-        gain = np.ones(3) if known.channel_gain is None else known.channel_gain
-        self.gain = torch.as_tensor(gain).to(self.A)[:, None]
+        self.gain = torch.as_tensor(known.channel_gain).to(self.A)[:, None]
 
     def to(self, device: Any = None, dtype: Any = None) -> "TorchTransport":
         """Return the same on another device or of another type."""
@@ -87,7 +92,7 @@ class TorchTransport:
     def _coloured(self, y: Any) -> Any:
         return (y.reshape(-1, 3, y.shape[-1]) * self.gain).reshape(y.shape)
 
-    def _planes(self, images: Any, shape: Shape, what: str) -> Any:
+    def _planes(self, images: Any, shape: Size, what: str) -> Any:
         """Return (..., 3, rows, columns) as (K, rows * columns)."""
         if images.ndim < 3 or tuple(images.shape[-3:]) != (3, *shape):
             raise ValueError(

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -15,22 +16,20 @@ from periscopy_sim.calibration.prior import (
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import Calibration, Parameter
-from periscopy_sim.calibration.search import Search, expected_stages
-from periscopy_sim.calibration.standard_errors import standard_errors
-from periscopy_sim.calibration.trust import doubts, is_significant, learned, misfits
+from periscopy_sim.calibration.search import Search
+from periscopy_sim.calibration.trust import (
+    doubts,
+    is_significant,
+    learned,
+    misfits,
+    standard_errors,
+)
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, check_size, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
 from periscopy_sim.scene import Scene
-
-WEIGHTS = 0.4, 1, 1, 1, 2
-"""Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
-levels have the same pixels, as measured on the chair at 32x32, 63x63 and 126x126."""
-
-GROWTH = 1.5
-"""Power of the ratio of fine to coarse pixels with which the last three grow, measured likewise."""
 
 
 def calibrate(
@@ -95,8 +94,6 @@ def calibrate(
         If photographs are not of the camera's size, show nothing, are fewer than the shown
         pictures, a shown picture is black, or one is given beside a colour matrix.
     """
-    from threadpoolctl import threadpool_limits
-
     photographs = of_one_wall(photograph)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
@@ -132,8 +129,7 @@ def _calibrated(
 ) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
-    path = _Path(problem, progress, fine.scene.pixels.sum() / coarse.scene.pixels.sum())
-    search = Search(coarse, fine, seed, path.add, path.expected)
+    search = Search(coarse, fine, seed, progress)
     starts = search.starts() if problem.has_unknown_images else [fine.candidate(fine.center)]
     level, end = search.best(starts)
     gain, κ = end.point[len(names) :], end.temperature
@@ -147,9 +143,9 @@ def _calibrated(
     values = fine.values(best.point)
     distances, known = (values - problem.centers) / problem.errors, learned(joint, len(names))
     reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
-    errors = standard_errors(problem, joint)
-    columns = problem.centers, values, errors.statistical, errors.total, problem.errors
-    channels = fine.groups[0].light.shape[2]
+    statistical, total, correlation, moves = standard_errors(problem, joint)
+    columns = problem.centers, values, statistical, total, problem.errors
+    channels = problem.photographs[0].channels
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
     before, after = ([each.noise for each in look.explanations] for look in (measured, best))
     progress(1.0)
@@ -159,9 +155,9 @@ def _calibrated(
             for name, *row in zip(names, *columns, strict=True)
         ),
         uncertain=problem.uncertain,
-        moves=errors.moves,
-        correlation=errors.correlation,
-        path=path.stages,
+        moves=moves,
+        correlation=correlation,
+        path=search.path,
         noise_before=np.concatenate(before) / scale,
         noise=np.concatenate(after) / scale,
         residual_before=_picture(fine, measured.explanations[0].residual[:, :channels] / scale),
@@ -172,32 +168,6 @@ def _calibrated(
         colour_matrix=_colour_matrix(end) if problem.pictures else None,
         doubts=reasons,
     )
-
-
-class _Path:
-    """A search's draws, and where its coarse, fine and last temperatures end."""
-
-    def __init__(
-        self, problem: CalibrationProblem, progress: Callable[[float], None], finer: float
-    ) -> None:
-        self.expected = expected_stages(len(problem.photographs), problem.has_unknown_images)
-        self._weights = np.multiply(WEIGHTS, np.power(finer, [0, 0, GROWTH, GROWTH, GROWTH]))
-        self._count, self._progress = len(problem.names), progress
-        self._rows: tuple[list[Array], ...] = ([], [], [], [])
-
-    def add(self, stage: int, candidate: Candidate) -> None:
-        """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
-        values = candidate.point[: self._count]
-        self._rows[stage].append(np.append(values, candidate.evidence))
-        # Stages follow each other: those before this one are complete, whatever was expected.
-        ended = *self.expected[:stage], min(len(self._rows[stage]), self.expected[stage])
-        whole = self._weights @ [*self.expected, 1]
-        self._progress(float(self._weights[: stage + 1] @ ended / whole))
-
-    @property
-    def stages(self) -> tuple[Array, ...]:
-        """The rows of `Calibration.path`."""
-        return tuple(np.reshape(rows, (-1, self._count + 1)) for rows in self._rows)
 
 
 def _colour_matrix(look: Look) -> Array:

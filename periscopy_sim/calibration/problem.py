@@ -18,9 +18,10 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Scene
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
@@ -35,6 +36,21 @@ COARSE_PIXELS, COARSE_HATS = 1000, 24
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Of the fine level, and of the one for errors, at least."""
+
+
+def finest_view(scene: Scene, shape: Size) -> View:
+    """Return the view of averaged photographs, over `LARGEST` wall points along a side at least."""
+    return View.of(scene, shape, across=-(-LARGEST // max(shape)))
+
+
+def ambient_basis(view: View, pixels: Mask, photograph: Photograph) -> Array:
+    """Return an orthonormal basis, (M, r), of the ambient light in M pixels of a view.
+
+    The photographs with the monitor off, which belong to a photograph, show some of it.
+    """
+    Q = background_basis(point_light_backgrounds(view)[pixels.ravel()])
+    off = [each[pixels] for each in photograph.monitor_off.values()]
+    return joined_basis(Q, np.hstack([Q[:, :0], *off]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +84,8 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        channels = self.photographs[0].values.shape[2]
-        return self._level(PIXELS_A_PATCH, SharpImages(self._in_patches(self._hidden), channels))
+        images = SharpImages(self._in_patches(self._hidden), self.photographs[0].channels)
+        return self._level(PIXELS_A_PATCH, images)
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -86,7 +102,7 @@ class CalibrationProblem:
         return replace(level, scene=scene, centers=centers, errors=errors)
 
     @property
-    def _hidden(self) -> tuple[int, int]:
+    def _hidden(self) -> Size:
         return fitted(self.scenario.hidden_shape, MOST_PATCHES)
 
     @property
@@ -103,23 +119,19 @@ class CalibrationProblem:
         return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 
     def _level(self, a_patch: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
-        """Return the level of pixels on a lattice, about so many a patch, `COARSE_PIXELS` at least.
+        """Return the level of pixels on a lattice, about so many a patch if there are as many.
 
-        Fewer are used where there are not as many.
+        `COARSE_PIXELS` is the least.
         """
         first, count = self._averaged[0], max(COARSE_PIXELS, a_patch * np.prod(self._hidden))
         stride = max(1, round(np.sqrt(first.pixels.sum() / count)))
         pixels = np.zeros_like(first.pixels)
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
         pixels &= first.pixels
-        shape = pixels.shape[0], pixels.shape[1]
-        world = self.scenario.scene
-        view = View.of(world, shape, across=-(-LARGEST // max(shape)))
+        view = finest_view(self.scenario.scene, first.shape)
         part = Scenario(view.of_pixels(pixels), self._in_patches(self._hidden))
         scene = MovingScene(part, self.names, self.errors)
-        Q = background_basis(point_light_backgrounds(view)[pixels.ravel()])
-        off = [each[pixels] for each in first.monitor_off.values()]
-        Q = joined_basis(Q, np.hstack([Q[:, :0], *off]))
+        Q = ambient_basis(view, pixels, first)
         if len(Q) <= 2 * Q.shape[1]:
             raise PhotographError(
                 f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "

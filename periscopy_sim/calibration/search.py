@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from heapq import nsmallest
 from itertools import compress
 
@@ -51,19 +52,18 @@ LONGEST = 3.0
 """Of a step before it is doubled, in standard deviations of the prior."""
 
 
+WEIGHTS = 0.4, 1, 1, 1, 2
+"""Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
+levels have the same pixels, as measured on the chair at 32x32, 63x63 and 126x126."""
+
+GROWTH = 1.5
+"""Power of the ratio of fine to coarse pixels with which the last three grow, measured likewise."""
+
+
 def fine_cooling(photographs: int) -> list[float]:
     """Return the temperatures of fine descents and the last one, of so many photographs."""
     count = int(np.ceil(np.log2(HOTTEST * photographs))) + 1
     return [max(HOTTEST * photographs / 2**k, 1.0) for k in range(count)]
-
-
-def expected_stages(photographs: int, unknown: bool) -> list[int]:
-    """Return about how many draws, coarse, fine and last temperatures there are."""
-    last = len(fine_cooling(photographs)) - len(SURVIVORS) + 1
-    if not unknown:
-        return [0, 0, len(SURVIVORS), last]
-    coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
-    return [DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), 2 * last]
 
 
 def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
@@ -118,14 +118,37 @@ class Search:
     coarse: ResolutionLevel
     fine: ResolutionLevel
     seed: int
-    visit: Callable[[int, Candidate], None]  # a draw, 0; an end: coarse 1, fine 2, last 3
-    expected: list[int] = field(default_factory=lambda: [0] * 4)  # visits, corrected once known
+    progress: Callable[[float], None] = lambda _: None  # called with the fraction done
+    _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
+
+    @property
+    def path(self) -> tuple[Array, ...]:
+        """The rows of `Calibration.path`."""
+        return tuple(np.reshape(rows, (-1, len(self.fine.centers) + 1)) for rows in self._rows)
+
+    @cached_property
+    def expected(self) -> list[int]:
+        """Numbers of draws, coarse, fine and last temperatures, about; corrected once known."""
+        last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
+        return [0, 0, len(SURVIVORS), last]
+
+    def visit(self, stage: int, candidate: Candidate) -> None:
+        """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
+        values = self.fine.values(candidate.point)
+        self._rows[stage].append(np.append(values, candidate.evidence))
+        # Stages follow each other: those before this one are complete, whatever was expected.
+        ended = *self.expected[:stage], min(len(self._rows[stage]), self.expected[stage])
+        finer = self.fine.scene.pixels.sum() / self.coarse.scene.pixels.sum()
+        weights = np.multiply(WEIGHTS, np.power(finer, [0, 0, GROWTH, GROWTH, GROWTH]))
+        self.progress(float(weights[: stage + 1] @ ended / (weights @ [*self.expected, 1])))
 
     def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the others.
 
         A SceneError says that the prior's centre is no scene.
         """
+        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+        self.expected[:] = DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), 2 * self.expected[3]
         level, random = self.coarse, np.random.default_rng(self.seed)
         deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))

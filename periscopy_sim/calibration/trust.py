@@ -1,12 +1,17 @@
-"""When not to believe a calibration, however small its errors."""
+"""How well photographs determine a scene's parameters, and when not to believe it."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import special
 
 from periscopy_sim.calibration.level import Look
+from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.numerics import Array
+
+MARGIN = 1.3
+"""Of standard errors over those of the linear theory: valleys of the evidence are curved."""
 
 FARTHEST = 3.0
 """Standard deviations within which a ruler errs: all but 3 of 1000 times."""
@@ -14,6 +19,31 @@ FARTHEST = 3.0
 MISFIT = 0.4
 """Largest `misfits` of a photograph that is believed: simulated photographs beside near lamps left
 more, and their images were worse by 10 dB."""
+
+
+def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Array, Array, Array]:
+    """Return standard errors from a look at P parameters, U uncertain ones and the gain.
+
+    They are those in a scene that is otherwise right, (P,), and with the uncertain parameters,
+    (P,), none above that of the measured value; the correlation of the latter, (P, P); and the
+    `moves` of `Calibration`, (P, U).
+
+    The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered. Were an uncertain parameter
+    p wrong by δ, the photographs would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
+    """
+    count, limit = len(problem.names), problem.errors
+    held = np.zeros(len(joint.point), bool)
+    held[count : count + len(problem.uncertain.names)] = True
+    inverse = np.linalg.inv(joint.curvature()[np.ix_(~held, ~held)])
+    shared = joint.information[np.ix_(~held, held)] / joint.temperature
+    moves = (-inverse @ shared * problem.uncertain.standard_errors)[:count]
+    moves = np.clip(moves, -limit[:, None], limit[:, None])
+    alone = MARGIN**2 * inverse[:count, :count]
+    covariance = alone + moves @ moves.T
+    deviations = np.sqrt(np.diag(covariance))
+    statistical = np.minimum(np.sqrt(np.diag(alone)), limit)
+    correlation = covariance / np.outer(deviations, deviations)
+    return statistical, np.minimum(deviations, limit), correlation, moves
 
 
 def learned(look: Look, count: int) -> float:
@@ -32,9 +62,7 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
     Where the start is right the gain of so many parameters has the χ² distribution (Wilks), and
     exceeds this threshold with a probability of `chance`.
     """
-    from scipy.stats import chi2
-
-    return bool(gain > chi2.isf(chance, max(parameters, 1.0)))
+    return bool(gain > special.chdtri(max(parameters, 1.0), chance))
 
 
 def misfits(look: Look, noise: Array) -> Array:

@@ -1,16 +1,14 @@
 """The paper's diagnostics of a scene: condition numbers, angles between subspaces, bounds."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.numerics import Array
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -59,8 +57,8 @@ class Diagnostics:
 
 
 def diagnose(
-    A: NDArray[np.floating[Any]],
-    B: NDArray[np.floating[Any]],
+    A: Image,
+    B: Image,
     photograph_shape: tuple[int, int],
     hidden: Hidden | Size,
     *,
@@ -117,7 +115,7 @@ def diagnose(
     )
 
 
-def condition_number(A: NDArray[np.floating[Any]]) -> float:
+def condition_number(A: Image) -> float:
     """Ratio of the largest to the smallest singular value of an (M, N) matrix."""
     # The triangular factor has the same singular values at N/M of the cost.
     R = linalg.qr(np.asarray(A, np.float64), mode="r", check_finite=False)[0]
@@ -125,7 +123,7 @@ def condition_number(A: NDArray[np.floating[Any]]) -> float:
     return float(σ[0] / σ[-1]) if σ[-1] > 0 else float("inf")
 
 
-def residual_background(P: Preconditioner, B: NDArray[np.floating[Any]]) -> Array:
+def residual_background(P: Preconditioner, B: Image) -> Array:
     """Return the residual of each prototype background: ‖P B_i‖ / (‖P‖ ‖B_i‖), (L,).
 
     P carries the units of 1/A, its spectral norm too: ‖P‖ = 1 / σ_min(A⊥), from its Cholesky

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
@@ -29,7 +30,6 @@ from periscopy_sim.reconstruction.method import Method, Report, Solution, StillM
 from periscopy_sim.reconstruction.registry import METHODS, MethodEntry
 from periscopy_sim.scenario import Scenario
 
-Matrix = NDArray[np.floating[Any]]
 MethodError = (Exception, SystemExit)
 """Errors of a method that end nothing but the method; `sys.exit` in it is such an error."""
 
@@ -45,8 +45,8 @@ class OwnEntry:
     def __call__(
         self,
         scene: Any,
-        A: Matrix,
-        B: Matrix,
+        A: Image,
+        B: Image,
         uncertain: UncertainTransport | None = None,  # noqa: ARG002  it knows none
     ) -> "OwnMethod":
         """Return the method for a scene; the first photograph makes the user's own object."""
@@ -116,8 +116,8 @@ def source_sha256(name: str) -> str | None:
 def fit_method(
     name: str,
     scenario: Scenario,
-    A: Matrix,
-    B: Matrix,
+    A: Image,
+    B: Image,
     photograph: Photograph | Image | None = None,
     uncertain: UncertainTransport | None = None,
     **options: float,
@@ -129,8 +129,6 @@ def fit_method(
     A PeriscopyError says that a user's own callable raised an error or returned no method, a
     ValueError that one of `METHODS` cannot be fitted.
     """
-    from threadpoolctl import threadpool_limits
-
     entry = find_method(name)
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
@@ -198,7 +196,7 @@ class OwnMethod(StillMethod[np.float64]):
     """
 
     def __init__(
-        self, A: Matrix, B: Matrix | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
+        self, A: Image, B: Image | None = None, *, scenario: Any, entry: OwnEntry, **sizes: Any
     ) -> None:
         super().__init__(A, B, **sizes)
         self.fit = replace(self.fit, profiles=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import MethodError, image_by, without_addresses
 from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
+from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
@@ -343,8 +344,6 @@ def run_sweep(
         If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
     require_all()
-    from periscopy_sim.evaluation.workers import compute, connect
-
     store = SweepStore(
         folder / "sweep.zarr", sweep.labels(), sweep.image_shape, sweep.configuration()
     )

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,18 +10,20 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.moving_scene import fitted
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, own_errors
 from periscopy_sim.evaluation.metrics import psnr
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
+from periscopy_sim.view import View
 
 COARSE = 32, 12
 """Pixels along a photograph's longer side, patches along a hidden image's: some 100 ms on one core
@@ -75,36 +76,26 @@ class LivePictures:
 
 
 class Level:
-    """A laboratory whose photograph and hidden image have certain sizes.
+    """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
-    `given` are values of those ``<default>``s that stay. `light` is the ambient light of the
-    choice's place, (rows, columns, 3), `photograph` a given one, None for synthetic ones, of this
-    size or a larger one. A level keeps its last results, and computes only those anew whose choices
-    changed.
+    `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
+    one, None for synthetic ones, of this size or a larger one. A level keeps its last results, and
+    computes only those anew whose choices changed.
     """
 
     def __init__(
         self,
-        path: Path,
-        given: Mapping[str, str],
-        sizes: tuple[tuple[int, int], tuple[int, int]],
+        scenario: Scenario,
         light: Array | None = None,
         photograph: Photograph | None = None,
         *,
         is_coarse: bool,
     ) -> None:
-        self._path, self._given = path, dict(given)
-        self.photograph_shape, self.hidden_shape = sizes
-        self._light = None if light is None else area_average(light, sizes[0])
-        self.is_coarse = is_coarse
-        self._given_photograph = photograph and averaged_photograph(
-            photograph, self.photograph_shape
-        )
+        self.scenario, self.is_coarse = scenario, is_coarse
+        shape = scenario.photograph_shape
+        self._light = None if light is None else area_average(light, shape)
+        self._given_photograph = photograph and averaged_photograph(photograph, shape)
         self._kept: dict[str, tuple[object, Any]] = {}
-
-    def scenario(self, given: Mapping[str, str]) -> Scenario:
-        """Load the scene at values given as text; a SceneError says that there is none."""
-        return load_scenario(self._path, self.hidden_shape, given, photograph=self.photograph_shape)
 
     def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
         """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
@@ -127,14 +118,14 @@ class Level:
         start = time.perf_counter()
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
-        scenario = kept("scenario", values, lambda: self.scenario(self._given | given))
+        scenario = kept("scenario", values, lambda: self.scenario.at(**given))
         noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
         A = kept("A", (values, plan), lambda: plan.transport(scenario, progress=unless_overtaken))
         truth = None
         if choice.image:
             path = find_image(choice.image)
-            truth = kept("f", path, lambda: read_hidden_image(path, self.hidden_shape))
+            truth = kept("f", path, lambda: read_hidden_image(path, scenario.hidden_shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         method = kept(
@@ -173,26 +164,20 @@ class Level:
         y = scenario.channel_gain * (A @ truth.reshape(A.shape[1], -1))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
-        y = (y / y.mean()).reshape(*self.photograph_shape, -1)
+        y = (y / y.mean()).reshape(*scenario.photograph_shape, -1)
         if choice.place and self._light is not None:
             y = composite(y, self._light, choice.sbr)
         # One seed: the noise is the same while a scene moves, and pictures do not flicker.
         return Photograph(add_noise(y, choice.snr, seed=0))
 
 
-def coarse_sizes(
-    photograph: tuple[int, int], hidden: tuple[int, int], used: float = 1.0
-) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the coarse sizes of a photograph, of which a fraction is used, and a hidden image.
+def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
+    """Return a scenario at its coarse size; a fraction of its photograph is used.
 
     At least twice as many pixels as patches are used.
     """
-
-    def shrunk(size: tuple[int, int], longest: float) -> tuple[int, int]:
-        factor = min(1.0, longest / max(size))
-        return max(1, round(factor * size[0])), max(1, round(factor * size[1]))
-
-    pixels, patches = COARSE
-    shape = shrunk(photograph, pixels)
+    pixels, longest = COARSE
+    hidden, shape = scenario.hidden_shape, fitted(scenario.photograph_shape, pixels)
     most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
-    return shape, shrunk(hidden, int(min(patches, most)))
+    patches, scene = fitted(hidden, int(min(longest, most))), scenario.scene
+    return Scenario(View.of(scene, shape), Hidden.of_scene(scene, patches))

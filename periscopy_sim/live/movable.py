@@ -3,7 +3,7 @@
 No names say which parameter moves what: a small change of each shows it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,18 +63,14 @@ class Handle:
         return tuple(np.any(self.directions != 0, axis=0).tolist())
 
 
-def find_movables(
-    given: Mapping[str, str], load: Callable[[Mapping[str, str]], Scenario]
-) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
+def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
     """Return the movable parameters of a scene, in the file's order, and its handles.
 
-    `load` makes a scenario of values for the scene's ``<default>``s, one of a small photograph.
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    scenario = load(given)
     document, errors = scenario.document, declared_errors(scenario.document)
-    parts = _parts(scenario)
+    parts = parts_of(scenario)
     movables: list[Movable] = []
     moves: Moves = {}
     for name, text in document.values.items():
@@ -83,14 +79,14 @@ def find_movables(
         try:
             value = float(text)
             nudge = 1e-3 * (abs(value) or 1.0)
-            nudged = load({**given, name: f"{value + nudge:.17g}"})
+            nudged = scenario.at(**{name: f"{value + nudge:.17g}"})
         except (ValueError, SceneError):
             continue
         if nudged.photograph_shape != scenario.photograph_shape:
             continue
         speeds = {
             part: (points - parts[part]) / nudge
-            for part, points in _parts(nudged).items()
+            for part, points in parts_of(nudged).items()
             if part in parts and points.shape == parts[part].shape
             and not np.allclose(points, parts[part], rtol=0, atol=1e-7)  # single precision
         }  # fmt: skip
@@ -109,7 +105,7 @@ def find_movables(
     return tuple(movables), tuple(_handles(values, moves, parts))
 
 
-def _parts(scenario: Scenario) -> dict[str, Array]:
+def parts_of(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
     occluders = scenario.scene.occluders
     shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in occluders}

@@ -9,6 +9,7 @@ from PIL import Image
 from scipy.interpolate import NearestNDInterpolator
 
 from periscopy_sim.live.level import LivePictures
+from periscopy_sim.live.movable import parts_of
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
@@ -23,7 +24,7 @@ MARGIN = 0.12
 
 def room_of(scenario: Scenario) -> dict[str, Any]:
     """Return what stays as it is: floor, wall and the first view, as `page.js` draws them."""
-    points, frame = _everything(scenario), _frame_of(scenario)
+    points, frame = _everything(scenario), scenario.view.frame
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     width, depth, _ = high - low + MARGIN * size
@@ -45,7 +46,7 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
 def things_in(pictures: LivePictures) -> dict[str, Any]:
     """Return a scene's occluders, the photograph on its wall and the image on its monitor."""
     scenario = pictures.scenario
-    frame = _frame_of(scenario)
+    frame = scenario.view.frame
     local = _on_wall(scenario.view.centers, frame)
     shown, low, high = on_rectangle(local, photograph_pixels(pictures))
     rows, columns = scenario.hidden_shape
@@ -113,10 +114,6 @@ def on_rectangle(local: Array, pixels: Pixels) -> tuple[Pixels, Array, Array]:
     return np.concatenate([np.where(seen, values, 0), 255 * seen], -1).astype(np.uint8), low, high
 
 
-def _frame_of(scenario: Scenario) -> WallFrame:
-    return scenario.view.frame
-
-
 def _on_wall(points: Array, frame: WallFrame) -> Array:
     """Return points on the wall, (n, 2), across and up, in metres."""
     return np.asarray((points - frame.center) @ np.stack([frame.across, frame.up]).T)
@@ -124,8 +121,8 @@ def _on_wall(points: Array, frame: WallFrame) -> Array:
 
 def _everything(scenario: Scenario) -> Array:
     """Return the points, (n, 3), of all but far surroundings."""
-    both = np.concatenate([scenario.hidden.centers, scenario.view.centers])
-    reach = float(np.linalg.norm(np.ptp(both, axis=0)))
-    shapes = [o.bounds if o.vertices is None else o.vertices for o in scenario.scene.occluders]
-    near = [p for p in shapes if p is not None and np.linalg.norm(np.ptp(p, axis=0)) < reach]
-    return np.concatenate([both, *near])
+    parts = parts_of(scenario)
+    seen_and_hidden = np.concatenate([parts["camera"], parts["monitor"]])
+    reach = np.linalg.norm(np.ptp(seen_and_hidden, axis=0))
+    near = (p for p in parts.values() if np.linalg.norm(np.ptp(p, axis=0)) <= reach)
+    return np.concatenate(list(near))

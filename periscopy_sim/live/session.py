@@ -1,21 +1,115 @@
-"""A laboratory and its page, from their opening until nothing of them is left."""
+"""A laboratory that follows a person's wishes, and its page, from their opening to their end.
 
+It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest wish
+when it is free, and a newer wish ends full pictures.
+"""
+
+import logging
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
+from threading import Condition
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.live.laboratory import LiveLaboratory
-from periscopy_sim.live.level import Choice, Level, LivePictures, coarse_sizes
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.level import Choice, Level, LivePictures, Overtaken, coarse
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
+
+LOG = logging.getLogger(__name__)
+Save = Callable[[LivePictures], None]
+
+
+class LiveLaboratory:
+    """A laboratory at its coarse and its full size.
+
+    It calls `show` with pictures, and `tell` with one line about a failure, empty if there is none.
+    """
+
+    def __init__(
+        self,
+        coarse: Level,
+        full: Level,
+        show: Callable[[LivePictures], None],
+        tell: Callable[[str], None],
+    ) -> None:
+        self._coarse, self._full = coarse, full
+        self._show, self._tell = show, tell
+        self._changed = Condition()
+        self._choice: Choice | None = None
+        self._behind: list[Level] = []  # the latest wish, coarse before full
+        self._rests = 0.0  # when the latest wish counts as at rest
+        self._save: Save | None = None
+        self._stopped = False
+
+    def want(self, choice: Choice, rest: float = 0.0) -> None:
+        """Ask for pictures; in full, unless another wish comes within so many seconds."""
+        with self._changed:
+            self._choice, self._behind = choice, [self._coarse, self._full]
+            self._rests = time.monotonic() + rest
+            self._changed.notify()
+
+    def save(self, save: Save) -> None:
+        """Call a function with the full pictures of the latest wish, once they are shown."""
+        with self._changed:
+            self._save, self._rests = save, 0.0
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """End `run` after the present stage of its work."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+
+    def run(self) -> None:
+        """Follow the wishes until `stop`."""
+        pictures = None
+        while (work := self._next()) is not None:
+            try:
+                if callable(work):
+                    if pictures is not None:
+                        work(pictures)
+                    continue
+                pictures = None
+                assert self._choice is not None  # a level is behind a wish
+                pictures = work.pictures(self._choice, partial(self._is_overtaken, work))
+                self._show(pictures)
+                self._tell("")
+            except Overtaken:
+                pass
+            except PeriscopyError as error:
+                self._tell(str(error))
+            except Exception as error:  # one wish that fails must not end the page
+                LOG.error("periscopy view goes on after an error", exc_info=error)
+                self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
+
+    def _next(self) -> Level | Save | None:
+        """Wait for a level that is behind the latest wish, or for something to save."""
+        with self._changed:
+            while not self._stopped:
+                pause = None
+                if self._behind:
+                    is_coarse = self._behind[0] is self._coarse
+                    pause = 0.0 if is_coarse else self._rests - time.monotonic()
+                    if pause <= 0:
+                        return self._behind.pop(0)
+                elif self._save is not None:
+                    save, self._save = self._save, None
+                    return save
+                self._changed.wait(pause)
+        return None
+
+    def _is_overtaken(self, level: Level) -> bool:
+        # Coarse pictures are finished, so that a drag shows some.
+        return self._stopped or (level is self._full and self._coarse in self._behind)
 
 
 class LiveSession(AbstractContextManager["LiveSession"]):
@@ -42,19 +136,17 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        path, given = scenario.path, scenario.parameters
-        used = 1.0 if photograph is None else len(photograph.used) / np.prod(photograph.shape)
-        sizes = scenario.photograph_shape, scenario.hidden_shape
-        coarse, full = (
-            Level(path, given, each, light, photograph, is_coarse=each is not sizes)
-            for each in (coarse_sizes(*sizes, used), sizes)
-        )
-        movables, handles = find_movables(given, coarse.scenario)
+        small = coarse(scenario, 1.0 if photograph is None else float(photograph.pixels.mean()))
+        movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None:
             images = ()
         self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
-        self._laboratory = LiveLaboratory(coarse, full, self.page.show, self.page.tell)
+        self._laboratory = LiveLaboratory(
+            Level(small, light, photograph, is_coarse=True),
+            Level(scenario, light, photograph, is_coarse=False),
+            self.page.show, self.page.tell,
+        )  # fmt: skip
         self.page.want = self._laboratory.want
         self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
 

@@ -16,7 +16,7 @@ class Valleys:
     photographs, centers, center, errors = 1, np.zeros(1), np.zeros(1), np.ones(1)
     terms = np.empty((0, 1))
     sharper = 1.0  # at the last level
-    scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2)
+    scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2, pixels=np.ones(1))
     values = staticmethod(lambda point: point)
 
     def __init__(
@@ -48,7 +48,7 @@ class Valleys:
 
 def test_fine_descents_start_once_in_each_valley_first_in_the_priors_own() -> None:
     level: Any = Valleys([0.0, 1.6])
-    own, other = Search(level, level, 0, lambda *_: None).starts()
+    own, other = Search(level, level, 0).starts()
     assert own.point == pytest.approx(0, abs=0.1) and other.point == pytest.approx(1.6, abs=0.1)
 
 
@@ -58,7 +58,7 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     level: Any = Valleys([0.0, 0.8, 1.6], depth=depth)
     starts = [level.candidate(np.array([place])) for place in (0.0, 0.8, 1.03)]
     assert starts[2].evidence > starts[1].evidence
-    _, best = Search(level, level, 0, lambda *_: None).best(starts)
+    _, best = Search(level, level, 0).best(starts)
     assert best.point == pytest.approx(found, abs=0.1)
 
 
@@ -69,9 +69,13 @@ def test_nothing_follows_a_descent_that_leaves_the_prior(
     """From 2 on, and from 8 on where images have edges, a valley 10 errors away is too far."""
     level: Any = Valleys([10.0], bend=1.0)
     level.sharper = sharper
-    visited: list[Any] = []
-    search = Search(level, level, 0, lambda *visit: visited.append(visit))
-    _, best = search.best([level.candidate(np.zeros(1))])
+    visited: list[tuple[int, Any]] = []
+
+    class Watched(Search):
+        def visit(self, stage: int, candidate: Candidate) -> None:
+            visited.append((stage, candidate))
+
+    _, best = Watched(level, level, 0).best([level.candidate(np.zeros(1))])
     assert (visited[-1][0], visited[-1][1].temperature) == (3, last)
     assert best.temperature == coldest
 

@@ -2,9 +2,13 @@ import pytest
 
 from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.shipped import find_scene
+from periscopy_sim.rendering.scene.load import load_scenario
 
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
+
+
+def plate():
+    return load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -17,17 +21,14 @@ def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
     def make(light=None, photograph=None):
-        sizes = PHOTOGRAPH, HIDDEN
-        return Level(find_scene("plate"), {}, sizes, light, photograph, is_coarse=True)
+        return Level(plate(), light, photograph, is_coarse=True)
 
     return make
 
 
 @pytest.fixture(scope="session")
 def movables():
-    path = find_scene("plate")
-    small = Level(path, {}, (PHOTOGRAPH, HIDDEN), is_coarse=True)
-    return find_movables({}, small.scenario)
+    return find_movables(plate())
 
 
 @pytest.fixture

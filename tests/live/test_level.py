@@ -5,9 +5,9 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Level, Overtaken, coarse_sizes
+from periscopy_sim.live.level import Level, Overtaken, coarse
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.shipped import find_scene
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
 
 
@@ -46,8 +46,8 @@ def test_photograph_is_what_its_model_says(level, choice):
 def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice, monkeypatch):
     from periscopy_sim.live import level as module
 
-    path = find_scene("bright_room")  # has no closed form
-    laboratory = Level(path, {}, ((12, 12), (3, 4)), is_coarse=False)
+    room = load_scenario("bright_room", (3, 4), photograph=(12, 12))  # has no closed form
+    laboratory = Level(room, is_coarse=False)
     pictures = laboratory.pictures(replace(choice, values={}), never)
     assert not pictures.report.warnings
     monkeypatch.setattr(module, "BUDGET", 0)
@@ -124,13 +124,14 @@ def test_what_cannot_be_shown_is_told(level, choice):
         level().pictures(replace(choice, image=""), never)
     with pytest.raises(PeriscopyError, match="no method"):
         level().pictures(replace(choice, method="magic"), never)
-    small = Level(find_scene("plate"), {}, ((8, 8), (8, 8)), is_coarse=True)  # ambient light too
+    small = Level(load_scenario("plate", (8, 8), photograph=(8, 8)), is_coarse=True)
     with pytest.raises(PeriscopyError, match="rank"):
-        small.pictures(replace(choice, method="preconditioned"), never)
+        small.pictures(replace(choice, method="preconditioned"), never)  # ambient light too
 
 
-@pytest.mark.parametrize("size", [(126, 126), (100, 400), (20, 20)])
+@pytest.mark.parametrize("size", [(126, 126), (50, 200), (40, 40)])
 def test_coarse_sizes_keep_more_pixels_than_patches(size):
-    shape, hidden = coarse_sizes(size, (29, 36), used=0.3)
+    small = coarse(load_scenario("plate", (29, 36), photograph=size), used=0.3)
+    shape, hidden = small.photograph_shape, small.hidden_shape
     assert max(shape) <= 32 and max(hidden) <= 12
     assert np.prod(hidden) <= 0.3 * np.prod(shape)

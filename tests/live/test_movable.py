@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.live.level import Level
 from periscopy_sim.live.movable import find_movables
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
 
-def found_in(path, given=None):
-    small = Level(path, {}, ((16, 16), (3, 4)), is_coarse=True)
-    return find_movables(given or {}, small.scenario)
+def found_in(path):
+    return find_movables(load_scenario(path, (3, 4), photograph=(16, 16)))
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport
-from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import fitted
-from periscopy_sim.calibration.problem import COARSE_HATS, LARGEST, MOST_PATCHES
+from periscopy_sim.calibration.problem import (
+    COARSE_HATS,
+    LARGEST,
+    MOST_PATCHES,
+    ambient_basis,
+    finest_view,
+)
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
@@ -28,7 +34,6 @@ from periscopy_sim.calibration.silhouette.unknown import STARTS, UnknownImage, s
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -101,20 +106,18 @@ def recover_silhouette(
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many
         as pictures (without these: one).
     """
-    from threadpoolctl import threadpool_limits
-
     report = progress or (lambda _: None)
     first = load_scenario(scene, hidden, parameters)
     plane = MaskPlane.of(first, shape)
     cells = cells or plane.square_cells()
     needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
-    read = [each.unmixed() for each in of_one_wall(photograph, first.photograph_shape)]
+    size = first.photograph_shape
+    read = [each.unmixed() for each in of_one_wall(photograph, size)]
     if len(read) != max(1, len(shown)):
         raise PhotographError(
             f"{len(read)} photographs of {len(shown)} shown pictures: give a photograph of each "
             "picture, or one photograph of an unknown one"
         )
-    size = first.photograph_shape
     longest = int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST))
     averaged = [averaged_photograph(each, fitted(size, longest)) for each in read]
     used, agreeing, starts = averaged[0].pixels, 0, 0
@@ -180,8 +183,8 @@ def _masked(
     """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
     used, scene = photograph.pixels, scenario.scene
     view, patches = View.of(scene, photograph.shape), Hidden.of_scene(scene, hidden)
-    fine = View.of(scene, photograph.shape, across=-(-LARGEST // max(photograph.shape)))
-    without = replace(fine.of_pixels(used), scene=scene.without(name))
+    fine = finest_view(scene, photograph.shape).of_pixels(used)
+    without = replace(fine, scene=scene.without(name))
     A = area_transport(Scenario(without, patches))
     shadows = CellShadows.of(A, Scenario(view, patches), plane, cells, used)
     if not shadows.light.any():
@@ -189,6 +192,4 @@ def _masked(
             f"scene '{scenario.path}': occluder '{name}' casts no shadow of the monitor into what "
             "the camera sees of the wall, wherever in its rectangle it is opaque"
         )
-    Q = background_basis(point_light_backgrounds(view)[used.ravel()])
-    off = [each[used] for each in photograph.monitor_off.values()]
-    return Mask.of(cells, shadows, used), joined_basis(Q, np.hstack([Q[:, :0], *off]))
+    return Mask.of(cells, shadows, used), ambient_basis(view, used, photograph)

@@ -1,8 +1,6 @@
 """A scene file with the mesh of a silhouette in the place of a shape."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from xml.dom import minidom
 
 import numpy as np
 
@@ -36,38 +34,23 @@ def write_masked_scene(
     """Write a scene with the values given and a flat mesh in the place of a shape.
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
-    move it. In the scene its file is called `mesh_name`, which it has once both are in their place.
-    If the silhouette is not to be trusted, the scene carries that, see `SceneCovariance`. For the
-    errors see `with_mesh`.
-    """
-    to_world = SceneNodes(scene.path, scene.given).layout().places[solution.name]
-    whole = cell_mesh(solution.plane, solution.opaque)
-    vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
-    write_ply(mesh, TriangleMesh(vertices, whole.faces))
-    doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
-    values = {CALIBRATED: doubted.text()} if solution.doubts else {}
-    write_document(with_mesh(scene, solution.name, mesh_name, values, copy.parent, remark), copy)
-
-
-def with_mesh(
-    scene: SceneDocument,
-    name: str,
-    mesh: str,
-    values: Mapping[str, str],
-    folder: Path,
-    remark: str = "",
-) -> minidom.Document:
-    """Return a scene file's XML with a mesh in the place of the shape of a name.
-
-    The mesh, a file's name as seen from `folder`, stands in the shape's own coordinates: the
-    shape's id, ``to_world`` and material are kept. For the rest see `with_defaults`.
+    move it, and has the shape's id and material. In the scene its file is called `mesh_name`, which
+    it has once both are in their place. If the silhouette is not to be trusted, the scene carries
+    that, see `SceneCovariance`. For the rest see `with_defaults`.
 
     Raises
     ------
     SceneError
         As `with_defaults`, or if the shape's tag is not in the file itself.
     """
-    document = with_defaults(scene, values, folder, remark)
+    name = solution.name
+    to_world = SceneNodes(scene.path, scene.given).layout().places[name]
+    whole = cell_mesh(solution.plane, solution.opaque)
+    vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
+    write_ply(mesh, TriangleMesh(vertices, whole.faces))
+    doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
+    values = {CALIBRATED: doubted.text()} if solution.doubts else {}
+    document = with_defaults(scene, values, copy.parent, remark)
     shapes = document.getElementsByTagName("shape")
     shape = next((each for each in shapes if each.getAttribute("id") == name), None)
     if shape is None:
@@ -79,10 +62,10 @@ def with_mesh(
     for child in list(shape.childNodes):
         if child.nodeName in _OWN:
             shape.removeChild(child)
-    file = element(document, "string", name="filename", value=literal(mesh))
+    file = element(document, "string", name="filename", value=literal(mesh_name))
     normals = element(document, "boolean", name="face_normals", value="true")
     prepend(document, shape, [file, normals])
-    return document
+    write_document(document, copy)
 
 
 def cell_mesh(plane: MaskPlane, opaque: Cells) -> TriangleMesh:

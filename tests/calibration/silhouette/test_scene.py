@@ -3,15 +3,17 @@ import pytest
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.scene import cell_mesh, with_mesh, write_masked_scene
+from periscopy_sim.calibration.silhouette.scene import cell_mesh, write_masked_scene
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from tests.scenes.silhouette import FLAG, HIDDEN, SCENE, silhouette
 
 
-def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):
-    text = with_mesh(read_document(scene), "card", "a & $turn.ply", {}, scene.parent).toxml()
+def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene, plane, tmp_path):
+    copy, mesh = tmp_path / "masked.xml", tmp_path / "masked.ply"
+    write_masked_scene(read_document(scene), silhouette(plane, FLAG), copy, mesh, "a & $turn.ply")
+    text = copy.read_text("utf-8").strip()
     before, after = SCENE.split('<shape type="rectangle" id="card">')
     assert text.partition('<shape type="ply" id="card">')[0].endswith(before.partition(">")[2])
     assert text.endswith(after[after.index("</shape>") :].strip())
@@ -20,12 +22,13 @@ def test_only_the_shape_is_replaced_and_its_place_and_material_stay(scene):
     assert '<rgb name="reflectance" value="0.1"/>' in text
 
 
-def test_a_shape_of_an_included_file_raises(tmp_path):
+def test_a_shape_of_an_included_file_raises(plane, tmp_path):
+    copy, mesh = tmp_path / "masked.xml", tmp_path / "masked.ply"
     path = tmp_path / "outer.xml"
     path.write_text('<scene version="3.0.0"><include filename="inner.xml"/></scene>')
     (tmp_path / "inner.xml").write_text(SCENE)
     with pytest.raises(SceneError, match="'card'"):
-        with_mesh(read_document(path), "card", "mask.ply", {}, tmp_path)
+        write_masked_scene(read_document(path), silhouette(plane, FLAG), copy, mesh, mesh.name)
 
 
 def corners_of(path, values):

@@ -10,7 +10,7 @@ from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.shipped import find_scene
+from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -41,10 +41,8 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
 
 
 def pictures_of(photograph=None, **values):
-    path = find_scene("plate")
-    sizes = (24, 24), (3, 4)
-    given = {"resolution": "24"}
-    level = Level(path, given, sizes, None, photograph, is_coarse=False)
+    scenario = load_scenario("plate", (3, 4), {"resolution": "24"})
+    level = Level(scenario, None, photograph, is_coarse=False)
     return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda: False)
 
 
