@@ -281,13 +281,12 @@ class WallSession(Session):
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
         """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        values, used = photograph.values, photograph.mask
-        defects = defective_pixels(values, used)
+        defects = defective_pixels(photograph)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
-            used = photograph.pixels & ~defects.any_kind
-            self.record |= left_out(used)
-        return replace(photograph, values=blackened(values, used), mask=used)
+            photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
+            self.record |= left_out(photograph.mask)
+        return replace(photograph, values=blackened(photograph.values, photograph.mask))
 
 
 @dataclass(eq=False)

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
-STORE = "sweep.zarr"
-RESULTS = (STORE, "sweep.csv", "sweep.png")
+RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
 VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
 """Settings that no rendering depends on: they may change until there are results."""
 
@@ -104,7 +103,7 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
+    with resumed_folder(out, settings, "sweep", (*RESULTS, *RENDERED), VARIED):
         session.check_scene()
         if wall is None:
             traced = _path_traced(session, str(hidden_image), out / "photograph.exr")

@@ -92,9 +92,7 @@ def open_frames(
     return Frames(tuple(map(str, range(stack.shape[0]))), read)
 
 
-def read_clip(
-    sequence: Frames, mask: NDArray[np.bool_] | None, progress: Callable[[float], None]
-) -> tuple[Array, list[str]]:
+def read_clip(sequence: Frames, progress: Callable[[float], None]) -> tuple[Array, list[str]]:
     """Read all photographs of a sequence, and the first warning of each kind, counted.
 
     The photographs are (frames, rows, columns, C), black where the mask leaves them out, as they
@@ -103,7 +101,7 @@ def read_clip(
     of_kind: dict[str, list[str]] = {}
     frames = []
     for photograph in sequence:
-        frames.append(blackened(photograph.values, mask))
+        frames.append(blackened(photograph.values, photograph.mask))
         for warning in photograph.warnings:
             of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
         progress(len(frames) / len(sequence))
