@@ -15,6 +15,7 @@ from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
+from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
@@ -36,8 +37,6 @@ def demo(
     ] = 1.0,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
-    from periscopy_sim.model.noise import camera_noise
-
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
     with staged_file(ambient) as file:
         require_vectorized("the demo")

@@ -15,6 +15,7 @@ from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import noise_to_signal
@@ -73,7 +74,6 @@ def sweep(
     """
     from periscopy_sim.evaluation import sweep as sweeps
     from periscopy_sim.evaluation.methods import find_method, source_sha256
-    from periscopy_sim.evaluation.workers import check_scheduler
 
     # Reject wrong values here, before hours of rendering.
     require_all()
