@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.prior import free_parameters, start_values
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
@@ -130,7 +132,6 @@ def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
 ) -> None:
     """Find parameters; write the scene that has them, JSON and a picture."""
-    from periscopy_sim.calibration.prior import free_parameters, start_values
     from periscopy_sim.figures.calibration import draw_calibration
 
     document = session.scenario.document
@@ -192,7 +193,6 @@ def _write_copy(
 
 def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
-    from periscopy_sim.calibration.silhouette.plane import MaskPlane
     from periscopy_sim.calibration.silhouette.recover import recover_silhouette
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette

@@ -15,6 +15,7 @@ from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
+from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
@@ -26,28 +27,25 @@ METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware m
 
 def demo(
     out: options.Out,
-    hidden: Annotated[str | None, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = None,
+    hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
     resolution: Annotated[
-        int | None, option("NUMBER", "Pixels along each side.", kind="resolution")
-    ] = None,
+        int, option("NUMBER", "Pixels along each side.", kind="resolution")
+    ] = 126,
     seed: options.Seed = 0,
     effort: Annotated[
-        float | None, option("NUMBER", "Fraction of the path tracer's samples.", kind="effort")
-    ] = None,
+        float, option("NUMBER", "Fraction of the path tracer's samples.", kind="effort")
+    ] = 1.0,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
-    from periscopy_sim.model.noise import camera_noise
-
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
-    fraction = effort or 1.0
     with staged_file(ambient) as file:
         require_vectorized("the demo")
         say(f"rendering with {use_variant()}")
-        named = "chair", hidden or "29x36", [f"resolution={resolution or 126}"], seed
+        named = "chair", hidden, [f"resolution={resolution}"], seed
         scene = PhotoSession(*named)
-        light = scene.ambient_light("ceiling_panels", 3e-4 / fraction**0.5)
+        light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
         write_exr(file, light, scene.metadata)
-    photograph(scene, image, photo, max(1, round(fraction * 4096)), str(ambient), sbr=0.5, snr=60.0)
+    photograph(scene, image, photo, max(1, round(effort * 4096)), str(ambient), sbr=0.5, snr=60.0)
     truth, y = scene.hidden_image(image), scene.photograph(photo).values
     noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
     snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))

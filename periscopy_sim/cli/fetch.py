@@ -1,7 +1,5 @@
 """`periscopy fetch`: published photographs, downloaded and made ready for `reconstruct`."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Annotated, Any

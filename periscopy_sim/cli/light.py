@@ -12,9 +12,9 @@ from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.transport.kernel import Strata
 
 if TYPE_CHECKING:
-    from periscopy_sim.rendering.transport.kernel import Strata
     from periscopy_sim.rendering.transport.plan import By, TransportPlan
     from periscopy_sim.storage.transport_matrix import Transport
 
@@ -58,7 +58,7 @@ class MonitorLight(options.OptionGroup):
         return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
 
     def transport(
-        self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: "Strata" = "jittered"
+        self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: Strata = "jittered"
     ) -> "Transport":
         """Compute A, (M, N), as planned, with a progress bar.
 

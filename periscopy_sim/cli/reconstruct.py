@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.prior import free_parameters
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
-from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import scenes_folder
@@ -101,8 +103,6 @@ def reconstruct(
 def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
-    from periscopy_sim.calibration.prior import free_parameters
-    from periscopy_sim.calibration.scene_covariance import scene_covariance
 
     scenario, scene = session.scenario, session.scene
     known = None if named else scene_covariance(scenario.document)
@@ -137,15 +137,13 @@ def write_report(
         panels.draw_certainty(file, image, report.standard_errors, counted, text)
     if report.residual is not None:
         caption = messages.verdict(report)
-        draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
+        panels.draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
 
 
 def _compare(
     folder: Path, image: Array, truth: Array, photograph: Array, session: Session
 ) -> dict[str, Any]:
     """Return metrics against the truth; draw both beside the photograph."""
-    from periscopy_sim.evaluation import metrics
-
     psnr, best = metrics.psnr(image, truth), metrics.registered(image, truth)
     panels.draw_panels(
         folder / "comparison.png",

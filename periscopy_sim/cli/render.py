@@ -13,8 +13,7 @@ from periscopy_sim.cli.options import LIGHT, option
 from periscopy_sim.cli.output import progress, say
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -87,7 +86,7 @@ def ambient(
 
     The command path traces each condition and writes NAME.exr.
     """
-    chosen = names or [*REALISTIC, *ADVERSARIAL]
+    chosen = names or CONDITIONS
     scenario = Session(scene, "1x1", define).scenario
     ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
     for file in (out / f"{Path(name).stem}.exr" for name in chosen):

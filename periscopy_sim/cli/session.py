@@ -13,15 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
 from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.survey import shadow_doubt
+from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
@@ -30,7 +34,6 @@ from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
-    from periscopy_sim.rendering.transport.kernel import Strata
 
 FINER = 0.75
 """Fraction of the misfit that a grid of twice the rows and columns explains where patches are too
@@ -48,8 +51,6 @@ def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
 
 def warn_without_shadows(scene: ps.Scenario, name: str, warn: Callable[[str], None] = warn) -> None:
     """Warn where no occluder casts a shadow into the camera's view."""
-    from periscopy_sim.rendering.survey import shadow_doubt
-
     if doubt := shadow_doubt(scene):
         warn(f"{name}: {doubt}")
 
@@ -186,7 +187,7 @@ class Session(options.OptionGroup):
         *,
         matrix: Path | None = None,
         method: str = DEFAULT,
-        strata: "Strata" = "jittered",
+        strata: Strata = "jittered",
     ) -> NDArray[np.float32]:
         """Return the mean of A over the channels, (M, N): of a file, or as `Light.plan` chooses.
 
@@ -281,13 +282,12 @@ class WallSession(Session):
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
         """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        values, used = photograph.values, photograph.mask
-        defects = defective_pixels(values, used)
+        defects = defective_pixels(photograph)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
-            used = photograph.pixels & ~defects.any_kind
-            self.record |= left_out(used)
-        return replace(photograph, values=blackened(values, used), mask=used)
+            photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
+            self.record |= left_out(photograph.mask)
+        return replace(photograph, values=blackened(photograph.values, photograph.mask))
 
 
 @dataclass(eq=False)
@@ -317,7 +317,6 @@ class PhotoSession(WallSession):
     ) -> "StillMethod[Any]":
         """Return a method fitted to the scene's A, of a file if one is given, B and the wall."""
         from periscopy_sim.evaluation.methods import fit_method
-        from periscopy_sim.model.noise import relative_noise
 
         colours = wall.colour_matrix and wall.colour_matrix.matrix
         self.record |= {"method": method, **settings, "colour_matrix": colours}
@@ -350,7 +349,6 @@ class PhotoSession(WallSession):
     ) -> "tuple[str, list[Note]]":
         """Return the sentence of the likeliest remedy, empty where the scene fits, and notes."""
         from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.calibration.scene_covariance import scene_covariance
         from periscopy_sim.reconstruction.method import Note
 
         if report.verdict.code == "unexplained":

@@ -1,8 +1,9 @@
 """`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,10 +15,11 @@ from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.photograph import seen_in
+from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -27,13 +29,13 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
 RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
-STORE = "sweep.zarr"
-RESULTS = (STORE, "sweep.csv", "sweep.png")
+RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
 VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
 """Settings that no rendering depends on: they may change until there are results."""
 
@@ -71,8 +73,7 @@ def sweep(
     The same command resumes an interrupted sweep.
     """
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.evaluation.methods import find_method, fit_method, source_sha256
-    from periscopy_sim.evaluation.workers import check_scheduler
+    from periscopy_sim.evaluation.methods import find_method, source_sha256
 
     # Reject wrong values here, before hours of rendering.
     require_all()
@@ -83,19 +84,14 @@ def sweep(
     for name in names:
         find_method(name)
     light.check_methods(*names)
-    scenario, seed = session.scenario, session.seed
+    check_scheduler(scheduler)
     shown = session.hidden_image(truth or hidden_image or "")
     wall = None if photograph is None else session.wall(photograph)
     used, off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
     given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
     digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
     settings = {
-        **{name: value for name, value in session.provenance.items() if name not in RUN},
-        "hidden_shape": scenario.hidden_shape,
-        "model": light.model and light.model.value,
-        "samples": light.samples,
-        **light.origin,
-        "base_seed": seed,
+        **_scene_settings(session, light),
         "mask": None if used is None else sweeps.array_sha256(used),
         "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
         "photograph": "path traced" if wall is None else sweeps.array_sha256(wall.values),
@@ -107,26 +103,18 @@ def sweep(
         "snr": snr,
         "seeds": seeds,
     }
-    check_scheduler(scheduler)
-    with resumed_folder(out, settings, "sweep", (STORE, *RENDERED, *RESULTS), VARIED):
+    with resumed_folder(out, settings, "sweep", (*RESULTS, *RENDERED), VARIED):
         session.check_scene()
-        noise = noise_to_signal(snr, max(ratios))
-        plans = {name: light.plan(scenario, noise, seed, name) for name in names}
-        each = dict.fromkeys(plans.values())
-        matrices = {plan: _transport(session, light, plan, out) for plan in each}
-        B = light.backgrounds(scenario)
         if wall is None:
-            file = out / "photograph.exr"
-            if not file.is_file():
-                take_photograph(session=session, image=str(hidden_image), out=file)
-            wall = replace(session.photograph(file), mask=used, monitor_off=off)
-        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
-            fitted = {
-                name: fit_method(name, scenario, matrices[plan], B, wall)
-                for name, plan in plans.items()
-            }
+            traced = _path_traced(session, str(hidden_image), out / "photograph.exr")
+            wall = replace(traced, mask=used, monitor_off=off)
+        noise = noise_to_signal(snr, max(ratios))
+        plans = {n: light.plan(session.scenario, noise, session.seed, n) for n in names}
+        fitted, made_of = _fit_methods(session, light, plans, wall, out)
         missing = [name for name in lights if name not in given]
-        given |= ambient_photographs(missing, scenario, out / "ambient", seed, progress=progress)
+        given |= ambient_photographs(
+            missing, session.scenario, out / "ambient", session.seed, progress=progress
+        )
         lit = {name: seen_in(given[name], wall.channels) for name in lights}
         whole = sweeps.Sweep(
             signal=wall,
@@ -136,13 +124,9 @@ def sweep(
             sbrs=ratios,
             snr=snr,
             seeds=range(seeds),
-            seed=seed,
+            seed=session.seed,
             transport={name: plan.origin for name, plan in plans.items()},
-            conditions={
-                "settings": settings,
-                "A_sha256": {n: sweeps.array_sha256(matrices[plan]) for n, plan in plans.items()},
-                "B_sha256": sweeps.array_sha256(B),
-            },
+            conditions={"settings": settings, **made_of},
         )
         with progress("sweeping") as report:
             results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
@@ -152,6 +136,45 @@ def sweep(
     for name, plan in plans.items():
         session.check_error(plan.origin, noise, f"{name}: A")
     say_written(*(out / name for name in RESULTS))
+
+
+def _scene_settings(session: Session, light: Light) -> dict[str, Any]:
+    """Return the settings of the scene, its A and its B."""
+    return {
+        **{name: value for name, value in session.provenance.items() if name not in RUN},
+        "hidden_shape": session.scenario.hidden_shape,
+        "model": light.model and light.model.value,
+        "samples": light.samples,
+        **light.origin,
+        "base_seed": session.seed,
+    }
+
+
+def _path_traced(session: Session, hidden_image: str, file: Path) -> Photograph:
+    """Return the photograph of a hidden image, from its file if a former run wrote it."""
+    if not file.is_file():
+        take_photograph(session=session, image=hidden_image, out=file)
+    return session.photograph(file)
+
+
+def _fit_methods(
+    session: Session,
+    light: Light,
+    plans: "Mapping[str, TransportPlan]",
+    wall: Photograph,
+    out: Path,
+) -> tuple[Mapping[str, "Method"], dict[str, Any]]:
+    """Return each method, fitted to A as planned for it, and the digests of all A and of B."""
+    from periscopy_sim.evaluation.methods import fit_method
+    from periscopy_sim.evaluation.sweep import array_sha256
+
+    each = dict.fromkeys(plans.values())
+    matrices = {plan: _transport(session, light, plan, out) for plan in each}
+    scenario, B = session.scenario, light.backgrounds(session.scenario)
+    with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
+        fitted = {n: fit_method(n, scenario, matrices[p], B, wall) for n, p in plans.items()}
+    digests = {name: array_sha256(matrices[plan]) for name, plan in plans.items()}
+    return fitted, {"A_sha256": digests, "B_sha256": array_sha256(B)}
 
 
 def _transport(

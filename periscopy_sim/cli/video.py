@@ -13,8 +13,7 @@ from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
-from periscopy_sim.figures import video as drawing
-from periscopy_sim.figures.animation import require_encoder
+from periscopy_sim.figures import animation
 from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -51,7 +50,7 @@ def video(
     from periscopy_sim.evaluation import video_metrics
 
     for ending in also or ():
-        require_encoder(ending)
+        animation.require_encoder(ending)
     formats = ["png", *dict.fromkeys(also or ())]
     settings = options.settings_for(method, numbers.values, options.FOR_VIDEOS, coupling)
     entry = METHODS[method]
@@ -71,19 +70,19 @@ def video(
             images, records, first = _recover(session, recovery, names, photographs)
             report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
         np.save(folder / "frames.npy", images)
-        text, white = session.metadata, drawing.white_of(images)
+        text, white = session.metadata, animation.white_of(images)
         with session.timed("draw"):
             if known is not None:
                 video_metrics.compare(records, images, known)
                 errors = [record["mean_squared_error"] for record in records]
                 sheet = folder / "frames_sheet.png"
-                drawing.draw_sheet(sheet, photographs, known, images, errors, text)
+                animation.draw_sheet(sheet, photographs, known, images, errors, text)
             with progress("drawing the frames") as drawn:
-                drawing.draw_frames(folder / "frames", images, white, text, drawn)
+                animation.draw_frames(folder / "frames", images, white, text, drawn)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
                     file = folder / f"video.{ending}"
-                    drawing.draw_video(file, photographs, images, known, white, rate, text, drawn)
+                    animation.draw_video(file, photographs, images, known, white, rate, text, drawn)
         if report.residual is not None:
             caption = messages.verdict(report)
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
@@ -116,7 +115,7 @@ def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps
     with session.timed("read the frames"), progress("reading the photographs") as report:
         used, off = session.companions()
         sequence = sequences.open_frames(frames, shape, used)
-        photographs, warnings = sequences.read_clip(sequence, used, report)
+        photographs, warnings = sequences.read_clip(sequence, report)
     for warning in warnings:
         session.warn(warning)
     first = ps.Photograph(photographs[0], used, off, session.colours)

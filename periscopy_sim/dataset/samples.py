@@ -39,7 +39,6 @@ from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
 from periscopy_sim.storage.photographs import read_photograph
-from periscopy_sim.view import WallFrame
 
 GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
 """Streams of random numbers."""
@@ -172,7 +171,6 @@ def make_samples(
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     hidden = np.concatenate([clip.hidden for clip in clips])
     signals = _signals(geometry, hidden)
-    frame = scenario.view.frame
     photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
     scales = np.empty(len(hidden))
@@ -183,7 +181,7 @@ def make_samples(
     def expose(number: int) -> None:
         """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
         clip, frames = clips[number], slice(number * length, (number + 1) * length)
-        light = _background(clip.ambient, scenario, frame, backgrounds)
+        light = _background(clip.ambient, scenario, backgrounds)
         signal, mean = signals[frames], signals[frames].mean()  # of the clip: frames may differ
         if not mean > 0:
             raise ConfigurationError(
@@ -238,12 +236,12 @@ def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
 
 
 def _background(
-    ambient: AmbientDraw, scenario: Scenario, frame: WallFrame, backgrounds: "Backgrounds"
+    ambient: AmbientDraw, scenario: Scenario, backgrounds: "Backgrounds"
 ) -> Array | None:
     """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
     shape = (*scenario.photograph_shape, 3)
     if ambient.lamps is not None:
-        places, powers = ambient.lamps
+        (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
         light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
         return (light * scenario.channel_gain).reshape(shape)

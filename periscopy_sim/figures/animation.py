@@ -1,11 +1,11 @@
-"""Animated panels side by side under their titles: PNG, MP4 (H.264) and WebM (VP9).
+"""Pictures of videos: frames, contact sheets, and panels side by side in time.
 
-Pillow keeps all frames of a PNG in memory (346 MB for 400 frames of 756 x 286 pixels); PyAV encodes
-the others as they come.
+Animations are PNG, MP4 (H.264) or WebM (VP9) files. Pillow keeps all frames of a PNG in memory (346
+MB for 400 frames of 756 x 286 pixels); PyAV encodes the others as they come.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
+from periscopy_sim.evaluation.metrics import gain_matched
 from periscopy_sim.extras import require
+from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.figures.style import drawn
 from periscopy_sim.numerics import Image
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
@@ -170,3 +172,78 @@ def draw_contact_sheet(
             below[0].set_title(title, fontsize=fontsize)
             if notes is not None:
                 below[-1].set_xlabel(notes[k], fontsize=fontsize)
+
+
+def white_of(frames: Image, most: int = 1000) -> float:
+    """Choose one white for a whole sequence, so that its brightness does not flicker.
+
+    The 99.5th percentile; of a long sequence, that of `most` frames evenly chosen.
+    """
+    return float(np.percentile(frames[evenly_chosen(len(frames), most)], 99.5))
+
+
+def draw_frames(
+    folder: Path,
+    images: Image,
+    white: float,
+    text: dict[str, str],
+    progress: Callable[[float], None],
+) -> None:
+    """Draw each frame as a picture of its own, 0000.png and so on, with one white for all."""
+    folder.mkdir()
+    digits = max(4, len(str(len(images) - 1)))
+    for k, image in enumerate(images):
+        write_enlarged(folder / f"{k:0{digits}}.png", displayable(image, white), text)
+        progress((k + 1) / len(images))
+
+
+def draw_sheet(
+    path: Path,
+    photographs: Image,
+    known: Image,
+    images: Image,
+    errors: Sequence[float],
+    text: dict[str, str],
+    most: int = 8,
+) -> None:
+    """Draw photograph, hidden image and gain-matched image of evenly chosen frames (Fig. 7).
+
+    The frames' mean squared errors, `errors`, stand beneath.
+    """
+    chosen = evenly_chosen(len(errors), most)
+    white = white_of(photographs)
+    rows = [
+        ("photograph", [displayable(photographs[k], white) for k in chosen]),
+        ("hidden image", [displayable(known[k], 1) for k in chosen]),
+        ("reconstruction", [gain_matched(images[k], known[k]) for k in chosen]),
+    ]
+    titles, notes = [f"frame {k}" for k in chosen], [f"MSE {errors[k]:.2g}" for k in chosen]
+    draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
+
+
+def draw_video(
+    path: Path,
+    photographs: Image,
+    images: Image,
+    known: Image | None,
+    white: float,
+    rate: float,
+    text: dict[str, str],
+    progress: Callable[[float], None],
+) -> None:
+    """Draw photograph, reconstruction and, if it is known, the truth side by side in time.
+
+    The path's ending sets the format, see `draw_animation`.
+    """
+    panels = {
+        "photograph": (photographs, white_of(photographs)),
+        "reconstruction": (images, white),
+        **({} if known is None else {"truth": (known, 1.0)}),
+    }
+
+    def moments() -> Iterator[list[Image]]:
+        for k in range(len(images)):
+            yield [displayable(shown[k], level) for shown, level in panels.values()]
+            progress((k + 1) / len(images))
+
+    draw_animation(path, list(panels), moments(), rate=rate, metadata=text)

@@ -57,9 +57,8 @@ def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") ->
         f"unexplained {time}: {number} %": 100 * residual.mean(axis=2)
         for time, number, residual in zip(times, numbers, residuals, strict=True)
     }
-    bound = 100 * float(np.percentile(np.abs(residuals[0].mean(axis=2)), 99)) or 1.0
     show_light(axes[0], "photograph", photograph)
-    show_signed(axes[1:], maps, bound, "% of the photograph's root mean square")
+    show_signed(axes[1:], maps, "% of the photograph's root mean square")
 
 
 def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, str]) -> None:
@@ -98,7 +97,6 @@ def draw_silhouette(
     The photograph is (rows, columns, 3), linear.
     """
     residual = 100 * solution.residual.mean(axis=2)
-    bound = float(np.percentile(np.abs(residual), 99)) or 1.0
     with drawn(path, metadata) as figure:
         figure.set_size_inches(12, 3.4)
         axes = figure.subplots(1, 4)
@@ -111,5 +109,5 @@ def draw_silhouette(
         axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
         show_light(axes[2], "image with this silhouette", solution.image)
         title = f"unexplained: {100 * solution.unexplained:.2f} %"
-        show_signed(axes[3:], {title: residual}, bound, "% of the photograph's rms")
+        show_signed(axes[3:], {title: residual}, "% of the photograph's rms")
         figure.suptitle("\n".join(solution.doubts), color="#cb181d")

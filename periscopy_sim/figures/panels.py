@@ -54,11 +54,14 @@ def show_light(ax: Any, title: str, image: Image, white: float | None = None) ->
     show(ax, title, srgb_encode(displayable(image, white)))
 
 
-def show_signed(axes: Sequence[Any], maps: Mapping[str, Image], bound: float, unit: str) -> None:
+def show_signed(
+    axes: Sequence[Any], maps: Mapping[str, Image], unit: str, bound: float = 0.0
+) -> None:
     """Show maps, (rows, columns), by their titles, red above 0 and blue below, with a colour bar.
 
-    Colours end at `bound` either way; NaN is grey.
+    Colours end at `bound` either way, or at the first map's 99th percentile; NaN is grey.
     """
+    bound = bound or float(np.percentile(np.abs(next(iter(maps.values()))), 99)) or 1.0
     colours = mpl.colormaps["RdBu_r"].with_extremes(bad="0.6")
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
@@ -198,7 +201,7 @@ def draw_residual(
         figure.set_size_inches(6.4 * values.shape[1] / values.shape[0] + 1.3, 3.6)
         axes = figure.subplots(1, 2)
         show_light(axes[0], "photograph", photograph)
-        show_signed(axes[1:], {"unexplained": values}, bound, unit)
+        show_signed(axes[1:], {"unexplained": values}, unit, bound)
         figure.supxlabel(caption)
 
 

@@ -1,7 +1,5 @@
 """Published photographs of hidden scenes: downloaded once, checked by their sums, and read."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Callable, Mapping

@@ -92,9 +92,7 @@ def open_frames(
     return Frames(tuple(map(str, range(stack.shape[0]))), read)
 
 
-def read_clip(
-    sequence: Frames, mask: NDArray[np.bool_] | None, progress: Callable[[float], None]
-) -> tuple[Array, list[str]]:
+def read_clip(sequence: Frames, progress: Callable[[float], None]) -> tuple[Array, list[str]]:
     """Read all photographs of a sequence, and the first warning of each kind, counted.
 
     The photographs are (frames, rows, columns, C), black where the mask leaves them out, as they
@@ -103,7 +101,7 @@ def read_clip(
     of_kind: dict[str, list[str]] = {}
     frames = []
     for photograph in sequence:
-        frames.append(blackened(photograph.values, mask))
+        frames.append(blackened(photograph.values, photograph.mask))
         for warning in photograph.warnings:
             of_kind.setdefault(warning.partition(": ")[2], []).append(warning)
         progress(len(frames) / len(sequence))
@@ -120,12 +118,22 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
     frame. Each is averaged over the area of each patch: (rows, columns, 3). Neither one frame nor
     `count` is a `PhotographError`.
     """
-    number, read = _hidden_frames(Path(path), shape)
+    path = Path(path)
+    images: Iterator[Array]
+    if path.is_dir():
+        files = files_of_one_kind(path)
+        number, images = len(files), (read_hidden_image(file, shape) for file in files)
+    elif format_of(path).name == "NPY" and mapped_stack(path).ndim == 4:
+        stack = _checked(mapped_stack(path), path)
+        lights = (linear_light(each, f"{path}, frame {k}") for k, each in enumerate(stack))
+        number, images = len(stack), (area_average(light, shape) for light in lights)
+    else:
+        number, images = 1, iter([read_hidden_image(path, shape)])
     if number not in (1, count):
         raise PhotographError(
             f"{path}: holds {number} hidden images for {count} photographs; give as many, or one"
         )
-    return map(read, range(count)) if number == count else repeat(read(0), count)
+    return images if number == count else repeat(next(images), count)
 
 
 def files_of_one_kind(folder: Path) -> list[Path]:
@@ -163,14 +171,3 @@ def _checked(stack: Any, path: Path) -> Any:
             f"channels), of at most {MOST_FRAMES} frames"
         )
     return stack
-
-
-def _hidden_frames(path: Path, shape: tuple[int, int]) -> tuple[int, Callable[[int], Array]]:
-    """Return the number of frames, and what reads one."""
-    if path.is_dir():
-        files = files_of_one_kind(path)
-        return len(files), lambda k: read_hidden_image(files[k], shape)
-    if format_of(path).name != "NPY" or mapped_stack(path).ndim != 4:
-        return 1, lambda _: read_hidden_image(path, shape)
-    stack = _checked(mapped_stack(path), path)
-    return len(stack), lambda k: area_average(linear_light(stack[k], f"{path}, frame {k}"), shape)

@@ -90,11 +90,10 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
             np.save(staged, mean)
             made = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
             if isinstance(A, BouncedTransport):
-                light = {name: getattr(A.bounced, name) for name in ("over_wall", "of_patches")}
-                error = A.bounced.relative_error
-                np.savez(staged_bounced[0], **light, relative_error=error)
-                made["bounced_sha256"] = _sha256(*light.values())
-                record = {**record, "bounced_relative_error": error}
+                light = A.bounced
+                np.savez(staged_bounced[0], **{name: getattr(light, name) for name in BOUNCED})
+                made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+                record = {**record, "bounced_relative_error": light.relative_error}
             staged_record.write_text(json.dumps({**record, **made}, indent=2) + "\n", "utf-8")
 
         yield write

@@ -88,7 +88,7 @@ def test_a_clip_is_read_with_the_first_warning_of_each_kind(tmp_path):
     for k in range(3):
         Image.fromarray((COUNTS[k] >> 8).astype(np.uint8)).save(tmp_path / f"{k}.png")
     done = []
-    photographs, warnings = read_clip(open_frames(tmp_path, SHAPE, mask), mask, done.append)
+    photographs, warnings = read_clip(open_frames(tmp_path, SHAPE, mask), done.append)
     assert photographs.shape == (3, *SHAPE, 3) and done[-1] == 1
     assert (photographs[:, ~mask] == 0).all() and photographs[:, mask].any()
     assert len(warnings) == 1 and warnings[0].endswith("(likewise 2 more)")

@@ -76,7 +76,9 @@ class Records:
     """Which blocks of a store are complete, one file each; the store's attributes identify it."""
 
     def __init__(self, path: Path, layout: StoreLayout, attributes: Mapping[str, Any]) -> None:
-        self.path, self.layout, self.of = path, layout, digest_of(attributes)
+        self.path, self.layout = path, layout
+        fixed = {name: value for name, value in attributes.items() if name != "count"}
+        self.of = hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
     def file(self, number: int) -> Path:
         """Return the file whose presence says that a block is complete."""
@@ -222,12 +224,6 @@ def check_place(path: Path, what: str) -> None:
     begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
     if not begun and any(each.is_file() for each in path.rglob("*")):
         raise OutputError(f"{path} is not empty and no {what}; name another folder")
-
-
-def digest_of(attributes: Mapping[str, Any]) -> str:
-    """Return the digest of all that entries depend on, which leaves out the `count`."""
-    fixed = {name: value for name, value in attributes.items() if name != "count"}
-    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def checksum(file: Path) -> str | None:
