@@ -10,10 +10,10 @@ from typer.core import TyperGroup
 
 import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, example_option, option, parse_indices
+from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices
 from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
-from periscopy_sim.errors import DatasetError
+from periscopy_sim.errors import DatasetError, PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -42,18 +42,27 @@ app = typer.Typer(
 @app.command("make")
 def make(
     configuration: Annotated[
-        Path, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
-    ],
-    out: Annotated[Path, option("FOLDER", "The Zarr archive, made or continued.", group=OUTPUT)],
+        Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
+    ] = None,
+    out: Annotated[
+        Path | None, option("FOLDER", "The Zarr archive, made or continued.", group=OUTPUT)
+    ] = None,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
     ] = None,
     scheduler: Scheduler = None,
-    example: Annotated[  # noqa: ARG001
-        bool, example_option("dataset.configuration", "a commented configuration")
+    example: Annotated[
+        bool, typer.Option("--example", help="Print a commented configuration and exit.")
     ] = False,
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
+    from periscopy_sim.dataset.configuration import EXAMPLE
+
+    if example:
+        print(EXAMPLE.read_text("utf-8"), end="")
+        return
+    if configuration is None or out is None:
+        raise PeriscopyError("name CONFIG.yaml and --out; --example prints a configuration")
     require_all()
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()

@@ -5,7 +5,6 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from enum import StrEnum
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -75,19 +74,6 @@ def option(
     if "max" in more:
         more["callback"] = _no_nan
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
-
-
-def example_option(module: str, what: str) -> Any:
-    """Return an option that prints what the `EXAMPLE` of a module holds, and ends the command."""
-
-    def print_example(asked: bool) -> None:
-        if asked:
-            example = import_module(f"periscopy_sim.{module}").EXAMPLE  # at use: it takes 0.2 s
-            print(example.read_text("utf-8"), end="")
-            raise typer.Exit
-
-    words = f"Print {what} and exit."
-    return typer.Option("--example", help=words, callback=print_example, is_eager=True)
 
 
 class OptionGroup:

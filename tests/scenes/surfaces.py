@@ -22,4 +22,6 @@ def screen_and_column() -> Hidden:
 
 def alone(hidden: Hidden) -> list[Hidden]:
     """Return each surface of a hidden by itself."""
-    return [Hidden({name: surface}, by_distance=hidden.by_distance) for name, surface in hidden.items()]
+    return [
+        Hidden({name: surface}, by_distance=hidden.by_distance) for name, surface in hidden.items()
+    ]

@@ -7,10 +7,10 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, example_option, option, require_suffix
+from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import progress, say, say_written
 from periscopy_sim.cli.session import provenance_of, warn_without_shadows
-from periscopy_sim.figures.laboratory.projections import laboratory_figure
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -19,20 +19,27 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 def lab(
     measurements: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements.")
-    ],
+        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements.")
+    ] = None,
     out: Annotated[
-        Path,
+        Path | None,
         option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
-    ],
-    example: Annotated[  # noqa: ARG001
-        bool, example_option("laboratory.document", "commented measurements")
+    ] = None,
+    example: Annotated[
+        bool, typer.Option("--example", help="Print commented measurements and exit.")
     ] = False,
 ) -> None:
     """Make a scene of a laboratory from a ruler's measurements.
 
     Each number and its error become <default>s of the scene.
     """
+    from periscopy_sim.laboratory.document import EXAMPLE
+
+    if example:
+        print(EXAMPLE.read_text("utf-8"), end="")
+        return
+    if measurements is None or out is None:
+        raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     say_written(*ps.build_laboratory(measurements, out))
     warn_without_shadows(ps.load_scenario(out, (1, 1), photograph=PIXELS), str(out))
@@ -48,6 +55,8 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
 
     Look at it to find wrong signs and units.
     """
+    from periscopy_sim.figures.laboratory.projections import laboratory_figure
+
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
