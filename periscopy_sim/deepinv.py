@@ -12,19 +12,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.model.fit import Fit
+from periscopy_sim.numerics import Image
 
 torch = require("torch")
 if TYPE_CHECKING:
     from deepinv import physics
 else:
     physics = require("deepinv").physics
-
-Array = NDArray[Any]
 
 
 class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no types
@@ -36,7 +35,7 @@ class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no t
         self.register_buffer("ambient", ambient, persistent=False)
 
     def forward(self, y: Any, seed: int | None = None) -> Any:
-        """Return (B, 3, r, c) photographs with ambient light and noise."""
+        """Return (B, C, r, c) photographs with ambient light and noise."""
         self.rng_manual_seed(seed)
         each = (-3, -2, -1)
         if self.ambient is not None:
@@ -48,7 +47,7 @@ class Measurement(physics.NoiseModel):  # type: ignore[misc]  # deepinv has no t
 
 
 class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no types
-    """The wall's photograph of a hidden image: (B, 3, R, C) to (B, 3, r, c), of operator norm 1.
+    """The wall's photograph of a hidden image, (B, C, R, C') to (B, C, r, c), of operator norm 1.
 
     Divide a photograph that was not made here by `norm` and project its backgrounds out:
     ``physics.reject_backgrounds(photograph / physics.norm)``.
@@ -60,7 +59,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     snr
         Signal-to-noise ratio of a photograph in dB, as of `add_noise`; None for no noise.
     ambient
-        (r, c, 3) ambient light in any unit, as `render_background` gives it; None for none.
+        (r, c, C) ambient light in any unit, as `render_background` gives it; None for none.
     sbr
         mean(signal) / mean(ambient light), as of `composite`.
     backgrounds
@@ -91,9 +90,9 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         transport: Any,
         *,
         snr: float | None = 60.0,
-        ambient: Array | None = None,
+        ambient: Image | None = None,
         sbr: float = 0.5,
-        backgrounds: Array | None = None,
+        backgrounds: Image | None = None,
         seed: int = 0,
         device: Any = "cpu",
         **sizes: Any,
@@ -103,26 +102,22 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         if not (np.isfinite(sbr) and sbr > 0):
             raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
         light = TorchTransport(transport, **sizes)
-        shape = (3, *light.photograph_shape)
-        b = None
+        b, shape = None, (*light.photograph_shape, len(light.gain))
         if ambient is not None:
             ambient = np.asarray(ambient)
-            if np.shape(ambient) != (*shape[1:], 3) or not np.mean(ambient) > 0:
-                raise ValueError(f"ambient light is {(*shape[1:], 3)}, of a positive mean")
+            if ambient.shape != shape or not np.mean(ambient) > 0:
+                raise ValueError(f"ambient light is {shape}, of a positive mean")
             b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)
         rng = torch.Generator(device).manual_seed(seed)
         super().__init__(
-            img_size=(3, *light.hidden_shape),
+            img_size=(len(light.gain), *light.hidden_shape),
             noise_model=Measurement(snr, b, sbr, rng),
             sensor_model=self.reject_backgrounds,
         )
-        Q = None
-        if backgrounds is not None:
-            if len(backgrounds) != len(light.A):
-                raise ValueError(f"backgrounds have {len(backgrounds)} rows, A has {len(light.A)}")
-            Q = torch.as_tensor(background_basis(np.asarray(backgrounds))).to(light.A)
-        seen = light.A if Q is None else light.A - Q @ (Q.T @ light.A)
-        self.norm = float(torch.linalg.eigvalsh(seen.T @ seen)[-1].sqrt() * light.gain.max())
+        fit = Fit(light.A.numpy(), backgrounds, hidden=Hidden.of(light.hidden_shape))
+        Q = None if backgrounds is None else torch.as_tensor(fit.basis).to(light.A)
+        strongest = np.linalg.eigvalsh(fit.operator.gram)[-1]
+        self.norm = float(np.sqrt(strongest)) * float(light.gain.max())
         light.A = light.A / self.norm
         self._light = light
         self.register_buffer("_A", light.A, persistent=False)

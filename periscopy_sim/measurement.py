@@ -16,7 +16,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     Parameters
     ----------
     signal, background
-        (rows, columns, 3) photographs, in any unit.
+        (rows, columns, channels) photographs, in any unit.
     sbr
         mean(signal) / mean(background) of the composite, over all pixels and channels; the signal
         is the monitor's light alone.
@@ -24,7 +24,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     Returns
     -------
     ndarray
-        (rows, columns, 3), scaled to a mean of 1.
+        (rows, columns, channels), scaled to a mean of 1.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     Parameters
     ----------
     photograph
-        (rows, columns, 3), in any unit; the result is in the same.
+        (rows, columns, channels), in any unit; the result is in the same.
     snr
         Signal-to-noise ratio in dB. Its signal is the whole photograph, ambient light included.
     seed
@@ -78,10 +78,10 @@ def noise_to_signal(snr: float, sbr: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What a sensor read, (rows, columns, 3), linear, in units of the photograph exposed.
+    """What a sensor read, (rows, columns, channels), linear, in units of the photograph exposed.
 
-    Black level and gain are undone. `saturated`, (3,), counts the values in each channel that met
-    the full well or the top code in any frame.
+    Black level and gain are undone. `saturated`, (channels,), counts the values in each channel
+    that met the full well or the top code in any frame.
     """
 
     values: Array
@@ -178,7 +178,7 @@ class Sensor:
         Parameters
         ----------
         photograph
-            (rows, columns, 3) noise-free light, in any linear unit.
+            (rows, columns, channels) noise-free light, in any linear unit.
         seed
             Seed of all the noise.
         reference
@@ -188,12 +188,14 @@ class Sensor:
         Raises
         ------
         ValueError
-            If the photograph has not 3 channels, is negative anywhere or not finite, or the
+            If the photograph is of another form, is negative anywhere or not finite, or the
             reference (or the mean) is not positive.
         """
         light = np.asarray(photograph, np.float64)
-        if light.ndim != 3 or light.shape[2] != 3:
-            raise InputError(f"a photograph is (rows, columns, 3), not of shape {light.shape}")
+        if light.ndim != 3:
+            raise InputError(
+                f"a photograph is (rows, columns, channels), not of shape {light.shape}"
+            )
         if not (np.isfinite(light).all() and (light >= 0).all()):
             raise InputError(
                 "light to expose must be finite and not negative: give it without noise, black "

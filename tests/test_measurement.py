@@ -218,8 +218,7 @@ def test_sensor_that_cannot_be_is_refused(name, values, message):
 @pytest.mark.parametrize(
     ("photograph", "reference", "message"),
     [
-        (np.ones((4, 4)), None, r"\(rows, columns, 3\), not of shape \(4, 4\)"),
-        (np.ones((4, 4, 4)), None, r"not of shape \(4, 4, 4\)"),
+        (np.ones((4, 4)), None, r"\(rows, columns, channels\), not of shape \(4, 4\)"),
         (np.full(SHAPE, -1e-9), None, "not negative"),
         (np.full(SHAPE, np.inf), 1.0, "finite"),
         (np.zeros(SHAPE), None, "is the photograph black"),

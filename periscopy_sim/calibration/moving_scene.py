@@ -141,15 +141,15 @@ def uncertain_transport(
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
-        f, parts = image.reshape(-1, 3).astype(np.float32), []
+        f, parts = image.reshape(scenario.hidden.patches, -1).astype(np.float32), []
         for band in bands:
             pixels = np.zeros(coarse, bool)
             pixels[band] = True
             part = Scenario(view.of_pixels(pixels), scenario.hidden)
             parts.append(MovingScene(part, names, deviations).linearized(values)[1] @ f)
-        light = np.concatenate(parts, axis=1).reshape(-1, *coarse, 3)
+        light = np.concatenate(parts, axis=1).reshape(len(names), *coarse, -1)
         finer = 1, *np.divide(shape, coarse), 1
         smooth = ndimage.zoom(light, finer, order=1, mode="nearest", grid_mode=True)
-        return np.asarray(smooth.reshape(len(names), -1, 3))
+        return np.asarray(smooth.reshape(len(names), np.prod(shape), -1))
 
     return UncertainTransport(names, directions, slopes)

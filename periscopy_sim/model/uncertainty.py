@@ -63,7 +63,7 @@ def standard_errors(
     excludes is left out of account, so errors of images with much black are reported too large.
 
     `gram` is A⊥ᵀA⊥, (N, N), of the given rank, `differences` are those of images and `f` is f̂,
-    (N, 3). The precision is Π = Mᵀ diag(1/σ_c²) M, (3, 3), the weight λ > 0, and the misfit
+    (N, 3). The precision is Π = Mᵀ diag(1/σ_c²) M, the weight λ > 0, and the misfit
     Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² in the camera's channels. The response, (K, 3, N), is A⊥ᵀT Σ^½ of
     the scene's own errors, in the primaries; None for a scene that is right.
     """
@@ -148,7 +148,8 @@ class UncertainTransport:
     directions
         (P, K) L, in the units of the parameters.
     slopes
-        Returns the derivatives by the parameters, (P, M, 3), of the light of an image, (R, C, 3).
+        Returns the derivatives by the parameters, (P, M, channels), of the light of an image,
+        (R, C, channels).
     """
 
     names: tuple[str, ...]
@@ -158,7 +159,7 @@ class UncertainTransport:
     def lights(self, image: Array, mask: Mask | None = None) -> Array:
         """Return D f, (K, 3, M'): what each direction's standard error does to an image's light.
 
-        The image is (R, C, 3); M' counts the pixels used.
+        The image is (R, C, channels); M' counts the pixels used.
         """
         used = slice(None) if mask is None else mask.ravel()
         light = self.slopes(image)[:, used]

@@ -5,21 +5,17 @@ product, and its threads then spin for milliseconds on the cores that the next s
 by the noise-aware method took half as long again, and the frames of a video twice as long.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.compilation import compiled_reordered
 from periscopy_sim.numerics.machine import in_parallel, ranges
-
-Array = NDArray[Any]
 
 CHUNK = 1024
 """Columns at a time: those of all vectors and of a few rows then stay in the cache."""
 
 
-def times_rows(vectors: Array, matrix: Array) -> Array:
+def times_rows(vectors: Image, matrix: Image) -> Image:
     """Multiply vectors by the rows of a matrix: `vectors @ matrix.T`, (K, N), of the vectors' type.
 
     The vectors, (K, M), and the matrix, (N, M) of the same type or a narrower one, are
@@ -35,7 +31,7 @@ def times_rows(vectors: Array, matrix: Array) -> Array:
 
 
 @compiled_reordered
-def _multiply(vectors: Array, matrix: Array, start: int, stop: int, product: Array) -> None:
+def _multiply(vectors: Image, matrix: Image, start: int, stop: int, product: Image) -> None:
     """Add the products of blocks of four rows, three vectors at a time.
 
     Four rows read side by side keep more of memory's requests under way than one alone. Past the
@@ -72,7 +68,7 @@ def _multiply(vectors: Array, matrix: Array, start: int, stop: int, product: Arr
                         product[k + n, row + r] += sums[n][r]
 
 
-def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> None:
+def subtract_combinations(vectors: Image, coefficients: Image, rows: Image) -> None:
     """Subtract combinations of rows from vectors, in place: `vectors -= coefficients @ rows`.
 
     The shapes are (K, M), (K, r) and (r, M), of one type, the vectors C-contiguous.
@@ -82,7 +78,7 @@ def subtract_combinations(vectors: Array, coefficients: Array, rows: Array) -> N
 
 
 @compiled_reordered
-def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop: int) -> None:
+def _subtract(vectors: Image, coefficients: Image, rows: Image, start: int, stop: int) -> None:
     for first in range(CHUNK * start, min(CHUNK * stop, rows.shape[1]), CHUNK):
         last = min(first + CHUNK, rows.shape[1])
         for r in range(len(rows)):
@@ -93,21 +89,21 @@ def _subtract(vectors: Array, coefficients: Array, rows: Array, start: int, stop
                     v[m] -= c * row[m]
 
 
-def combine_rows(coefficients: Array, rows: Array) -> Array:
+def combine_rows(coefficients: Image, rows: Image) -> Image:
     """Combine rows: `coefficients @ rows`, (K, M), of one type."""
     combined = np.zeros((len(coefficients), rows.shape[1]), rows.dtype)
     subtract_combinations(combined, -coefficients, rows)
     return combined
 
 
-def project_out(vectors: Array, basis: Array) -> Array:
+def project_out(vectors: Image, basis: Image) -> Image:
     """Return vectors, (K, M), with the span of orthonormal rows, (r, M), projected out."""
     projected = np.array(vectors, np.result_type(vectors, basis), order="C")
     subtract_combinations(projected, times_rows(projected, basis), basis)
     return projected
 
 
-def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Array:
+def filter_rows(vectors: Image, rows: Image, gain: Image, offset: Image) -> Image:
     """Return filtered products with rows, (K, N): `(gain * (vectors @ rows.T) + offset) @ rows`.
 
     The vectors are (K, N), the rows (r, N), gain and offset (K, r), of one type and C-contiguous.
@@ -119,7 +115,7 @@ def filter_rows(vectors: Array, rows: Array, gain: Array, offset: Array) -> Arra
 
 
 @compiled_reordered
-def _filter(vectors: Array, rows: Array, gain: Array, offset: Array, combined: Array) -> None:
+def _filter(vectors: Image, rows: Image, gain: Image, offset: Image, combined: Image) -> None:
     count, columns = rows.shape
     for r in range(0, count, 2):  # two rows side by side save a sixth of the time
         p, q = rows[r], rows[min(r + 1, count - 1)]
