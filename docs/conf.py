@@ -50,6 +50,8 @@ pages_of_the_repository = {
 }
 
 default_role = "py:obj"  # a docstring's `name` is a link where there is such a name
+# Attributes of several classes may share a name, as `across` does; no link is then made wrong.
+suppress_warnings = ["ref.python"]
 autosummary_generate = True
 autosummary_imported_members = True
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("Sec.", "Eq.", "Fig.")  # no summary ends there
