@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.scene import Scene
+from periscopy_sim.scene import MONITOR, Scene
 
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
-
-FLAT = "monitor"
-"""Id of the only surface of a `Hidden` that is made of a size alone."""
 
 EVEN = 1e-4
 """Relative difference of distances between patches, up to which they count as equal: rounding of
@@ -116,7 +113,7 @@ class Hidden(Mapping[str, Surface]):
         """Return a hidden, or flat surfaces of sizes (R, C), whose patches are all alike."""
         if isinstance(hidden, Hidden):
             return hidden
-        sizes: Any = hidden if isinstance(hidden, Mapping) else {FLAT: hidden}
+        sizes: Any = hidden if isinstance(hidden, Mapping) else {MONITOR: hidden}
         return cls({name: Surface.flat((int(R), int(C))) for name, (R, C) in sizes.items()})
 
     def __getitem__(self, name: str) -> Surface:

@@ -42,13 +42,16 @@ class Scenario:
 
     def __post_init__(self) -> None:
         points, normals = self.view.centers, self.view.center_normals
-        size = float(np.ptp(self.view.corners[1], axis=0).max())
+        rows, columns = self.view.shape
+        ends = self.view.corners[1]
+        corners = [ends[k] for k, size in ((1, columns), (3, rows)) if size > 1]
+        sides = [float(np.linalg.norm(end - ends[0])) for end in corners]
         far = np.abs(np.concatenate([points, self.hidden.centers])).max()
-        if (size and far > FARTHEST * size) or not size < 1e30:
+        if sides and (far > FARTHEST * max(sides) or 0 in sides):
             raise SceneError(
                 f"scene '{self.path}': wall or monitor are {far:.3g} from the origin, and the "
-                f"camera sees {size:.3g} of the wall: too far for float32. Move the scene to the "
-                "origin, or widen the camera's view"
+                f"camera sees {max(sides):.3g} of the wall: too far for float32. Move the scene to "
+                "the origin, or widen the camera's view"
             )
         for center, normal in zip(self.hidden.centers, self.hidden.normals, strict=True):
             way = center - points

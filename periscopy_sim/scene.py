@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.numerics import Array
 
+MONITOR = "monitor"
+"""Id of the hidden surface of a scene file, and of one that is made of a size alone."""
+
 RULER_ERROR = "_error"
 """Ends the name of a ``<default>`` that says how well the one before that ending is known."""
 
@@ -164,7 +167,7 @@ class Scene:
         return *self.occluders, *(each for each in self.surfaces if each.name != name)
 
     def without(self, name: str) -> "Scene":
-        """Return the scene without one of its occluders."""
+        """Return the scene without one of its occluders, for closed forms: `at` brings it back."""
         return replace(self, occluders=tuple(o for o in self.occluders if o.name != name))
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.scene.wall import camera_of, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import mi
@@ -52,7 +51,7 @@ class Survey:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scene = build_scene(scenario.scene)
+        self._scene = scenario.scene.source.built(scenario.scene)
         camera = camera_of(self._scene)
         film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.hidden import FLAT, Hidden, Size, Surface
+from periscopy_sim.hidden import Hidden, Size, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.motion import motions_between, moved_occluder
@@ -26,7 +26,7 @@ from periscopy_sim.rendering.scene.wall import (
 )
 from periscopy_sim.rendering.variant import mi, without_warnings
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import Occluder, Scene, corners
+from periscopy_sim.scene import MONITOR, Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
 
@@ -115,7 +115,7 @@ class SceneLoader:
         nodes.average_pixels()
         check_nodes(nodes)
         # Instantiating consumes the nodes.
-        emission, lights = {FLAT: nodes.emission_profile()}, nodes.other_lights()
+        emission, lights = {MONITOR: nodes.emission_profile()}, nodes.other_lights()
         self._material = nodes.wall_material()
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
@@ -174,15 +174,15 @@ class SceneLoader:
     def hidden(self, scene: Scene, size: Size) -> Hidden:
         """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
         if size not in self._hidden:
-            monitor = shape_of(self.built(self.scene), FLAT)
-            self._hidden[size] = Hidden({FLAT: _surface(monitor, size, self._path)})
+            monitor = shape_of(self.built(self.scene), MONITOR)
+            self._hidden[size] = Hidden({MONITOR: _surface(monitor, size, self._path)})
         return self._hidden[size].moved(self._motions(scene))
 
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
         variant, built = self._built
         same = not self._motions(scene) and scene.emission == self.scene.emission
-        return built if same and variant == mi.variant() else _instantiated(scene)
+        return built if same and variant == mi.variant() else build_scene(scene)
 
     def _seen(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
@@ -220,24 +220,12 @@ def build_scene(
     *,
     only_monitor: bool = False,
 ) -> Any:
-    """Return the Mitsuba scene of a scene whose monitor shows an image, or white.
+    """Instantiate the Mitsuba scene of a scene whose monitor shows an image, or white.
 
     The image is (R, C, 3) linear radiance along the normal, of any R and C; `mirrored` as that of
     the `Surface`. `only_monitor` removes every other emitter. Pixels are averaged over their own
     area (box filter).
     """
-    if image is None and not only_monitor and scene.source is not None:
-        return scene.source.built(scene)
-    return _instantiated(scene, image, mirrored, only_monitor=only_monitor)
-
-
-def _instantiated(
-    scene: Scene,
-    image: NDArray[np.floating[Any]] | None = None,
-    mirrored: bool = False,
-    *,
-    only_monitor: bool = False,
-) -> Any:
     nodes = SceneNodes(scene.path, dict(scene.parameters))
     nodes.show(image, mirrored)
     nodes.average_pixels()

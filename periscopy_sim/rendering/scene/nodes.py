@@ -20,7 +20,7 @@ from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
 from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
 from periscopy_sim.rendering.variant import mi, one_line
-from periscopy_sim.scene import EmissionProfile, SceneDocument
+from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
@@ -48,7 +48,7 @@ class SceneNodes:
         self.document, self._elements = read_elements(Path(path), parameters)
         self._config, self._state = parse(self.document)
         if required is None:
-            required = {"wall": "Shape", "monitor": "Shape", "camera": "Sensor"}
+            required = {"wall": "Shape", MONITOR: "Shape", "camera": "Sensor"}
         for name, kind in required.items():
             self._require(name, kind)
 
@@ -98,7 +98,7 @@ class SceneNodes:
         lights = {
             str(owners.get(index) or node.props.id() or node.props.plugin_name()): node.props
             for index, node in enumerate(self._state.nodes)
-            if str(node.type).endswith("Emitter") and owners.get(index) != "monitor"
+            if str(node.type).endswith("Emitter") and owners.get(index) != MONITOR
         }
         return tuple(
             name
@@ -153,7 +153,7 @@ class SceneNodes:
 
     def darken(self) -> None:
         """Remove every emitter but the monitor's."""
-        monitor = self._by_id("monitor")
+        monitor = self._by_id(MONITOR)
         for node in self._state.nodes:
             lights = self.children(node.props, "Emitter")
             for key, _ in lights[1:] if node.props is monitor else lights:
@@ -207,7 +207,7 @@ class SceneNodes:
         return self._state.nodes[self._state.id_to_index[name]].props
 
     def _monitor_emitter(self) -> Any:
-        emitters = self.children(self._by_id("monitor"), "Emitter")
+        emitters = self.children(self._by_id(MONITOR), "Emitter")
         if not emitters:
             raise SceneError(
                 f"scene '{self.path}': shape 'monitor' has no emitter; "
@@ -221,9 +221,9 @@ class SceneNodes:
         Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
         normals, so that its light would depend on the way it was found.
         """
-        if "monitor" not in self._state.id_to_index:
+        if MONITOR not in self._state.id_to_index:
             return
-        monitor = self._by_id("monitor")
+        monitor = self._by_id(MONITOR)
         if monitor.plugin_name() != "rectangle":
             return
         to_world = monitor.get("to_world", mi.ScalarTransform4f())

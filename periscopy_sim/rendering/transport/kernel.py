@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from periscopy_sim.rendering.emitters.lcd import falloff_about
-from periscopy_sim.rendering.scene.load import build_scene, patch_uv
+from periscopy_sim.rendering.scene.load import patch_uv
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of, surface_at
 from periscopy_sim.rendering.variant import dr, mi
 from periscopy_sim.scenario import Scenario
@@ -35,7 +35,7 @@ class Kernel:
     """
 
     def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
-        self._scene = build_scene(scenario.scene)
+        self._scene = scenario.scene.source.built(scenario.scene)
         self._camera, self._wall = camera_of(self._scene), shape_of(self._scene, "wall")
         self._surface, self._shape = scenario.hidden[name], shape_of(self._scene, name)
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
