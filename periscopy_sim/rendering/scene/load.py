@@ -13,9 +13,13 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden, Size, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import check_values, read_elements
-from periscopy_sim.rendering.scene.motion import motions_between, moved_occluder
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.placement import SceneLayout, written_layout
+from periscopy_sim.rendering.scene.placement import (
+    SceneLayout,
+    motions,
+    motions_if_alone,
+    written_layout,
+)
 from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
@@ -147,17 +151,19 @@ class SceneLoader:
         check_values(document)
         layout = written_layout(elements, list(self.layout.places))
         movable = [each.name for each in scene.occluders if each.vertices is not None]
-        motions = motions_between(self.layout, layout, [*movable, *scene.emission])
-        if motions is None:
+        moved = motions_if_alone(self.layout, layout, [*movable, *scene.emission])
+        if moved is None:
             return SceneLoader(SceneNodes(self._path, values)).scene
-        boxes = {n: _moved(box, motions.get(n)) for n, box in self.scene.boxes.items()}
         return replace(
             self.scene,
             document=document,
             places=layout.places,
-            boxes=boxes,
-            occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
-            surfaces=tuple(moved_occluder(each, motions) for each in self.scene.surfaces),
+            boxes={
+                name: moved_points(box, moved[name]) if name in moved else box
+                for name, box in self.scene.boxes.items()
+            },
+            occluders=tuple(_moved_occluder(each, moved) for each in self.scene.occluders),
+            surfaces=tuple(_moved_occluder(each, moved) for each in self.scene.surfaces),
             emission={n: layout.emission.get(n, each) for n, each in self.scene.emission.items()},
         )
 
@@ -201,16 +207,15 @@ class SceneLoader:
 
     def _motions(self, scene: Scene) -> dict[str, Array]:
         """Return the motions, (4, 4), from the loaded scene to another of its values, by id."""
-        before = self.scene.places
-        return {
-            name: place @ np.linalg.inv(before[name])
-            for name, place in scene.places.items()
-            if not np.array_equal(place, before[name])
-        }
+        return motions(self.scene.places, scene.places)
 
 
-def _moved(points: Array, motion: Array | None) -> Array:
-    return points if motion is None else moved_points(points, motion)
+def _moved_occluder(occluder: Occluder, moved: Mapping[str, Array]) -> Occluder:
+    """Return an occluder, moved if there is a motion, (4, 4), of its name."""
+    if occluder.name not in moved or occluder.vertices is None:
+        return occluder
+    vertices = moved_points(occluder.vertices, moved[occluder.name])
+    return replace(occluder, vertices=vertices, bounds=np.stack([vertices.min(0), vertices.max(0)]))
 
 
 def build_scene(
@@ -283,7 +288,8 @@ def _surface(monitor: Any, size: Size, path: Path) -> Surface:
 def _box(shape: Any, path: Path) -> Array:
     box = shape.bbox()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
-    if not np.isfinite(bounds).all():
+    # A flat shape has a size along two axes.
+    if not np.isfinite(bounds).all() or np.count_nonzero(np.ptp(bounds, axis=0)) < 2:
         raise SceneError(f"scene '{path}': shape '{shape.id()}' has no finite size; correct it")
     return bounds
 

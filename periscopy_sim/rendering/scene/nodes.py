@@ -290,10 +290,11 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
         if not node.props.id() and str(node.type).endswith("Shape"):
             node.props.set_id(f"{node.props.plugin_name()}_{index}")
         transform = node.props.get("to_world", None)
-        # Mitsuba's renderers compute in single precision.
         if transform is not None:
-            matrix = np.array(transform.matrix, np.float64)
-            if not (np.abs(matrix) < np.finfo("f4").max).all() or not np.linalg.det(matrix):
+            with np.errstate(over="ignore", invalid="ignore"):
+                # In single precision, as Mitsuba renders. No comparison is true of NaN.
+                volume = abs(np.linalg.det(np.array(transform.matrix).astype(np.float32)))
+            if not 0 < volume < np.inf:
                 problem = "is not finite, or leaves it no size"
                 raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' {problem}")
         if isinstance(node.props.get("filename"), str):

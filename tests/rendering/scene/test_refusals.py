@@ -143,6 +143,9 @@ REFUSED = {
         "huge.png",
         lambda r: named_huge(r, struct.pack(">II5B", 60_000, 60_000, 8, 2, 0, 0, 0)),
     ),
+    "box of no width": ("'box'", lambda r: {"extra": r.cube((0.4, 0.5, 0.3), (0, 0.1, 0.1))}),
+    "box of a trace": ("'box'", lambda r: {"extra": r.cube((0.4, 0.5, 0.3), (1e-308, 0.1, 0.1))}),
+    "ball of no radius": ("'ball'", lambda r: {"extra": r.blocker(radius=0)}),
     "fog": ("'cloud'", lambda _: {"extra": FOGGY}),
 }
 LENS = (
