@@ -133,7 +133,7 @@ def use_variant(name: str | None = None) -> str:
     VariantError
         If the variant asked for is unknown, is not an RGB variant, or does not work here.
     """
-    with _SHARED:
+    with SHARED:
         reports = {report.name: report for report in examine_variants()}
         import mitsuba
 
@@ -175,8 +175,8 @@ dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
 PLUGINS: list[Callable[[Any], None]] = []
 """Functions that register this package's plugins with Mitsuba, again for each variant."""
 
-_SHARED = RLock()
-"""Held while Mitsuba is imported and a variant or a log level set, which all threads share."""
+SHARED = RLock()
+"""Held while what all threads share of Mitsuba is changed: its variant, log level and folders."""
 
 
 def is_vectorized() -> bool:
@@ -196,23 +196,16 @@ def require_vectorized(purpose: str) -> None:
     raise VariantError(f"{purpose}: {reason}")
 
 
-_QUIET: list[Any] = []
-"""The log levels that `without_warnings` found, the outermost first."""
-
-
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
-    with _SHARED:
-        _QUIET.append(mi.log_level())
+    with SHARED:
+        level = mi.log_level()
         mi.set_log_level(mi.LogLevel.Error)
-    try:
-        yield
-    finally:
-        with _SHARED:
-            level = _QUIET.pop()
-            if not _QUIET:
-                mi.set_log_level(level)
+        try:
+            yield
+        finally:
+            mi.set_log_level(level)
 
 
 def one_line(error: BaseException) -> str:

@@ -8,7 +8,6 @@ so that they work for every shape, sensor and emitter plugin.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
 from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
-from periscopy_sim.rendering.variant import mi, one_line
+from periscopy_sim.rendering.variant import SHARED, mi, one_line
 from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
@@ -27,9 +26,6 @@ BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 
 SAME = 1e-6
 """Relative difference to which the text's matrices are Mitsuba's, which computes in doubles."""
-
-_SEARCH = RLock()
-"""Held while Mitsuba's search folders, which the process shares, are a scene's own."""
 
 
 class SceneNodes:
@@ -319,7 +315,7 @@ def searching(*folders: Path) -> Iterator[None]:
 
     Its parser also leaves a scene's ``<path>`` folders behind for every scene that follows.
     """
-    with _SEARCH:
+    with SHARED:
         before, resolver = mi.file_resolver(), mi.FileResolver()
         resolver.clear()  # of the folder that the process is in
         for folder in (*map(str, folders), *mi.__path__):

@@ -79,7 +79,7 @@ def including(name, times, count):
     ("files", "told"),
     [
         (including("c", 1, 40), "50 elements within"),
-        (including("e", 99, 4), "100000 elements"),
+        (including("e", 999, 3), "100000 elements"),
         (repeated(f"{'<bsdf>' * 20_000}{'</bsdf>' * 20_000}"), "50 elements within"),
         (repeated('<default name="a0" value="xxxxxxxxxx"/>' + "".join(
             f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>' for k in range(9)
