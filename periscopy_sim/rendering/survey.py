@@ -1,5 +1,6 @@
 """A scene as a surveyor sees it: where the camera's rays run, what hides the monitor, how much."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,16 +14,8 @@ from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
-EDGE = 1e-4
-"""Fraction of the picture's size by which its corners are looked at within it: rounding must not
-carry them outside."""
-
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
-
-LEAST = 1e-4
-"""Fraction of these rays that occluders block at least where there is a shadow; a wire of 1 mm
-blocks 2e-3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +46,8 @@ class Survey:
     def __init__(self, scenario: Scenario) -> None:
         self._scene = scenario.scene.source.built(scenario.scene)
         camera = camera_of(self._scene)
-        film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
+        film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
+        film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
             ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
@@ -65,10 +59,9 @@ class Survey:
         eye = np.ravel(camera.world_transform().translation())
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
         hidden = scenario.hidden
-        across, up = hidden.across / 2, hidden.up / 2
-        sides = [sign * across for sign in (-1, 1)]
+        places = itertools.product((-0.5, 0.5), repeat=2)
         self.monitor_points: Array = np.concatenate(
-            [hidden.centers + side + sign * up for side in sides for sign in (-1, 1)]
+            [hidden.centers + a * hidden.across + b * hidden.up for a, b in places]
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self.solids = tuple(
@@ -121,10 +114,10 @@ def hidden_fraction(scenario: Scenario) -> float:
 def shadow_doubt(scenario: Scenario) -> str:
     """Return a warning where no occluder casts a shadow, or all is in shadow; empty otherwise."""
     hidden = hidden_fraction(scenario)
-    if LEAST <= hidden < 1:
-        return ""
     if hidden == 1:
         return "occluders hide all of the monitor from what the camera sees of the wall"
+    if hidden > 0:
+        return ""
     names = ", ".join(f"'{occluder.name}'" for occluder in scenario.scene.occluders[:3])
     return (
         "no occluder casts a shadow of the monitor into what the camera sees of the wall "
