@@ -31,8 +31,9 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
-CUDA_FILE = "DRJIT_LIBCUDA_PATH"
-"""The environment variable that names the driver's library that Dr.Jit loads."""
+LANES = 1 << 22
+"""Lanes of a kernel at once, where many kernels make a whole: some 40 bytes each, and a tenth of a
+second's wait for an interrupt."""
 
 _LLVM_OF_SYSTEM = {
     "Linux": f"{installation('llvm')} (x86-64), else apt-get install libllvm19",
@@ -101,11 +102,8 @@ def examine_variants() -> list[VariantReport]:
     version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
     works = version >= OLDEST_LLVM
-    nvidia = f"{'an' if cuda else 'no'} NVIDIA device answers"
-    if named := os.environ.get(CUDA_FILE):
-        nvidia += f" (by {CUDA_FILE}, {named}){'' if cuda else f'; correct or unset {CUDA_FILE}'}"
     return [
-        VariantReport("cuda_ad_rgb", cuda, nvidia),
+        VariantReport("cuda_ad_rgb", cuda, f"{'an' if cuda else 'no'} NVIDIA device answers"),
         VariantReport("metal_ad_rgb", metal, f"{'an' if metal else 'no'} Apple device answers"),
         VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {remedy}"),
         VariantReport("scalar_rgb", True, "needs nothing; for closed forms, it traces no rays"),

@@ -24,9 +24,6 @@ from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
 
-SAME = 1e-6
-"""Relative difference to which the text's matrices are Mitsuba's, which computes in doubles."""
-
 
 class SceneNodes:
     """The parsed nodes of one scene file.
@@ -115,8 +112,10 @@ class SceneNodes:
             numbers: dict[str, Any] = {each: np.array(props[each], float) for each in known}
             parsed.plugins[name], parsed.places[name] = plugin, place(plugin, to_world, **numbers)
         written = written_layout(self._elements, list(parsed.places))
+        # Mitsuba parses in double precision and renders in single.
+        same = float(np.finfo(np.float32).eps)
         is_same = written.places.keys() == parsed.places.keys() and all(
-            np.abs(written.places[name] - place).max() <= SAME * np.abs(place).max()
+            np.abs(written.places[name] - place).max() <= same * np.abs(place).max()
             for name, place in parsed.places.items()
         )
         return written if is_same else parsed

@@ -19,9 +19,6 @@ from periscopy_sim.scene import EmissionProfile
 
 Strata = Literal["midpoint", "gauss", "jittered"]
 
-GAUSS = 0.5 / np.sqrt(3)
-"""Of a pair of strata: how far Gauss and Legendre's two points lie from its middle."""
-
 SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
@@ -112,8 +109,9 @@ class Kernel:
 
     def _placed(self, index: Any, count: int) -> Any:
         """Position in stratum number `index` of `count` along an axis, where nothing jitters it."""
-        if self._strata == "gauss" and count % 2 == 0:  # a pair of strata is two of their width
-            return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
+        if self._strata == "gauss" and count % 2 == 0:
+            # Gauss and Legendre's points lie 1/√3 of a stratum's width off the middle of a pair.
+            return dr.select(index % 2 == 0, mi.Float(1 - 1 / np.sqrt(3)), mi.Float(1 / np.sqrt(3)))
         return mi.Float(0.5)
 
 

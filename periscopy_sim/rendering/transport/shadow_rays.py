@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.kernel import Kernel, Strata
-from periscopy_sim.rendering.variant import dr, mi, require_vectorized
+from periscopy_sim.rendering.variant import LANES, dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
-
-LANES = 1 << 22
-"""Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
-and a tenth of a second's wait for an interrupt."""
 
 
 def render_transport(
