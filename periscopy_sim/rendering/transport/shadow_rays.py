@@ -58,8 +58,6 @@ def render_transport(
     ------
     SceneError
         If no light of the monitor reaches the wall.
-    ValueError
-        If the samples are below 1, or `strata` is none of these.
     VariantError
         In scalar variants.
     """
