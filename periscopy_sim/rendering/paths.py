@@ -82,18 +82,6 @@ class PathNumbers:
         return at
 
 
-def survivors(surface: Any, throughput: Any, number: Any, active: Any) -> tuple[Any, Any]:
-    """Return the throughput of paths that survive Russian roulette, and which they are.
-
-    `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From five
-    surfaces on the largest chance to go on is 0.95, as in Mitsuba's path tracer.
-    """
-    strongest = dr.max(throughput)
-    chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
-    active &= (strongest > 0) & (number < chance)
-    return throughput * dr.rcp(dr.select(active, chance, 1)), active
-
-
 def _add(light: Any, _: Any, radiance: Any, active: Any) -> Any:
     return light + dr.select(active, radiance, 0)
 
@@ -164,7 +152,12 @@ def trace_paths(
         # The next direction.
         lobe, ends = pair(2)
         sample, gain = bsdf.sample(context, si, lobe, pair(1), active)
-        throughput, active = survivors(surface, throughput * gain, ends, active)
+        throughput *= gain
+        # Russian roulette, as in Mitsuba's path tracer: from five surfaces on.
+        strongest = dr.max(throughput)
+        chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
+        active &= (strongest > 0) & (ends < chance)
+        throughput *= dr.rcp(dr.select(active, chance, 1))
         ray = si.spawn_ray(si.to_world(sample.wo))
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         return surface + 1, ray, throughput, sample.pdf, delta, light, first, active

@@ -52,11 +52,6 @@ def render_photograph(
     -------
     ndarray
         (rows, columns, 3) float64 radiance.
-
-    Raises
-    ------
-    ValueError
-        If the image is not (R, C, 3), not finite or negative, or samples or bounces is below 1.
     """
     require_vectorized("a photograph")
     image = np.asarray(image)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.wall import camera_of, map_points
+from periscopy_sim.rendering.scene.wall import look, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
@@ -45,18 +45,16 @@ class Survey:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scene = scenario.scene.source.built(scenario.scene)
-        camera = camera_of(self._scene)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
         film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
-            return ray.o, ray.d, self._scene.ray_intersect(ray).p
+            ray, si = look(self._scene, position)
+            return ray.o, ray.d, si.p
 
         origins, directions, self.view_points = map_points(through, film)
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
-        # Mitsuba's rays begin at the near clipping plane.
-        eye = np.ravel(camera.world_transform().translation())
+        eye = scenario.scene.places["camera"][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
         hidden = scenario.hidden
         places = itertools.product((-0.5, 0.5), repeat=2)

@@ -67,12 +67,8 @@ def choose_llvm() -> tuple[str, str]:
     """Have Dr.Jit load this environment's libLLVM.
 
     What the user's `LLVM_FILE` names goes before it. Dr.Jit loads its libLLVM as it is imported:
-    where ``import mitsuba`` came first, the system's serves, if there is one.
-
-    Returns
-    -------
-    tuple
-        Which libLLVM Dr.Jit loads, and what to do where that is none or too old.
+    where ``import mitsuba`` came first, the system's serves, if there is one. Return which libLLVM
+    Dr.Jit loads, and what to do where that is none or too old.
     """
     own, named = own_llvm(), os.environ.get(LLVM_FILE)
     if own is not None and not named and "drjit" not in sys.modules:
@@ -124,12 +120,7 @@ def use_variant(name: str | None = None) -> str:
     Returns
     -------
     str
-        The variant now set.
-
-    Raises
-    ------
-    VariantError
-        If the variant asked for is unknown, is not an RGB variant, or does not work here.
+        The variant now set. One that is unknown, not RGB or does not work here is a VariantError.
     """
     with SHARED:
         reports = {report.name: report for report in examine_variants()}

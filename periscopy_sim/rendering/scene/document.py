@@ -10,17 +10,14 @@ scene's ``<path>`` folders, the latest first, then beside the scene.
 
 import io
 import re
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from periscopy_sim.errors import SceneError, printable
-from periscopy_sim.numerics.limits import LARGEST, MOST_PIXELS, number_of, read_regular
+from periscopy_sim.numerics.limits import LARGEST, number_of, read_regular
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
 from periscopy_sim.scene import SceneDocument
 
@@ -101,8 +98,6 @@ def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and _texels(file) > MOST_PIXELS:
-        raise SceneError(f"{where}: the file '{file}' has too many pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)
@@ -110,26 +105,6 @@ def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     except ValueError as error:
         raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
     return plugin, file
-
-
-def _texels(file: Path) -> float:
-    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
-    import OpenEXR
-    from PIL import Image
-
-    try:
-        if file.suffix.lower() == ".exr":
-            with OpenEXR.File(str(file), header_only=True) as head:
-                low, high = head.parts[0].header["dataWindow"]
-            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of large pictures
-            with Image.open(file) as picture:
-                return float(np.prod(picture.size))
-    except Image.DecompressionBombError:
-        return np.inf
-    except Exception:  # Mitsuba says what is wrong
-        return 0
 
 
 class _Reader:

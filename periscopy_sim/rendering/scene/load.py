@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden, Size, Surface
 from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.checks import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.placement import (
@@ -20,13 +21,12 @@ from periscopy_sim.rendering.scene.placement import (
     motions_if_alone,
     written_layout,
 )
-from periscopy_sim.rendering.scene.refusals import check_monitor, check_nodes
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
     map_points,
-    seen_wall,
     shape_of,
     surface_at,
+    trace_wall,
 )
 from periscopy_sim.rendering.variant import mi, without_warnings
 from periscopy_sim.scenario import Scenario
@@ -73,18 +73,11 @@ def load_scenario(
         (rows, columns) into which the camera's field of view is cut; None for the film's own
         pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
 
-    Returns
-    -------
-    Scenario
-        The scene as plain arrays.
-
     Raises
     ------
     SceneError
-        If the contract is broken, a pixel misses the wall, the wall is partly a mirror, reflects
-        nothing to the camera, or changes from place to place by more than its reflectance, the
-        monitor faces away or shines outside of its UV square, a shape lets light through or holds a
-        participating medium, or the hidden size is not possible.
+        If the contract is broken, a pixel misses the wall, the hidden size is not possible, or A
+        cannot treat a material, a medium, or the monitor's place or UV.
     """
     rows, columns = map(operator.index, hidden)
     if not isinstance(scene, Scene):
@@ -171,7 +164,7 @@ class SceneLoader:
         """Return what a scene's camera sees of its wall; see `View.of`."""
         key = shape, across
         if key not in self._views:
-            self._views[key] = self._seen(*key)
+            self._views[key] = self._trace_view(*key)
         moved = self._views[key].moved(scene, self._motions(scene))
         if moved is not None:
             return moved
@@ -190,7 +183,7 @@ class SceneLoader:
         same = not self._motions(scene) and scene.emission == self.scene.emission
         return built if same and variant == mi.variant() else build_scene(scene)
 
-    def _seen(self, shape: Size | None, across: int) -> View:
+    def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
         if not 1 <= rows * columns <= MOST_PIXELS:
@@ -198,12 +191,12 @@ class SceneLoader:
                 f"{where}: the camera's film has {rows}x{columns} pixels; give it "
                 f"from 1 to {MOST_PIXELS}"
             )
-        seen = seen_wall(built, (rows, columns), across, where, self._material)
+        wall = trace_wall(built, (rows, columns), across, where, self._material)
         # How far the wall's shape reaches ahead of the plane that is seen.
-        points, normals = (seen[name].reshape(-1, 3) for name in ("points", "normals"))
+        points, normals = (wall[name].reshape(-1, 3) for name in ("points", "normals"))
         ahead = (self._wall - points.mean(axis=0)) @ normals.mean(axis=0)
         relief = float(max(0.0, ahead.max()))
-        return View(self.scene, (rows, columns), **seen, relief=relief, is_cut=shape is not None)
+        return View(self.scene, (rows, columns), **wall, relief=relief, is_cut=shape is not None)
 
     def _motions(self, scene: Scene) -> dict[str, Array]:
         """Return the motions, (4, 4), from the loaded scene to another of its values, by id."""

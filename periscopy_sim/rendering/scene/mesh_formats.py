@@ -99,12 +99,10 @@ def _check_unchanged(path: Path, plugin: str, _: int) -> None:
             mesh = mi.load_dict({"type": plugin, "filename": str(path), "face_normals": True})
     except RuntimeError as error:
         raise ValueError(f"cannot be read ({one_line(error)})") from None
-    indices, vertices = np.array(mesh.faces_buffer()), mesh.vertex_count()
-    del mesh
-    if not len(indices):
-        raise ValueError("has no faces")
-    if indices.max() >= vertices:
-        raise ValueError(f"has a face of vertex {indices.max()}, of {vertices} from 0 on")
+    buffers = mesh.vertex_positions_buffer(), mesh.faces_buffer()
+    vertices, faces = (np.array(each).reshape(-1, 3) for each in buffers)
+    del mesh, buffers
+    _check_arrays(TriangleMesh(vertices, faces))
     if plugin == "obj":
         _check_lines(content)
 

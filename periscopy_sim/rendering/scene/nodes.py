@@ -45,8 +45,6 @@ class SceneNodes:
         for name, kind in required.items():
             self._require(name, kind)
 
-    # -- reading ---------------------------------------------------------------------------------
-
     @property
     def path(self) -> Path:
         """The scene file."""
@@ -100,10 +98,7 @@ class SceneNodes:
         )
 
     def layout(self) -> SceneLayout:
-        """Return where the shapes and sensors are, by the text if Mitsuba places them there, too.
-
-        Else the layout is Mitsuba's, without a rest.
-        """
+        """Return the layout by the text where Mitsuba agrees, else Mitsuba's without a rest."""
         parsed = SceneLayout()
         for props in self.of_type("Shape", "Sensor"):
             name, plugin = str(props.id()), str(props.plugin_name())
@@ -124,8 +119,6 @@ class SceneNodes:
         """Return the name of the wall's BSDF plugin, for messages."""
         materials = self.children(self._by_id("wall"), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
-
-    # -- editing ---------------------------------------------------------------------------------
 
     def show(self, image: NDArray[np.floating[Any]] | None, mirrored: bool = False) -> None:
         """Make the monitor show an image, or a radiance of 1 everywhere.
@@ -196,8 +189,6 @@ class SceneNodes:
             raise SceneError(f"scene '{self.path}': {refused}")
         return built[0] if isinstance(built, list | tuple) else built
 
-    # -- nodes -----------------------------------------------------------------------------------
-
     def _by_id(self, name: str) -> Any:
         return self._state.nodes[self._state.id_to_index[name]].props
 
@@ -245,11 +236,10 @@ class SceneNodes:
 
 
 def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
-    """Lay an image out as the texture that shows it, (max(R, 2), max(C, 2), 3) float32, contiguous.
+    """Lay an image of `SceneNodes.show` out as a texture, (max(R, 2), max(C, 2), 3) float32.
 
-    The image is (R, C, 3) radiance as a viewer facing the monitor sees it, `mirrored` if the
-    monitor's u runs to a viewer's left. A texture's row 0 lies at v = 0, the monitor's lower edge.
-    A single row or column is doubled: Mitsuba's textures have at least 2 x 2 pixels.
+    Its row 0 lies at v = 0, the monitor's lower edge. Mitsuba's textures have 2 x 2 pixels at
+    least: a single row or column is doubled. The array is contiguous.
     """
     texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
     for axis in (0, 1):

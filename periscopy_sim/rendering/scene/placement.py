@@ -109,8 +109,8 @@ def motions_if_alone(
         is_finite = np.abs(after.places[name]).max() < np.finfo(np.float32).max
         if not (is_finite and np.linalg.det(motion) > 0):
             return None
-    seen = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
-    if moved and not (after.plugins["camera"] in CAMERAS and moved.keys() <= {*movable, *seen}):
+    viewing = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
+    if moved and not (after.plugins["camera"] in CAMERAS and moved.keys() <= {*movable, *viewing}):
         return None
     return moved
 

@@ -180,11 +180,6 @@ def transport(
         If no light of the monitor reaches the wall, or areas are asked for and the scene has none.
     VariantError
         If rays are needed in a scalar variant.
-
-    Warns
-    -----
-    RuntimeWarning
-        The error of A exceeds the noise: the budget is too small.
     """
     if isinstance(seen, View):
         if hidden is None:
