@@ -55,10 +55,8 @@ def render_photograph(
     """
     require_vectorized("a photograph")
     image = np.asarray(image)
-    if image.ndim != 3 or image.shape[2] != 3:
-        raise InputError(f"the hidden image must be (rows, columns, 3), not {image.shape}")
-    if not np.isfinite(image).all() or image.min() < 0:
-        raise InputError("the hidden image's radiance must be finite and not negative")
+    if image.ndim != 3 or image.shape[2] != 3 or not (0 <= image.min() <= image.max() < np.inf):
+        raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if samples < 1 or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")
     (surface,) = scenario.hidden.values()

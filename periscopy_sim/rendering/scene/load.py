@@ -165,7 +165,7 @@ class SceneLoader:
         key = shape, across
         if key not in self._views:
             self._views[key] = self._trace_view(*key)
-        moved = self._views[key].moved(scene, self._motions(scene))
+        moved = self._views[key].moved(scene, motions(self.scene.places, scene.places))
         if moved is not None:
             return moved
         return View.of(load_scene(self._path, scene.parameters), shape, across=across)
@@ -175,13 +175,13 @@ class SceneLoader:
         if size not in self._hidden:
             monitor = shape_of(self.built(self.scene), MONITOR)
             self._hidden[size] = Hidden({MONITOR: _surface(monitor, size, self._path)})
-        return self._hidden[size].moved(self._motions(scene))
+        return self._hidden[size].moved(motions(self.scene.places, scene.places))
 
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
         variant, built = self._built
-        same = not self._motions(scene) and scene.emission == self.scene.emission
-        return built if same and variant == mi.variant() else build_scene(scene)
+        is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
+        return build_scene(scene) if is_moved or variant != mi.variant() else built
 
     def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
@@ -197,10 +197,6 @@ class SceneLoader:
         ahead = (self._wall - points.mean(axis=0)) @ normals.mean(axis=0)
         relief = float(max(0.0, ahead.max()))
         return View(self.scene, (rows, columns), **wall, relief=relief, is_cut=shape is not None)
-
-    def _motions(self, scene: Scene) -> dict[str, Array]:
-        """Return the motions, (4, 4), from the loaded scene to another of its values, by id."""
-        return motions(self.scene.places, scene.places)
 
 
 def _moved_occluder(occluder: Occluder, moved: Mapping[str, Array]) -> Occluder:
@@ -262,9 +258,6 @@ def _surface(monitor: Any, size: Size, path: Path) -> Surface:
             f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates "
             "(in GLB, and a material), or use a rectangle"
         ) from None
-    area = np.linalg.norm(np.cross(du[0], dv[0]))
-    if not (np.isfinite(area) and area > 0):
-        raise SceneError(f"scene '{path}': the monitor has no area; check its to_world and its UV")
     check_monitor(monitor, path)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
