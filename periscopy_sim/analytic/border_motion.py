@@ -88,6 +88,7 @@ def _motion(
     for e in range(len(between)):
         for end in range(2):
             vertex = vertices[between[e, end]]
+            # The end of an edge is p + stretch (vertex - p), where the line from p meets h = 0.
             above = p[2] - vertex[2]
             stretch = p[2] / above
             for q in range(len(moved_p)):

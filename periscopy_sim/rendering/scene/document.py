@@ -55,16 +55,9 @@ def read_elements(
         file = _first(named, folders) if isinstance(named, str) else named
         if file is not None:
             files.setdefault(file.resolve(), file)
-    document = SceneDocument(
-        path,
-        dict(parameters or {}),
-        reader.defaults,
-        tuple(files.values()),
-        tuple(folders),
-        tuple(reader.missing),
-        reader.units,
-    )
-    return document, reader.elements
+    lists = tuple(files.values()), tuple(folders), tuple(reader.missing)
+    given = dict(parameters or {})
+    return SceneDocument(path, given, reader.defaults, *lists, reader.units), reader.elements
 
 
 def check_values(document: SceneDocument) -> None:

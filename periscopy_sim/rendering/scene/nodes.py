@@ -50,6 +50,10 @@ class SceneNodes:
         """The scene file."""
         return self.document.path
 
+    def error(self, reason: str) -> SceneError:
+        """Return the error of this scene for a reason."""
+        return SceneError(f"scene '{self.path}': {reason}")
+
     def of_type(self, *kinds: str) -> Iterator[Any]:
         """Return the properties of all nodes of some kinds, such as ``Shape``, in file order."""
         return (node.props for node in self._state.nodes if str(node.type).endswith(kinds))
@@ -69,10 +73,7 @@ class SceneNodes:
         if emitter.plugin_name() == LCD:
             exponents = [float(emitter.get(name, 0.0)) for name in EXPONENTS]
             if not all(0 <= exponent < np.inf for exponent in exponents):
-                raise SceneError(
-                    f"scene '{self.path}': the monitor's exponents {exponents} are not both 0 or "
-                    "more; give numbers that are"
-                )
+                raise self.error(f"the monitor's exponents {exponents} are not both 0 or more")
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
@@ -128,9 +129,9 @@ class SceneNodes:
         """
         emitter = self._monitor_emitter()
         if "radiance" not in emitter:
-            raise SceneError(
-                f"scene '{self.path}': the monitor's emitter '{emitter.plugin_name()}' has no "
-                "'radiance' to show an image by; give it one of type area or lcd"
+            raise self.error(
+                f"the monitor's emitter '{emitter.plugin_name()}' has no 'radiance' to show an "
+                "image by; give it one of type area or lcd"
             )
         if image is None:
             emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
@@ -157,7 +158,7 @@ class SceneNodes:
         """
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
-            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+            raise self.error(f"sensor '{sensor}' has no film of type hdrfilm")
         film = films[0]
         for key, _ in self.children(film, "ReconstructionFilter"):
             del film[key]
@@ -186,7 +187,7 @@ class SceneNodes:
         # outlives its shape at the next virtual call, and crash.
         del state
         if refused:
-            raise SceneError(f"scene '{self.path}': {refused}")
+            raise self.error(refused)
         return built[0] if isinstance(built, list | tuple) else built
 
     def _by_id(self, name: str) -> Any:
@@ -195,10 +196,8 @@ class SceneNodes:
     def _monitor_emitter(self) -> Any:
         emitters = self.children(self._by_id(MONITOR), "Emitter")
         if not emitters:
-            raise SceneError(
-                f"scene '{self.path}': shape 'monitor' has no emitter; "
-                'give it one, for example <emitter type="area"> with a radiance'
-            )
+            example = '<emitter type="area"> with a radiance'
+            raise self.error(f"shape 'monitor' has no emitter; give it one, for example {example}")
         return emitters[0][1]
 
     def _straighten_monitor(self) -> None:
@@ -229,10 +228,7 @@ class SceneNodes:
         ]
         if name not in plain:
             others = ", ".join(f"'{each}'" for each in plain) or "none"
-            raise SceneError(
-                f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
-                f"outside of groups (it has {others})"
-            )
+            raise self.error(f"no {kind.lower()} outside of groups has the id '{name}' ({others})")
 
 
 def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:

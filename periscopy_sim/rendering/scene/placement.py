@@ -154,7 +154,7 @@ def _step(tag: str, items: tuple[tuple[str, str], ...]) -> Array:
     elif tag == "rotate":
         axis, angle = _vector(attributes), np.radians(_number(attributes["angle"]))
         axis = axis if axis.any() else np.full(3, np.nan)
-        # As Mitsuba, which takes the axis as it is: one of another length stretches.
+        # Rodrigues' formula, as Mitsuba takes it: an axis of another length than 1 stretches.
         step[:3, :3] *= np.cos(angle)
         step[:3, :3] += np.sin(angle) * np.cross(axis, np.eye(3)).T
         step[:3, :3] += (1 - np.cos(angle)) * np.outer(axis, axis)

@@ -44,11 +44,10 @@ class Kernel:
 
     def __call__(self, pixel: Any, patch: Any, seed: Any) -> Any:
         """Return entries of A."""
-        key, _ = _hash(pixel, seed)
-        key, _ = _hash(key, patch)
+        key = _hash(_hash(pixel, seed), patch)
 
         def at_wall_point(p: Any) -> Any:
-            point_key, _ = _hash(key, p)
+            point_key = _hash(key, p)
             si = self._wall_point(pixel, p)
             return _sum(self._samples, lambda k: self._transfer(si, patch, k, point_key))
 
@@ -155,9 +154,9 @@ def _factor(count: int) -> tuple[int, int]:
 
 
 def _hash(a: Any, b: Any) -> Any:
-    """Turn two integers into two of random bits."""
+    """Turn two integers into random bits."""
     # Mitsuba's default of 4 rounds leaves neighbours correlated by up to 0.4.
-    return mi.sample_tea_32(a, b, 6)
+    return mi.sample_tea_32(a, b, 6)[0]
 
 
 def _scrambled(key: Any, index: Any) -> Any:
