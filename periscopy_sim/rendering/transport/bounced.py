@@ -72,7 +72,7 @@ class BouncedLight:
         """(K, N) of the channels' mean."""
         return np.asarray(self.of_patches.mean(axis=0, dtype=np.float64), np.float32)
 
-    def rows(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[np.float32]:
+    def rows(self, rows: slice) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
         with threadpool_limits(1):  # the last bits follow the number of threads
             return np.asarray(self.over_wall[rows] @ self.mean)
