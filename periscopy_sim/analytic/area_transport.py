@@ -21,10 +21,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel, ranges
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
-from periscopy_sim.view import View, WallFrame
-
-RELIEF = 1e-4
-"""Of the field of view's width: how far the wall may stand out of its plane anywhere."""
+from periscopy_sim.view import LIFT, View, WallFrame
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
@@ -183,7 +180,7 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
         reason = "has no closed angular profile; give it an area or lcd emitter"
         raise no_closed_form(scene, name, reason)
     wall = wall_plane(view)
-    if view.relief > RELIEF * np.ptp(view.points @ wall.across):
+    if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
     axes = surface_axes(scene, name, surface)
     if abs(axes[0] @ axes[1]) > FLATNESS:

@@ -18,7 +18,7 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.placement import (
     SceneLayout,
     motions,
-    motions_if_alone,
+    only_motions,
     written_layout,
 )
 from periscopy_sim.rendering.scene.wall import (
@@ -28,14 +28,11 @@ from periscopy_sim.rendering.scene.wall import (
     surface_at,
     trace_wall,
 )
-from periscopy_sim.rendering.variant import mi, without_warnings
+from periscopy_sim.rendering.variant import LANES, mi, without_warnings
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import MONITOR, Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
-
-MOST_PIXELS = 1 << 22
-"""Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
 SIDES = 128
 """Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
@@ -144,7 +141,7 @@ class SceneLoader:
         check_values(document)
         layout = written_layout(elements, list(self.layout.places))
         movable = [each.name for each in scene.occluders if each.vertices is not None]
-        moved = motions_if_alone(self.layout, layout, [*movable, *scene.emission])
+        moved = only_motions(self.layout, layout, [*movable, *scene.emission])
         if moved is None:
             return SceneLoader(SceneNodes(self._path, values)).scene
         return replace(
@@ -186,10 +183,9 @@ class SceneLoader:
     def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
-        if not 1 <= rows * columns <= MOST_PIXELS:
+        if not 1 <= rows * columns <= LANES:  # whose rays are traced at once
             raise SceneError(
-                f"{where}: the camera's film has {rows}x{columns} pixels; give it "
-                f"from 1 to {MOST_PIXELS}"
+                f"{where}: the camera's film has {rows}x{columns} pixels; give it from 1 to {LANES}"
             )
         wall = trace_wall(built, (rows, columns), across, where, self._material)
         # How far the wall's shape reaches ahead of the plane that is seen.

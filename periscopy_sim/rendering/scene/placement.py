@@ -93,7 +93,7 @@ def motions(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str
     }
 
 
-def motions_if_alone(
+def only_motions(
     before: SceneLayout, after: SceneLayout, movable: Collection[str]
 ) -> dict[str, Array] | None:
     """Return the `motions` from one layout to another; None if more than these differs.
