@@ -14,7 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.analytic.border_motion import light_derivatives
 from periscopy_sim.analytic.outline import Borders, borders_of
+from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
@@ -156,8 +158,6 @@ class _LocalScene:
 
     def light(self) -> NDArray[np.float32]:
         """Return the surface's columns of A, (M, R C)."""
-        from periscopy_sim.analytic.patch_light import Lighting, light_rows
-
         A = np.empty((len(self.points), int(np.prod(self.shape // self.cut))), np.float32)
 
         def part(some: tuple[int, int]) -> None:
@@ -232,9 +232,6 @@ def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalSc
 def _fill_changes(
     changes: NDArray[np.float32], local: _LocalScene, slopes: Sequence[_LocalScene]
 ) -> None:
-    from periscopy_sim.analytic.border_motion import light_derivatives
-    from periscopy_sim.analytic.patch_light import Lighting
-
     points, normals, cells, exponents = stacked = [
         np.array([getattr(by, name) for by in slopes])
         for name in ("points", "normals", "cells", "exponents")

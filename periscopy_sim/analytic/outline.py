@@ -21,6 +21,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
@@ -49,9 +51,6 @@ def borders_of(meshes: Sequence[tuple[Array, Indices]]) -> Borders:
 
     Vertices in the same place are one, whatever their indices; a face without area is left out.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     none = np.empty((0, 3))
     given = np.concatenate([none, *(vertices for vertices, _ in meshes)])
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])

@@ -1,13 +1,9 @@
 """Irradiance at points of a wall: direct light from each emitter, and light that has bounced.
 
 Light that has bounced comes from the same surfaces for every point of a wall. So what a ray from
-one point meets serves all: that another could have found it, too, the balance heuristic [1] takes
-into account, at the price of a shadow ray for each pair. Hence several paths go on from there.
-
-References
-----------
-[1] Veach, Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH
-1995.
+one point meets serves all: that another could have found it, too, the balance heuristic ([1] of
+`paths`) takes into account, at the price of a shadow ray for each pair. Hence several paths go on
+from there.
 """
 
 import math
@@ -32,7 +28,7 @@ def direct_irradiance(
 
     They have (M, 3) centres and unit normals and (M, 2, 3) edge vectors. Rays aimed at the emitter
     and cosine-weighted ones, `samples` of each rounded up to a square number, are combined by the
-    balance heuristic [1]. The seed is of 32 bits.
+    balance heuristic. The seed is of 32 bits.
     """
     count = math.ceil(math.sqrt(samples)) ** 2
     sampler = mi.load_dict({"type": "multijitter", "sample_count": count})
