@@ -2,8 +2,8 @@
 
 Brute force would need hours to push its noise below a camera's. But irradiance is smooth where no
 shadow falls. So direct light, from each emitter apart, and light that has bounced are estimated in
-independent replicas, and smoothed as far as these allow; samples are added where
-the error is largest, until the whole is as exact as was asked for.
+independent replicas, and smoothed as far as these allow; samples are added where they gain most,
+until the whole is as exact as asked for.
 """
 
 import itertools
@@ -31,7 +31,7 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import LIFT, View, WallFrame, pixel_edges, rises, wall_frame
 
 RAYS = 256
-"""Rays from each of them in a round."""
+"""Rays from each site of bounced light in a round."""
 
 RAY = 100
 """Time of such a ray, with the paths that go on from what it meets and its shadow rays, over that
