@@ -3,20 +3,14 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.photograph import render_photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
-from periscopy_sim.rendering.transport.bounced import (
-    BouncedTransport,
-    add_bounces,
-    render_bounced_light,
-)
+from periscopy_sim.rendering.transport.bounced import add_bounces, render_bounced_light
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import dr
 from tests.scenes.materials import GLOSSY, SLOPE, painted, write_files
 from tests.scenes.room import Room
 
-SEEDS = 8
 SHINY = '<bsdf type="conductor"/>'
 
 
@@ -36,22 +30,6 @@ def floor(bsdf):
     )
 
 
-def predicted(seen, image, bounces, target=2e-3):
-    """A f, once a seed, in color."""
-    f = image.reshape(-1, 3)
-    for seed in range(SEEDS):
-        A = render_transport(seen.averaged(4), samples=16, seed=seed)
-        light = render_bounced_light(seen, bounces=bounces, target=target, seed=seed)
-        A += light.rows(slice(None))
-        photograph = BouncedTransport(A, light, bounces) @ f
-        yield photograph * seen.channel_gain
-
-
-def traced(seen, image, bounces, samples=1024):
-    for seed in range(SEEDS):
-        yield render_photograph(seen, image, samples=samples, bounces=bounces, seed=1000 + seed)
-
-
 @pytest.mark.parametrize(
     ("bounces", "parts", "target"),
     [
@@ -67,14 +45,11 @@ def traced(seen, image, bounces, samples=1024):
     ],
     ids=["once more", "corner", "glossy", "mirror"],
 )
-def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, bounces, parts, target):
+def test_matrix_with_bounces_is_the_path_traced_photograph(room, agrees, bounces, parts, target):
     shapes = [{"board": board, "floor": floor}[name](bsdf) for name, bsdf in parts.items()]
     seen = room.load(*shapes, monitor=room.monitor(room.lcd(2, 1), inside=painted(0.6)))
-    image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
-    found = list(predicted(seen, image, bounces, target))
-    same_mean(list(traced(seen, image, bounces)), found)
-    direct = np.mean(list(traced(seen, image, 1)), axis=0)
-    assert np.mean(found) > 1.02 * direct.mean()
+    predicted = agrees(seen, bounces, seeds=8, samples=1024, target=target)
+    assert predicted.mean() > 1.02 * agrees(seen).mean()
 
 
 @pytest.mark.thorough
@@ -87,7 +62,7 @@ def test_matrix_with_bounces_is_the_path_traced_photograph(room, same_mean, boun
     ],
     ids=["coloured", "glossy", "sloping"],
 )
-def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
+def test_walls_of_any_reflection_send_it_on(room, agrees, wall):
     write_files(room.folder)
     seen = room.load(
         board(painted("0.8, 0.6, 0.4")),
@@ -95,8 +70,7 @@ def test_walls_of_any_reflection_send_it_on(room, same_mean, wall):
         camera=room.camera((18, 20)),
         monitor=room.monitor(room.lcd(2, 1)),
     )
-    image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
-    same_mean(list(traced(seen, image, None, 256)), list(predicted(seen, image, None)))
+    agrees(seen, None, seeds=8)
 
 
 @pytest.mark.thorough
