@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -49,8 +48,7 @@ def ambient_photographs(
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
-    made = provenance(scenario.document, mi.variant(), seed, [])
-    made |= {"parameters": dict(scenario.parameters), "target": f"{target:g}"}
+    made = {**provenance(scenario.document, seed), "target": f"{target:g}"}
     for of_this_run in ("command", "python", "numpy", "scipy"):
         del made[of_this_run]
     for name, path in paths.items():

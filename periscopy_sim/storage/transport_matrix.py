@@ -29,6 +29,7 @@ from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.outputs.resume import first_difference
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Transport = NDArray[np.float32] | BouncedTransport
@@ -41,16 +42,6 @@ BOUNCED = "over_wall", "of_patches", "relative_error"
 """The arrays of the NPZ file."""
 
 AGAIN = "render the matrix again"
-
-
-class OtherMatrixError(PhotographError):
-    """A file of a matrix whose record differs, in an entry, from the scene or the light wanted."""
-
-    def __init__(self, path: Path, entry: str, recorded: Any, wanted: Any) -> None:
-        super().__init__(
-            f"{path}: was made from another scene or light ({entry} {recorded}, here {wanted})"
-        )
-        self.entry, self.recorded = entry, recorded
 
 
 def record_of(path: Path) -> Path:
@@ -116,8 +107,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     """Read a matrix, (M, N), that `transport_writer` wrote, mapped, for a scene and bounces.
 
     Without its JSON file only the shapes are compared, and direct light is assumed. A
-    PhotographError names a file that is damaged or of another size, an `OtherMatrixError` one of
-    another scene or light.
+    PhotographError names a file that is damaged, or of another size, scene or light.
     """
     A = _finite_matrix(path)
     record, bounced = read_record(path), bounced_of(path)
@@ -126,7 +116,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
         settings = {
             "scene_sha256": scene_sha256(scenario.document),
             "parameters": dict(scenario.parameters),
-            "hidden_shape": list(scenario.hidden_shape),
+            "hidden_shape": scenario.hidden_shape,
             "bounces": bounces_in_words(bounces),
         }
         _check(path, record, settings)
@@ -148,10 +138,12 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
 
 
 def _check(path: Path, record: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Raise an `OtherMatrixError` for the first entry in which a record differs."""
-    for entry, value in wanted.items():
-        if (recorded := record.get(entry)) != value:
-            raise OtherMatrixError(path, entry, recorded, value)
+    """Raise a PhotographError for the first entry in which a record differs."""
+    if difference := first_difference({name: record.get(name) for name in wanted}, wanted):
+        raise PhotographError(
+            f"{path}: was made from another scene or light ({difference}); pass its options, or "
+            f"{AGAIN}"
+        )
 
 
 def _finite_matrix(path: Path) -> NDArray[Any]:

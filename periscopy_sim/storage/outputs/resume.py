@@ -59,19 +59,21 @@ def resumed_folder(
 def check_settings(
     held: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
 ) -> None:
-    """Raise if results have other settings; the message names the first entry that differs.
+    """Raise an `OutputError` if results, `what`, in a folder, `where`, have other settings."""
+    if difference := first_difference(held, wanted):
+        raise OutputError(
+            f"{where} holds another {what} ({difference}); name another folder, or remove it to "
+            "start anew"
+        )
 
-    Settings are of JSON's types. Messages call what holds the results `where`, a folder, and the
-    results `what`, a sweep.
-    """
+
+def first_difference(held: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Return the first entry in which settings of JSON's types differ, and both; empty if none."""
     there: Any = held
     here: Any = json.loads(json.dumps(wanted))
     path: list[str] = []
     while there != here and isinstance(there, Mapping) and isinstance(here, Mapping):
         path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
         there, here = there.get(path[-1]), here.get(path[-1])
-    if path:
-        raise OutputError(
-            f"{where} holds another {what} ({'.'.join(path)} {json.dumps(there)[:48]}, here "
-            f"{json.dumps(here)[:48]}); name another folder, or remove it to start anew"
-        )
+    values = f"{json.dumps(there)[:48]}, here {json.dumps(here)[:48]}"
+    return f"{'.'.join(path)} {values}" if path else ""
