@@ -27,7 +27,7 @@ class Picture:
     values: NDArray[Any]  # (rows, columns[, channels]) of any real dtype
     alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
     left_out: tuple[str, ...] = ()  # other channels of the file
-    unapplied: tuple[str, ...] = ()  # corrections that the file asks for, by name
+    unapplied: tuple[str, ...] = ()  # tags of corrections that the file asks for
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     encoding: str | None = None  # what the file declares of its integers
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was

@@ -208,19 +208,10 @@ def attributes_of(path: Path) -> dict[str, Any]:
 
 
 def check_place(path: Path, what: str) -> None:
-    """Raise an `OutputError` if a place holds anything but a store, whole or begun.
-
-    A store holds no links: they may lead to files that are not the store's.
-    """
+    """Raise an `OutputError` if a place holds anything but a store, whole or begun."""
     with unwritable_reported(path):
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")
-    for each in path.rglob("*"):
-        if each.is_symlink() or not (each.is_file() or each.is_dir()):
-            raise OutputError(
-                f"cannot write {path}: {each.relative_to(path)} is a link or a device; remove it, "
-                "or name another folder"
-            )
     begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
     if not begun and any(each.is_file() for each in path.rglob("*")):
         raise OutputError(f"{path} is not empty and no {what}; name another folder")
