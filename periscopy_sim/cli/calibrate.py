@@ -16,6 +16,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
 
 if TYPE_CHECKING:
@@ -146,12 +147,13 @@ def find_parameters(
             from periscopy_sim.calibration.calibrate import calibrate
 
         files = session.read()
-        _write_copy(session, scene, {}, out, load=False)  # proves now that it can be written
+        _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = result.scene_covariance.text()
-        _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
+        remark = _distrust("periscopy calibrate", result.doubts)
+        _write_copy(session, scene, values, out, remark)
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(
@@ -174,16 +176,13 @@ def _write_copy(
     values: Mapping[str, str],
     out: Path,
     remark: str = "",
-    *,
-    load: bool = True,
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        if load:
-            ps.load_scenario(staged, session.size)
+        ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
@@ -197,7 +196,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
 
-    size = None if cells is None else arguments.parse_size(cells)
+    size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture

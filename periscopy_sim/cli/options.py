@@ -282,14 +282,6 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 # -- forms of values -----------------------------------------------------------------------------
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """Read ROWSxCOLUMNS."""
-    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
-    if not size:
-        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    return int(size[1]), int(size[2])
-
-
 def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:
     """Read ``NAME=VALUE`` or ``NAME`` entries, of an empty value; each name once."""
     parts = [entry.partition("=") for entry in entries]

@@ -21,6 +21,7 @@ from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -68,7 +69,7 @@ class Session(options.OptionGroup):
     seed: options.Seed = 0
 
     def __post_init__(self) -> None:
-        self.size, self.path = options.parse_size(self.hidden), find_scene(self.scene)
+        self.size, self.path = size_of(self.hidden), find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -229,12 +230,6 @@ class WallSession(Session):
         used = None
         if self.mask is not None:
             used = read_mask(self.mask, self.scenario.photograph_shape)
-            count, (pixels, patches) = np.count_nonzero(used), self.scenario.transport_shape
-            if count < patches <= pixels:  # before hours of rendering
-                raise PeriscopyError(
-                    f"{self.mask}: the mask leaves {count} pixels for {patches} patches: leave out "
-                    "less of the wall, or use fewer patches"
-                )
         off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
         self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
         return used, off

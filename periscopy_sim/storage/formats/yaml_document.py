@@ -1,6 +1,5 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -10,16 +9,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
-from periscopy_sim.numerics.limits import read_regular
+from periscopy_sim.numerics.limits import read_regular, size_of
 
 MOST_LETTERS = 1 << 17
 """Bytes of a YAML file: 1 s of parsing."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
-
-MOST_MISTAKES = 20
-"""Mistakes that one message names."""
 
 
 class Strict(BaseModel):
@@ -36,7 +32,7 @@ class Strict(BaseModel):
             mistakes: list[Any] = error.errors(include_url=False)
         known = [field.alias or name for name, field in cls.model_fields.items()]
         # A misspelt name first: what it stands for is missing, too.
-        mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)[:MOST_MISTAKES]
+        mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)
         for each in mistakes:
             if each["type"] == UNKNOWN and len(each["loc"]) == 1:
                 advice = did_you_mean(str(*each["loc"]), known) or f"there are {', '.join(known)}"
@@ -53,12 +49,7 @@ def text_of(given: Any) -> str:
 
 
 def _rows_and_columns(given: Any) -> Any:
-    if isinstance(given, list | tuple):
-        return given
-    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text_of(given), re.IGNORECASE)
-    if size is None:
-        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
-    return size.groups()
+    return given if isinstance(given, list | tuple) else size_of(text_of(given))
 
 
 Side = Annotated[int, Field(ge=1, le=10_000)]
