@@ -9,7 +9,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import WallSession, left_out
+from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
 
 MEANINGS = {
@@ -63,8 +63,9 @@ def analyze(
             metadata=session.metadata,
         )
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
-        summary = {"rank_tolerance": rank_tolerance, **left_out(used), **numbers}
-        session.write_summary(folder / "summary.json", summary)
+        session.write_summary(
+            folder / "summary.json", {"rank_tolerance": rank_tolerance, **numbers}
+        )
     median, worst = 100 * np.median(both), 100 * both.max()
     say(
         f"median patch ± {median:.2g} % of white, worst ± {worst:.2g} %, at noise of 0.1 % of a "

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import free_parameters, start_values
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
@@ -139,7 +137,6 @@ def find_parameters(
     freed = None if free is None else arguments.parse_errors(free, "--free")
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
-    start_values(document, list(free_parameters(document, freed, errors or {})))
     colours = session.colours
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
     with output_files(outputs, session.inputs) as (scene, json, png):
@@ -200,7 +197,6 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    MaskPlane.of(session.scenario, shape)
     with output_files(outputs, session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:

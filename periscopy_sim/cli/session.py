@@ -50,11 +50,6 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
         )
 
 
-def left_out(mask: Mask | None) -> dict[str, Any]:
-    """Return a summary's entry about a mask."""
-    return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
-
-
 @dataclass(eq=False)
 class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
@@ -231,7 +226,8 @@ class WallSession(Session):
         if self.mask is not None:
             used = read_mask(self.mask, self.scenario.photograph_shape)
         off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
-        self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
+        count = 0 if used is None else np.count_nonzero(~used)
+        self.record |= {"mask": self.mask, "pixels_left_out": count, "backgrounds": list(off)}
         return used, off
 
     def wall(self, path: Path) -> ps.Photograph:
@@ -246,7 +242,7 @@ class WallSession(Session):
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
             photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
-            self.record |= left_out(photograph.mask)
+            self.record["pixels_left_out"] = np.count_nonzero(~photograph.pixels)
         return replace(photograph, values=blackened(photograph.values, photograph.mask))
 
 
