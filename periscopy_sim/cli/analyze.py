@@ -42,18 +42,18 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used, off = session.companions()
+        mask, monitor_off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
-        seen = ps.Photograph(white, used, off)
+        wall = ps.Photograph(white, mask, monitor_off)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
             result = diagnostics.diagnose(
-                A, B, seen.shape, scenario.hidden, photograph=seen, rank_tolerance=rank_tolerance
+                A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance
             )
         np.save(folder / "bounds.npy", result.bounds)
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
-        noise = 1e-3 * float(seen.used.mean())
+        noise = 1e-3 * float(wall.used.mean())
         alone, both = noise * result.bounds_without_background, noise * result.bounds
         panels.draw_maps(
             folder / "bounds.png",

@@ -103,8 +103,8 @@ def calibrate(
     if silhouette is None:
         find_parameters(session, out, free, uncertain or [])
     elif free or uncertain or session.colour_matrix:
-        given = "--free, --uncertain and --colour-matrix"
-        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {given}")
+        names = "--free, --uncertain and --colour-matrix"
+        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
     else:
         find_silhouette(session, out, silhouette, cells)
 
@@ -201,8 +201,8 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
-        made = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
-        remark = _distrust(made, solution.doubts) or made
+        origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
+        remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
@@ -214,7 +214,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
 
 def calibration_record(result: "Calibration") -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
-    held = result.uncertain
+    fixed = result.uncertain
 
     def by_name(values: Iterable[Any]) -> dict[str, Any]:
         return dict(zip(result.values, values, strict=True))
@@ -227,7 +227,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "uncertain": {
             name: {"value": value, "standard_error": error, "moves": by_name(moves)}
             for name, value, error, moves in zip(
-                held.names, held.values, held.standard_errors, result.moves.T, strict=True
+                fixed.names, fixed.values, fixed.standard_errors, result.moves.T, strict=True
             )
         },
         "correlation": by_name(map(by_name, result.correlation)),
@@ -274,8 +274,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
             trust += f" ({alone} then)"
         say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
-    if held := result.uncertain.names:
-        names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
+    if fixed := result.uncertain.names:
+        names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
         say(f"standard errors include those of fixed numbers ({names}); --uncertain none does not")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is None:

@@ -130,10 +130,11 @@ def progress(
         text = printable(f"{label}: {done} of {total} {unit}" if unit else label)
         bar.update(task, description=escape(text), completed=done, total=total or 1)
         if not console.is_terminal and clock() - latest >= SILENCE:
-            latest, shown = clock(), bar.tasks[task]
-            seconds = shown.time_remaining  # without what a former run did
-            left = "" if seconds is None else f", {timedelta(seconds=seconds)} left"
-            print(f"periscopy: {text}: {shown.percentage:.0f} %{left}", file=sys.stderr, flush=True)
+            latest, state = clock(), bar.tasks[task]
+            seconds = state.time_remaining  # without what a former run did
+            text += f": {state.percentage:.0f} %"
+            text += "" if seconds is None else f", {timedelta(seconds=seconds)} left"
+            print(f"periscopy: {text}", file=sys.stderr, flush=True)
 
     columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)

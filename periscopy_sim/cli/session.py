@@ -165,39 +165,39 @@ class Session(options.OptionGroup):
 
         if matrix is None:
             plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
-            A, made = light.transport(self.scenario, plan, self.seed, strata), plan.origin
+            A, origin = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
             A = files.read_transport(matrix, self.scenario, light.most_bounces)
             if not (record := files.read_record(matrix)):
                 self.warn(sentence("no_record", file=matrix))
-            made = {**record, "model": "file", "samples": None}
-        made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
-        self.record |= {**made, "transport": matrix, **light.origin}
+            origin = {**record, "model": "file", "samples": None}
+        origin = {name: origin.get(name) for name in ("model", "samples", "transport_error")}
+        self.record |= {**origin, "transport": matrix, **light.origin}
         if noise is not None:
             self.record["relative_noise"] = noise
-            self.check_error(made, noise)
+            self.check_error(origin, noise)
         return np.asarray(channels_mean(A))
 
-    def check_error(self, made: Mapping[str, Any], noise: float, name: str = "A") -> None:
+    def check_error(self, origin: Mapping[str, Any], noise: float, name: str = "A") -> None:
         """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
-        if better := self.better_transport(made, noise):
-            percent = {"error": 100 * made["transport_error"], "noise": 100 * noise}
+        if better := self.better_transport(origin, noise):
+            percent = {"error": 100 * origin["transport_error"], "noise": 100 * noise}
             excess = sentence("transport_error", name=name, **percent)
             self.warn(f"{excess}: pass {better}")
 
-    def better_transport(self, made: Mapping[str, Any], noise: float | None) -> str:
+    def better_transport(self, origin: Mapping[str, Any], noise: float | None) -> str:
         """Return the options that lower the error of an A; empty where it is below the noise."""
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.model.fit import PRECISION
 
-        error = made["transport_error"]
+        error = origin["transport_error"]
         if error is None or noise is None or error <= max(noise, PRECISION):
             return ""
-        if made["model"] == "file":
+        if origin["model"] == "file":
             return "a --transport of more rays"
         if has_areas(self.scenario):
             return "--model analytic"
-        return f"--samples {4 * (made['samples'] or SAMPLES)}"
+        return f"--samples {4 * (origin['samples'] or SAMPLES)}"
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -222,18 +222,17 @@ class WallSession(Session):
 
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
-        used = None
-        if self.mask is not None:
-            used = read_mask(self.mask, self.scenario.photograph_shape)
-        off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
-        count = 0 if used is None else np.count_nonzero(~used)
-        self.record |= {"mask": self.mask, "pixels_left_out": count, "backgrounds": list(off)}
-        return used, off
+        mask = None if self.mask is None else read_mask(self.mask, self.scenario.photograph_shape)
+        files = self.monitor_off or []
+        monitor_off = {str(file): self.photograph(file, mask).values for file in files}
+        self.record |= {"mask": self.mask, "backgrounds": list(monitor_off)}
+        self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
+        return mask, monitor_off
 
     def wall(self, path: Path) -> ps.Photograph:
         """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
-        used, off = self.companions()
-        photograph = replace(self.photograph(path, used), monitor_off=off)
+        mask, monitor_off = self.companions()
+        photograph = replace(self.photograph(path, mask), monitor_off=monitor_off)
         return self.without_defects(photograph, str(path))
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:

@@ -86,16 +86,16 @@ def sweep(
     names = options.parse_list("--methods", methods)
     light.check_methods(*names)
     check_scheduler(scheduler)
-    shown = session.hidden_image(truth or hidden_image or "")
+    image = session.hidden_image(truth or hidden_image or "")
     wall = None if photograph is None else session.wall(photograph)
-    used, off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
-    given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
-    digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
+    mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
+    measured = {n: session.photograph(path, mask).values for n, path in lights.items() if path}
+    sums = {name: sweeps.array_sha256(each) for name, each in measured.items()}
     settings = {
-        **_settings(session, light, names, used, off),
+        **_settings(session, light, names, mask, monitor_off),
         "photograph": "path traced" if wall is None else sweeps.array_sha256(wall.values),
-        "truth": sweeps.image_sha256(shown),
-        "ambient": [[name, digests.get(name, "rendered")] for name in lights],
+        "truth": sweeps.image_sha256(image),
+        "ambient": [[name, sums.get(name, "rendered")] for name in lights],
         "flips": flips,
         "sbr": ratios,
         "snr": snr,
@@ -105,21 +105,21 @@ def sweep(
         session.check_scene()
         if wall is None:
             traced = _path_traced(session, str(hidden_image), out / "photograph.exr")
-            wall = replace(traced, mask=used, monitor_off=off)
+            wall = replace(traced, mask=mask, monitor_off=monitor_off)
         noise = noise_to_signal(snr, max(ratios))
         plans = {n: light.plan(session.scenario, noise, session.seed, n) for n in names}
-        fitted, made_of = _fit_methods(session, light, plans, wall, out)
+        solvers, digests = _fit_methods(session, light, plans, wall, out)
         whole = sweeps.Sweep(
             signal=wall,
-            truth=shown,
-            backgrounds=_backgrounds(session, lights, given, wall.channels, out, flips),
-            methods=fitted,
+            truth=image,
+            backgrounds=_backgrounds(session, lights, measured, wall.channels, out, flips),
+            methods=solvers,
             sbrs=ratios,
             snr=snr,
             seeds=range(seeds),
             seed=session.seed,
             transport={name: plan.origin for name, plan in plans.items()},
-            conditions={"settings": settings, **made_of},
+            conditions={"settings": settings, **digests},
         )
         with progress("sweeping") as report:
             results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
@@ -135,8 +135,8 @@ def _settings(
     session: Session,
     light: Light,
     methods: Iterable[str],
-    used: Mask | None,
-    off: Mapping[str, Array],
+    mask: Mask | None,
+    monitor_off: Mapping[str, Array],
 ) -> dict[str, Any]:
     """Return the settings of the scene, its pixels, its A and B, and the methods; these exist."""
     from periscopy_sim.evaluation.methods import find_method, source_sha256
@@ -151,8 +151,8 @@ def _settings(
         "model": light.model and light.model.value,
         "samples": light.samples,
         **light.origin,
-        "mask": None if used is None else array_sha256(used),
-        "monitor_off": [array_sha256(image) for image in off.values()],
+        "mask": None if mask is None else array_sha256(mask),
+        "monitor_off": [array_sha256(image) for image in monitor_off.values()],
         "methods": [[name, source_sha256(name) or "built in"] for name in methods],
     }
 
@@ -203,7 +203,7 @@ def _transport(
 def _backgrounds(
     session: Session,
     lights: Iterable[str],
-    given: Mapping[str, Array],
+    measured: Mapping[str, Array],
     channels: int,
     out: Path,
     flips: bool,
@@ -211,11 +211,11 @@ def _backgrounds(
     """Return ambient light by name, (rows, columns, channels): given or path traced, and flips."""
     from periscopy_sim.evaluation import sweep as sweeps
 
-    missing = [name for name in lights if name not in given]
+    names = [name for name in lights if name not in measured]
     traced = ambient_photographs(
-        missing, session.scenario, out / "ambient", session.seed, progress=progress
+        names, session.scenario, out / "ambient", session.seed, progress=progress
     )
-    images = {name: seen_in({**traced, **given}[name], channels) for name in lights}
+    images = {name: seen_in({**traced, **measured}[name], channels) for name in lights}
     return sweeps.flips(images) if flips else images
 
 

@@ -79,13 +79,13 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
         def write(A: Transport, record: Mapping[str, Any]) -> None:
             mean = channels_mean(A)
             np.save(staged, mean)
-            made = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
+            identity = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
             if isinstance(A, BouncedTransport):
                 light = A.bounced
                 np.savez(staged_bounced[0], **{name: getattr(light, name) for name in BOUNCED})
-                made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+                identity["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
                 record = {**record, "bounced_relative_error": light.relative_error}
-            staged_record.write_text(json.dumps({**record, **made}, indent=2) + "\n", "utf-8")
+            staged_record.write_text(json.dumps({**record, **identity}, indent=2) + "\n", "utf-8")
 
         yield write
     if not bounced:
@@ -127,13 +127,13 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
         )
     if not record:
         return A
-    made, light = {"matrix_sha256": _sha256(A)}, None
+    digests, light = {"matrix_sha256": _sha256(A)}, None
     if bounces != DIRECT:
         over_wall, of_patches, error = (npz_array(bounced, key=name) for name in BOUNCED)
         with decoding(bounced, "NPZ", AGAIN):
             light = BouncedLight(over_wall, of_patches, float(error))
-        made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
-    _check(path, record, made)
+        digests["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+    _check(path, record, digests)
     return A if light is None else BouncedTransport(A, light, bounces)
 
 

@@ -25,9 +25,9 @@ class Strict(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _knows(cls, given: Any, check: Any) -> Any:
+    def _knows(cls, value: Any, check: Any) -> Any:
         try:
-            return check(given)
+            return check(value)
         except ValidationError as error:
             mistakes: list[Any] = error.errors(include_url=False)
         known = [field.alias or name for name, field in cls.model_fields.items()]
@@ -42,14 +42,14 @@ class Strict(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
-def text_of(given: Any) -> str:
+def text_of(value: Any) -> str:
     """Return a text or a number as text, cut short; of anything else, maybe huge, its type."""
-    text = str(given) if isinstance(given, str | int | float) else type(given).__name__
+    text = str(value) if isinstance(value, str | int | float) else type(value).__name__
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-def _rows_and_columns(given: Any) -> Any:
-    return given if isinstance(given, list | tuple) else size_of(text_of(given))
+def _rows_and_columns(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else size_of(text_of(value))
 
 
 Side = Annotated[int, Field(ge=1, le=10_000)]
