@@ -113,7 +113,7 @@ def write_transport(
     session: Session, light: MonitorLight, plan: "TransportPlan", out: Path
 ) -> None:
     """Compute A as planned; write it with the files beside it, and print their names."""
-    from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
+    from periscopy_sim.storage.transport_matrix import transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
         A = light.transport(session.scenario, plan, session.seed)
@@ -123,8 +123,7 @@ def write_transport(
             **plan.origin,
             **session.provenance,
         }
-        write(A, record)
-    beside = ", ".join(str(file) for file in (record_of(out), bounced_of(out)) if file.is_file())
+        beside = ", ".join(map(str, write(A, record)))
     way = "areas" if plan.samples is None else f"{plan.samples} rays"
     how = f"by {way}, error {100 * plan.error:.2g} % of the light"
     say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {beside}; {how}")

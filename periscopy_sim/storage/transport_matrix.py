@@ -35,8 +35,8 @@ from periscopy_sim.storage.outputs.staging import staged_file
 Transport = NDArray[np.float32] | BouncedTransport
 """A, (M, N): an array of direct light, or the matrices of all channels with light that bounces."""
 
-Write = Callable[[Transport, Mapping[str, Any]], None]
-"""Writes a matrix and the record of what it was made from, as JSON has it."""
+Write = Callable[[Transport, Mapping[str, Any]], list[Path]]
+"""Writes a matrix and, as JSON, the record of its origin; returns the files beside the matrix."""
 
 BOUNCED = "over_wall", "of_patches", "relative_error"
 """The arrays of the NPZ file."""
@@ -44,14 +44,9 @@ BOUNCED = "over_wall", "of_patches", "relative_error"
 AGAIN = "render the matrix again"
 
 
-def record_of(path: Path) -> Path:
-    """Return the name of the JSON file beside a matrix."""
-    return path.with_suffix(".json")
-
-
 def read_record(path: Path) -> dict[str, Any]:
     """Return what the JSON file beside a matrix holds; nothing without such a file."""
-    file = record_of(path)
+    file = path.with_suffix(".json")
     if not file.is_file():
         return {}
     with decoding(file, "JSON", AGAIN):
@@ -70,13 +65,13 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
     the digests of the other files, by which files of two matrices differ.
     """
-    bounced = () if bounces == DIRECT else (bounced_of(path),)
+    beside = [path.with_suffix(".json"), *([] if bounces == DIRECT else [bounced_of(path)])]
     with ExitStack() as stack:
         staged, staged_record, *staged_bounced = (
-            stack.enter_context(staged_file(file)) for file in (path, record_of(path), *bounced)
+            stack.enter_context(staged_file(file)) for file in (path, *beside)
         )
 
-        def write(A: Transport, record: Mapping[str, Any]) -> None:
+        def write(A: Transport, record: Mapping[str, Any]) -> list[Path]:
             mean = channels_mean(A)
             np.save(staged, mean)
             identity = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
@@ -86,9 +81,10 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
                 identity["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
                 record = {**record, "bounced_relative_error": light.relative_error}
             staged_record.write_text(json.dumps({**record, **identity}, indent=2) + "\n", "utf-8")
+            return beside
 
         yield write
-    if not bounced:
+    if bounces == DIRECT:
         bounced_of(path).unlink(missing_ok=True)  # of a matrix that stood there before
 
 
