@@ -65,7 +65,7 @@ def _record(methods: str, suites: str) -> dict[str, str]:
         *(["--suites", suites] if suites else []),
     ]
     command = ["python", "-m", "benchmarks", "run", *asked]
-    made = provenance(read_document(ps.find_scene("chair")), ps.use_variant(), None, command)
+    made = provenance(read_document(ps.find_scene("chair")), command=command)
     return as_text({**made, "processors": os.cpu_count()})
 
 

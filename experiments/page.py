@@ -261,5 +261,5 @@ def _digest(setting: Inputs) -> str:
 def _record(page: Page, setting: Inputs) -> dict[str, str]:
     command = ["python", "-m", page.package, *sys.argv[1:]]
     chair = read_document(ps.find_scene("chair"))
-    made = provenance(chair, ps.use_variant(), setting.seed, command)
+    made = provenance(chair, setting.seed, command)
     return as_text({**made, "processors": os.cpu_count()})

@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 
 from periscopy_sim.cli.options import RENAMED, with_options_of_groups
 from periscopy_sim.cli.output import interrupt, warn, warn_defect
-from periscopy_sim.errors import PeriscopyError, did_you_mean, path_fault
+from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import EXTRA_OF, missing
 
 INTERRUPTED = 130
@@ -91,7 +91,6 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):  # batch queues send SIGTERM
         signal.signal(number, interrupt)
     try:
-        _check_names(sys.argv[1:])
         code = app(sys.argv[1:] or ["--help"], prog_name="periscopy", standalone_mode=False)
         if code == INTERRUPTED:  # Typer makes it of a KeyboardInterrupt
             raise KeyboardInterrupt
@@ -105,14 +104,6 @@ def main() -> None:
         warn(str(PeriscopyError(reason)), "error")
         raise SystemExit(2) from None
     raise SystemExit(code if isinstance(code, int) else 0)
-
-
-def _check_names(words: list[str]) -> None:
-    """Reject a URL, but of a scheduler, and what is no UTF-8, among the words of a command."""
-    for flag, word in zip(["", *words], words, strict=False):
-        is_address = "--scheduler" in (flag, word.partition("=")[0])
-        if not is_address and (fault := path_fault(word)):
-            raise PeriscopyError(f"{flag if flag.startswith('-') else ''} '{word}' {fault}")
 
 
 def _reason(error: BaseException) -> str:

@@ -9,7 +9,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import WallSession, left_out
+from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
 
 MEANINGS = {
@@ -42,18 +42,18 @@ def analyze(
     with output_folder(out) as folder:
         session.check_scene()
         scenario = session.scenario
-        used, off = session.companions()
+        mask, monitor_off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
-        seen = ps.Photograph(white, used, off)
+        wall = ps.Photograph(white, mask, monitor_off)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
             result = diagnostics.diagnose(
-                A, B, seen.shape, scenario.hidden, photograph=seen, rank_tolerance=rank_tolerance
+                A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance
             )
         np.save(folder / "bounds.npy", result.bounds)
         np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
-        noise = 1e-3 * float(seen.used.mean())
+        noise = 1e-3 * float(wall.used.mean())
         alone, both = noise * result.bounds_without_background, noise * result.bounds
         panels.draw_maps(
             folder / "bounds.png",
@@ -63,8 +63,9 @@ def analyze(
             metadata=session.metadata,
         )
         numbers: dict[str, Any] = {name: getattr(result, name) for name in MEANINGS}
-        summary = {"rank_tolerance": rank_tolerance, **left_out(used), **numbers}
-        session.write_summary(folder / "summary.json", summary)
+        session.write_summary(
+            folder / "summary.json", {"rank_tolerance": rank_tolerance, **numbers}
+        )
     median, worst = 100 * np.median(both), 100 * both.max()
     say(
         f"median patch ± {median:.2g} % of white, worst ± {worst:.2g} %, at noise of 0.1 % of a "

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import free_parameters, start_values
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
 
 if TYPE_CHECKING:
@@ -104,8 +103,8 @@ def calibrate(
     if silhouette is None:
         find_parameters(session, out, free, uncertain or [])
     elif free or uncertain or session.colour_matrix:
-        given = "--free, --uncertain and --colour-matrix"
-        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {given}")
+        names = "--free, --uncertain and --colour-matrix"
+        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
     else:
         find_silhouette(session, out, silhouette, cells)
 
@@ -138,7 +137,6 @@ def find_parameters(
     freed = None if free is None else arguments.parse_errors(free, "--free")
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
-    start_values(document, list(free_parameters(document, freed, errors or {})))
     colours = session.colours
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
     with output_files(outputs, session.inputs) as (scene, json, png):
@@ -146,12 +144,13 @@ def find_parameters(
             from periscopy_sim.calibration.calibrate import calibrate
 
         files = session.read()
-        _write_copy(session, scene, {}, out, load=False)  # proves now that it can be written
+        _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         values = {name: f"{value:.9g}" for name, value in result.values.items()}
         values[CALIBRATED] = result.scene_covariance.text()
-        _write_copy(session, scene, values, out, _distrust("periscopy calibrate", result.doubts))
+        remark = _distrust("periscopy calibrate", result.doubts)
+        _write_copy(session, scene, values, out, remark)
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(
@@ -174,16 +173,13 @@ def _write_copy(
     values: Mapping[str, str],
     out: Path,
     remark: str = "",
-    *,
-    load: bool = True,
 ) -> None:
     """Write a scene with other defaults, and see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        if load:
-            ps.load_scenario(staged, session.size)
+        ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
@@ -197,17 +193,16 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
 
-    size = None if cells is None else arguments.parse_size(cells)
+    size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    MaskPlane.of(session.scenario, shape)
     with output_files(outputs, session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
-        made = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
-        remark = _distrust(made, solution.doubts) or made
+        origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
+        remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
@@ -219,7 +214,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
 
 def calibration_record(result: "Calibration") -> dict[str, Any]:
     """Return a calibration as its JSON file has it."""
-    held = result.uncertain
+    fixed = result.uncertain
 
     def by_name(values: Iterable[Any]) -> dict[str, Any]:
         return dict(zip(result.values, values, strict=True))
@@ -232,7 +227,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "uncertain": {
             name: {"value": value, "standard_error": error, "moves": by_name(moves)}
             for name, value, error, moves in zip(
-                held.names, held.values, held.standard_errors, result.moves.T, strict=True
+                fixed.names, fixed.values, fixed.standard_errors, result.moves.T, strict=True
             )
         },
         "correlation": by_name(map(by_name, result.correlation)),
@@ -279,8 +274,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
             trust += f" ({alone} then)"
         say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
-    if held := result.uncertain.names:
-        names = f"all {len(held)}" if len(held) > 3 else ", ".join(held)
+    if fixed := result.uncertain.names:
+        names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
         say(f"standard errors include those of fixed numbers ({names}); --uncertain none does not")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
     if result.colour_matrix is None:

@@ -67,16 +67,16 @@ def make(
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()
     with progress("making samples", "samples") as report:
-        made = ps.make_dataset(
+        result = ps.make_dataset(
             settings, out, count=count, scheduler=scheduler, progress=report, rendering=progress
         )
     seconds = time.perf_counter() - start
-    if made.empty_splits:
-        warn(sentence("empty_splits", splits=" or ".join(made.empty_splits)))
+    if result.empty_splits:
+        warn(sentence("empty_splits", splits=" or ".join(result.empty_splits)))
     say(
-        f"wrote {out}: {made.made} samples of {made.geometries} geometries in {seconds:.1f} s; "
-        f"{made.count} in all"
-        if made.made else f"{out} is complete: {made.count} samples"
+        f"wrote {out}: {result.made} samples of {result.geometries} geometries in {seconds:.1f} s; "
+        f"{result.count} in all"
+        if result.made else f"{out} is complete: {result.count} samples"
     )  # fmt: skip
 
 
@@ -115,5 +115,5 @@ def export(
     """Write samples as EXR files, with a contact sheet."""
     count = open_dataset(data, incomplete=True).sizes["sample"]
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
-        written = export_samples(data, folder, parse_indices(samples, count), report)
-    say(f"wrote {out}: {len(written)} files, and among them sheet.png")
+        files = export_samples(data, folder, parse_indices(samples, count), report)
+    say(f"wrote {out}: {len(files)} files, and among them sheet.png")

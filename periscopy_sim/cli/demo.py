@@ -41,27 +41,27 @@ def demo(
     with staged_file(ambient) as file:
         require_vectorized("the demo")
         say(f"rendering with {use_variant()}")
-        named = "chair", hidden, [f"resolution={resolution}"], seed
-        scene = PhotoSession(*named)
+        chair = "chair", hidden, [f"resolution={resolution}"], seed
+        scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
         write_exr(file, light, scene.metadata)
     photograph(scene, image, photo, max(1, round(effort * 4096)), str(ambient), sbr=0.5, snr=60.0)
     truth, y = scene.hidden_image(image), scene.photograph(photo).values
     noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
     snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))
-    shown = [("hidden image", panels.displayable(truth, white=1))]
-    shown.append(("photograph of the wall", panels.displayable(y)))
+    pictures = [("hidden image", panels.displayable(truth, white=1))]
+    pictures.append(("photograph of the wall", panels.displayable(y)))
     for method, title in METHODS.items():
         reconstruct(
-            photo=photo, session=PhotoSession(*named), light=Light(), out=out / method,
+            photo=photo, session=PhotoSession(*chair), light=Light(), out=out / method,
             method=method, numbers=options.StillNumbers(), truth=image, uncertain="none",
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
-        shown.append((f"{title}: {ps.psnr(recovered, truth):.1f} dB", matched))
+        pictures.append((f"{title}: {ps.psnr(recovered, truth):.1f} dB", matched))
     caption = f"chair scene, SBR 0.5, SNR {min(snr, 60):.0f} dB; PSNR after one gain per channel"
     with staged_file(out / "demo.png") as file:
-        panels.draw_panels(file, shown, caption=caption, metadata=scene.metadata)
+        panels.draw_panels(file, pictures, caption=caption, metadata=scene.metadata)
     say_written(out / "demo.png")
 
 
@@ -70,9 +70,9 @@ def tutorial(out: Out) -> None:
     shipped = scenes_folder() / "tutorial"
     with output_folder(out) as folder:
         for file in sorted(shipped.rglob("*")):
-            own = out / file.relative_to(shipped)
-            if file.is_file() and own.exists():
-                raise OutputError(f"{own} exists already and stays; name another folder")
+            target = out / file.relative_to(shipped)
+            if file.is_file() and target.exists():
+                raise OutputError(f"{target} exists already and stays; name another folder")
         # Not their modes: an installed package may be read-only.
         shutil.copytree(shipped, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
     say(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")

@@ -73,7 +73,7 @@ def design(
     start = start_values(session.scenario.document, list(ranges))
     given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
     points = [given_point, *designs.grid_of(ranges, grid)]
-    shown = {name: session.hidden_image(name) for name in names}
+    pictures = {name: session.hidden_image(name) for name in names}
     check_memory(session.scenario)
     session.check_lights()
     plan = light.plan(session.scenario, noise_to_signal(snr, sbr), session.seed)
@@ -83,7 +83,7 @@ def design(
         """Return the errors of the scene with these values."""
         scenario = ps.load_scenario(session.path, session.size, {**session.definitions, **values})
         A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
-        B, images = light.backgrounds(scenario), list(shown.values())
+        B, images = light.backgrounds(scenario), list(pictures.values())
         return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
 
     settings = {
@@ -93,7 +93,7 @@ def design(
         "seed": session.seed,
         "snr": snr,
         "sbr": str(sbr),
-        "images": [[name, image_sha256(image)] for name, image in shown.items()],
+        "images": [[name, image_sha256(image)] for name, image in pictures.items()],
         **plan.origin,
         **light.origin,
     }
@@ -152,7 +152,7 @@ def _say_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
             warn(f"{place}: {row['failure']}")
         elif row["point"] == 0 or row is best:
             numbers = {name: row[name] for name in NUMBERS if row[name] is not None}
-            shown = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
-            say(f"{'best' if row is best else 'given scene'} ({place}): {shown} of white")
+            errors = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
+            say(f"{'best' if row is best else 'given scene'} ({place}): {errors} of white")
     if best is None:
         warn(sentence("no_best"))

@@ -31,16 +31,16 @@ def fetch(name: Name = "", out: Out = None) -> None:
         return
     with progress(f"fetching {name}", "captures") as report:
         folder = fetch_set(name, report)
-    chosen = sets[name]
+    data_set = sets[name]
     for entry in ("cite", "licence", "geometry"):
-        say(f"{entry}: {getattr(chosen, entry)}")
-    values = "".join(f" -D {key}={value:g}" for key, value in chosen.parameters.items())
-    say(f"scene: --scene {chosen.scene}{values}")
+        say(f"{entry}: {getattr(data_set, entry)}")
+    values = "".join(f" -D {key}={value:g}" for key, value in data_set.parameters.items())
+    say(f"scene: --scene {data_set.scene}{values}")
     if out is None:
         say(f"captures are in {folder}")
         return
     with output_folder(out) as staged:
-        for file in chosen.files:
+        for file in data_set.files:
             (staged / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, staged / file)
             arrays: dict[str, Any] = {**read_capture(folder / file)}

@@ -103,21 +103,20 @@ class Light(MonitorLight):
 
     def check_methods(self, *names: str) -> None:
         """Reject a light model for a method that takes no B."""
-        for name in names:
-            if self.light_model and name in METHODS and not METHODS[name].backgrounds:
-                raise PeriscopyError(
-                    f"--light-model: the method {name} models no ambient light; leave one out"
-                )
+        without = [name for name in names if name in METHODS and not METHODS[name].backgrounds]
+        if self.light_model and without:
+            raise PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""
         from periscopy_sim.storage.transport_matrix import read_prototypes
 
         pixels = scenario.transport_shape[0]
-        files = {name: read_prototypes(Path(name), pixels) for name in self.sources if name != GRID}
         return np.hstack(
             [
-                files[name] if name in files else ps.point_light_backgrounds(scenario)
-                for name in self.sources
+                ps.point_light_backgrounds(scenario)
+                if source == GRID
+                else read_prototypes(Path(source), pixels)
+                for source in self.sources
             ]
         )

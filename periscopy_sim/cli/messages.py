@@ -31,10 +31,6 @@ SENTENCES = {
     ),
     "no_residual": "This method judges no scene: it does not use A.",
     "calibrate": "Run calibrate.",
-    "finer": (
-        "patches half as large explain the misfit as well: if the scene is right, pass --hidden "
-        "{rows}x{columns}"
-    ),
     "look": "Look at residual.png.",
     "pass": "Pass {options}.",
     "measure": "Measure it again.",
@@ -82,19 +78,6 @@ def report_sentences(report: "Report") -> list[str]:
 def verdict(report: "Report", remedy: str = "") -> str:
     """Return one line: whether the scene fits, what is unexplained beside noise, and a remedy."""
     return f"{sentence(report.verdict.code, **report.verdict.values)} {remedy}".rstrip()
-
-
-def matrix_remedy(entry: str, recorded: Any) -> str:
-    """Return what makes a command fit the matrix in a file, by an entry of the file's record."""
-    match entry, recorded:
-        case "bounces", str():
-            return f"pass --bounces {recorded}"
-        case "hidden_shape", [rows, columns]:
-            return f"pass --hidden {rows}x{columns}"
-        case "parameters", dict():
-            given = " ".join(f"-D {name}={value}" for name, value in recorded.items())
-            return f"pass {given} alone" if given else "leave out -D"
-    return "render the matrix again"
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

@@ -216,7 +216,7 @@ Coupling = Annotated[
 
 
 def settings_for(
-    method: str, given: Mapping[str, float | None], offered: Offered, coupling: str = ""
+    method: str, numbers: Mapping[str, float | None], offered: Offered, coupling: str = ""
 ) -> dict[str, float]:
     """Return the values of a method's options: the user's, else the defaults.
 
@@ -231,7 +231,7 @@ def settings_for(
             f"--method {method} --coupling {coupling}: {guess or f'videos have {known}'}"
         )
     taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
-    values = {name: value for name, value in given.items() if value is not None}
+    values = {name: value for name, value in numbers.items() if value is not None}
     for name, value in values.items():
         if name not in taken or not taken[name].least <= value <= taken[name].most:
             raise PeriscopyError(
@@ -282,14 +282,6 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 # -- forms of values -----------------------------------------------------------------------------
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """Read ROWSxCOLUMNS."""
-    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
-    if not size:
-        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    return int(size[1]), int(size[2])
-
-
 def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:
     """Read ``NAME=VALUE`` or ``NAME`` entries, of an empty value; each name once."""
     parts = [entry.partition("=") for entry in entries]
@@ -306,16 +298,16 @@ def parse_list(flag: str, text: str) -> list[str]:
 
 def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> dict[str, str]:
     """Read ``-D name=value`` options, or those of another name; each name once."""
-    given = _pairs(flag, definitions or ())
-    if empty := [name for name, value in given.items() if not value]:
+    pairs = _pairs(flag, definitions or ())
+    if empty := [name for name, value in pairs.items() if not value]:
         raise PeriscopyError(f"{flag} '{empty[0]}=' is not of the form name=value")
-    return given
+    return pairs
 
 
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
-    given = _pairs(flag, text.split(",") if text else ())
-    errors = {name: number_of(error) if error else None for name, error in given.items()}
+    pairs = _pairs(flag, text.split(",") if text else ())
+    errors = {name: number_of(error) if error else None for name, error in pairs.items()}
     if any(error is not None and math.isnan(error) for error in errors.values()):
         raise PeriscopyError(f"{flag} {text}: write NAME or NAME=0.005, by comma, without units")
     return errors

@@ -1,6 +1,7 @@
 """Lines, warnings, progress, times and JSON of the commands."""
 
 import json
+import math
 import shlex
 import sys
 import time
@@ -12,7 +13,7 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, NoReturn
 
-from periscopy_sim.errors import OutputError, PeriscopyError, printable
+from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file, staged_folder
 
@@ -42,23 +43,14 @@ def warn(message: str, kind: str = "warning") -> None:
 
 
 def warn_defect(error: BaseException) -> None:
-    """Ask for a report of an error that no user can fix; its trace goes to a temporary file.
-
-    Where no such file can be written, the trace is printed.
-    """
+    """Ask for a report of an error that no user can fix; its trace goes to a temporary file."""
     trace = "\n".join([shlex.join(sys.argv), *traceback.format_exception(error)])
-    try:
-        path = Path(gettempdir(), f"periscopy-{time.time_ns()}.txt")
-        with staged_file(path) as file:
-            file.write_text(trace, "utf-8", "backslashreplace")
-        place = f"in {path}"
-    except (OSError, OutputError):
-        print(trace, end="", file=sys.stderr)
-        place = "printed above"
+    path = Path(gettempdir(), f"periscopy-{time.time_ns()}.txt")
+    path.write_text(trace, "utf-8", "backslashreplace")
     what = PeriscopyError(f"{type(error).__name__}: {error}")
     warn(
         f"{what}; this is a defect of periscopy: please report it, as CONTRIBUTING.md says, with "
-        f"the output of 'periscopy doctor' and the trace {place}", "error"
+        f"the output of 'periscopy doctor' and the trace in {path}", "error"
     )  # fmt: skip
 
 
@@ -127,32 +119,30 @@ def progress(
     from rich.progress import Progress, TimeElapsedColumn
 
     console, is_inner = Console(stderr=True), bool(_AT_WORK)
-    first: tuple[float, float] | None = None  # of what a former run did, when it is known
     latest = clock()
     if not (is_inner or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
 
     def update(done: float, total: float = 1.0) -> None:
-        nonlocal first, latest
+        nonlocal latest
         if _INTERRUPTS:
             raise KeyboardInterrupt
         text = printable(f"{label}: {done} of {total} {unit}" if unit else label)
         bar.update(task, description=escape(text), completed=done, total=total or 1)
-        now, fraction = clock(), done / (total or 1)
-        first = first or (now, fraction)
-        if not console.is_terminal and now - latest >= SILENCE:
-            latest, gain = now, fraction - first[1]
-            left = ""
-            if gain > 0:
-                seconds = round((now - first[0]) * (1 - fraction) / gain)
-                left = f", {timedelta(seconds=seconds)} left"
-            print(f"periscopy: {text}: {100 * fraction:.0f} %{left}", file=sys.stderr, flush=True)
+        if not console.is_terminal and clock() - latest >= SILENCE:
+            latest, state = clock(), bar.tasks[task]
+            seconds = state.time_remaining  # without what a former run did
+            text += f": {state.percentage:.0f} %"
+            text += "" if seconds is None else f", {timedelta(seconds=seconds)} left"
+            print(f"periscopy: {text}", file=sys.stderr, flush=True)
 
-    disable = is_inner or not console.is_terminal
     columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)
     try:
-        with Progress(*columns, console=console, transient=True, disable=disable) as bar:
+        with Progress(
+            *columns, console=console, transient=True, disable=is_inner or not console.is_terminal,
+            get_time=clock, speed_estimate_period=math.inf,
+        ) as bar:  # fmt: skip
             task = bar.add_task(escape(printable(label)), total=None)
             yield update
     finally:

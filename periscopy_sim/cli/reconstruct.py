@@ -17,7 +17,6 @@ from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.shipped import scenes_folder
 
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
@@ -25,9 +24,6 @@ _UNCERTAIN = (
 )
 OPTIONAL = ["certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy"]
 """Files that depend on the method and the options."""
-
-LARGE_DISPLACEMENT = 1.0
-"""Patches above which even the errors that a shipped scene declares are worth a note."""
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report
@@ -91,10 +87,8 @@ def reconstruct(
             **compared,
         }
         session.write_summary(folder / "summary.json", summary)
-    shipped = not named and session.path.is_relative_to(scenes_folder())
     for note in report.notes:
-        if not (shipped and note.code == "place" and note.values["most"] < LARGE_DISPLACEMENT):
-            say(messages.sentence(note.code, **note.values))
+        say(messages.sentence(note.code, **note.values))
     if compared:
         say(messages.comparison(compared))
     say(verdict)

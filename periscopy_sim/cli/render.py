@@ -58,11 +58,11 @@ def photograph(
     }  # fmt: skip
     with staged_file(out) as file:
         session.check_shadows()
-        shown = session.hidden_image(image)
+        picture = session.hidden_image(image)
         background = None if ambient is None else session.ambient_light(ambient, target)
         with progress("path tracing the photograph") as report:
             y = ps.render_photograph(
-                session.scenario, shown, samples=samples, seed=session.seed, progress=report
+                session.scenario, picture, samples=samples, seed=session.seed, progress=report
             )
         if background is not None and sbr is not None:
             y = ps.composite(y, background, sbr)
@@ -90,8 +90,8 @@ def ambient(
     scenario = Session(scene, "1x1", define).scenario
     ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
     for file in (out / f"{Path(name).stem}.exr" for name in chosen):
-        held = read_exr(file)[1]
-        error = np.hypot(float(held["relative_error"]), float(held["brightness_error"]))
+        metadata = read_exr(file)[1]
+        error = np.hypot(float(metadata["relative_error"]), float(metadata["brightness_error"]))
         say(f"wrote {file}  relative error of a pixel {error:.1e}")
 
 
@@ -113,7 +113,7 @@ def write_transport(
     session: Session, light: MonitorLight, plan: "TransportPlan", out: Path
 ) -> None:
     """Compute A as planned; write it with the files beside it, and print their names."""
-    from periscopy_sim.storage.transport_matrix import bounced_of, record_of, transport_writer
+    from periscopy_sim.storage.transport_matrix import transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
         A = light.transport(session.scenario, plan, session.seed)
@@ -123,8 +123,7 @@ def write_transport(
             **plan.origin,
             **session.provenance,
         }
-        write(A, record)
-    beside = ", ".join(str(file) for file in (record_of(out), bounced_of(out)) if file.is_file())
-    made = "areas" if plan.samples is None else f"{plan.samples} rays"
-    how = f"by {made}, error {100 * plan.error:.2g} % of the light"
+        beside = ", ".join(map(str, write(A, record)))
+    way = "areas" if plan.samples is None else f"{plan.samples} rays"
+    how = f"by {way}, error {100 * plan.error:.2g} % of the light"
     say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {beside}; {how}")

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,43 +16,24 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
-from periscopy_sim.cli.messages import matrix_remedy, sentence, verdict
+from periscopy_sim.cli.messages import sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
-from periscopy_sim.rendering.variant import mi
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Note, Report, StillMethod
-
-FINER = 0.75
-"""Fraction of the misfit that a grid of twice the rows and columns explains where patches are too
-coarse: 0.88 to 1 of chairs with patches 1.5 to 3 times too coarse, 0.33 to 0.5 of a chair 10 to
-20 mm off. It also explains 0.95 of a chair 4 mm off, and 0.75 or more of a plate 10 mm off
-(8 x 10 patches): both look alike, so the command only adds a note."""
-
-
-def provenance_of(scenario: ps.Scenario, seed: int = 0) -> dict[str, Any]:
-    """Return versions, scene, variant, seed and command line."""
-    command = ["periscopy", *sys.argv[1:]]
-    record = provenance(scenario.document, mi.variant(), seed, command)
-    return {**record, "parameters": dict(scenario.parameters)}
-
-
-def warn_without_shadows(scene: ps.Scenario, name: str, warn: Callable[[str], None] = warn) -> None:
-    """Warn where no occluder casts a shadow into the camera's view."""
-    if doubt := shadow_doubt(scene):
-        warn(f"{name}: {doubt}")
+    from periscopy_sim.reconstruction.method import Report, StillMethod
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
@@ -69,27 +50,6 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
         )
 
 
-def left_out(mask: Mask | None) -> dict[str, Any]:
-    """Return a summary's entry about a mask."""
-    return {"pixels_left_out": 0 if mask is None else np.count_nonzero(~mask)}
-
-
-def _explains(
-    finer: ps.Scenario, misfit: float, fitted: "StillMethod[Any]", y: Array, solution: Any
-) -> bool:
-    """Return whether a scene of finer patches explains a misfit of the corrected photograph."""
-    from periscopy_sim.analytic.area_transport import pixel_transport
-    from periscopy_sim.model.residual import residual_of
-    from periscopy_sim.model.transport_operator import LARGEST_GRAM
-
-    fit, patches = fitted.fit, finer.transport_shape[1]
-    if 2 * patches > fit.pixels or fit.pixels * patches**2 > LARGEST_GRAM:
-        return False
-    signal = fit.operator.light(fit.mixed(solution.image))
-    other = replace(fit, A=pixel_transport(finer), hidden=finer.hidden)
-    return residual_of(y, signal, other).misfit < (1 - FINER) * misfit
-
-
 @dataclass(eq=False)
 class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
@@ -104,7 +64,7 @@ class Session(options.OptionGroup):
     seed: options.Seed = 0
 
     def __post_init__(self) -> None:
-        self.size, self.path = options.parse_size(self.hidden), find_scene(self.scene)
+        self.size, self.path = size_of(self.hidden), find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -126,7 +86,11 @@ class Session(options.OptionGroup):
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """Versions, scene, variant, seed and command line."""
-        return provenance_of(self.scenario, self.seed)
+        return self.provenance_of(self.scenario)
+
+    def provenance_of(self, scenario: ps.Scenario) -> dict[str, Any]:
+        """Return the provenance of what this command makes of a scene, moved or not."""
+        return provenance(scenario.document, self.seed, ["periscopy", *sys.argv[1:]])
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -151,7 +115,8 @@ class Session(options.OptionGroup):
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
         with self.timed("check the scene"), progress("checking the scene"):
-            warn_without_shadows(self.scenario, self.scene, self.warn)
+            if doubt := shadow_doubt(self.scenario):
+                self.warn(f"{self.scene}: {doubt}")
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary."""
@@ -200,43 +165,39 @@ class Session(options.OptionGroup):
 
         if matrix is None:
             plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
-            A, made = light.transport(self.scenario, plan, self.seed, strata), plan.origin
+            A, origin = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
-            try:
-                A = files.read_transport(matrix, self.scenario, light.most_bounces)
-            except files.OtherMatrixError as error:
-                remedy = matrix_remedy(error.entry, error.recorded)
-                raise PeriscopyError(f"{error}; {remedy}") from error
+            A = files.read_transport(matrix, self.scenario, light.most_bounces)
             if not (record := files.read_record(matrix)):
                 self.warn(sentence("no_record", file=matrix))
-            made = {**record, "model": "file", "samples": None}
-        made = {name: made.get(name) for name in ("model", "samples", "transport_error")}
-        self.record |= {**made, "transport": matrix, **light.origin}
+            origin = {**record, "model": "file", "samples": None}
+        origin = {name: origin.get(name) for name in ("model", "samples", "transport_error")}
+        self.record |= {**origin, "transport": matrix, **light.origin}
         if noise is not None:
             self.record["relative_noise"] = noise
-            self.check_error(made, noise)
+            self.check_error(origin, noise)
         return np.asarray(channels_mean(A))
 
-    def check_error(self, made: Mapping[str, Any], noise: float, name: str = "A") -> None:
+    def check_error(self, origin: Mapping[str, Any], noise: float, name: str = "A") -> None:
         """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
-        if better := self.better_transport(made, noise):
-            percent = {"error": 100 * made["transport_error"], "noise": 100 * noise}
+        if better := self.better_transport(origin, noise):
+            percent = {"error": 100 * origin["transport_error"], "noise": 100 * noise}
             excess = sentence("transport_error", name=name, **percent)
             self.warn(f"{excess}: pass {better}")
 
-    def better_transport(self, made: Mapping[str, Any], noise: float | None) -> str:
+    def better_transport(self, origin: Mapping[str, Any], noise: float | None) -> str:
         """Return the options that lower the error of an A; empty where it is below the noise."""
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.model.fit import PRECISION
 
-        error = made["transport_error"]
+        error = origin["transport_error"]
         if error is None or noise is None or error <= max(noise, PRECISION):
             return ""
-        if made["model"] == "file":
+        if origin["model"] == "file":
             return "a --transport of more rays"
         if has_areas(self.scenario):
             return "--model analytic"
-        return f"--samples {4 * (made['samples'] or SAMPLES)}"
+        return f"--samples {4 * (origin['samples'] or SAMPLES)}"
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -261,23 +222,17 @@ class WallSession(Session):
 
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
-        used = None
-        if self.mask is not None:
-            used = read_mask(self.mask, self.scenario.photograph_shape)
-            count, (pixels, patches) = np.count_nonzero(used), self.scenario.transport_shape
-            if count < patches <= pixels:  # before hours of rendering
-                raise PeriscopyError(
-                    f"{self.mask}: the mask leaves {count} pixels for {patches} patches: leave out "
-                    "less of the wall, or use fewer patches"
-                )
-        off = {str(file): self.photograph(file, used).values for file in self.monitor_off or []}
-        self.record |= {"mask": self.mask, **left_out(used), "backgrounds": list(off)}
-        return used, off
+        mask = None if self.mask is None else read_mask(self.mask, self.scenario.photograph_shape)
+        files = self.monitor_off or []
+        monitor_off = {str(file): self.photograph(file, mask).values for file in files}
+        self.record |= {"mask": self.mask, "backgrounds": list(monitor_off)}
+        self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
+        return mask, monitor_off
 
     def wall(self, path: Path) -> ps.Photograph:
         """Read a photograph, its mask and its monitor-off photographs; see `without_defects`."""
-        used, off = self.companions()
-        photograph = replace(self.photograph(path, used), monitor_off=off)
+        mask, monitor_off = self.companions()
+        photograph = replace(self.photograph(path, mask), monitor_off=monitor_off)
         return self.without_defects(photograph, str(path))
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
@@ -286,7 +241,7 @@ class WallSession(Session):
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
             photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
-            self.record |= left_out(photograph.mask)
+            self.record["pixels_left_out"] = np.count_nonzero(~photograph.pixels)
         return replace(photograph, values=blackened(photograph.values, photograph.mask))
 
 
@@ -334,9 +289,7 @@ class PhotoSession(WallSession):
     ) -> "tuple[Report, str]":
         """Return a report and its verdict, one line with a remedy; print the other warnings."""
         report = fitted.report(wall, solution)
-        remedy, notes = self._remedy(report, fitted, wall, solution)
-        report = replace(report, notes=[*report.notes, *notes])
-        line = verdict(report, remedy)
+        line = verdict(report, self._remedy(report))
         for note in report.warnings:
             if note.code == report.verdict.code:
                 self.warnings.append(f"{name}: {line}")
@@ -344,30 +297,17 @@ class PhotoSession(WallSession):
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
         return report, line
 
-    def _remedy(
-        self, report: "Report", fitted: "StillMethod[Any]", wall: ps.Photograph, solution: Any
-    ) -> "tuple[str, list[Note]]":
-        """Return the sentence of the likeliest remedy, empty where the scene fits, and notes."""
+    def _remedy(self, report: "Report") -> str:
+        """Return the sentence of the likeliest remedy; empty where the scene fits."""
         from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.reconstruction.method import Note
 
         if report.verdict.code == "unexplained":
-            return sentence("default_method"), []
+            return sentence("default_method")
         if report.residual is None or report.verdict.code != "does_not_fit":
-            return "", []
+            return ""
         if better := self.better_transport(self.record, self.record.get("relative_noise")):
-            return sentence("pass", options=better), []
+            return sentence("pass", options=better)
         if not has_areas(self.scenario):
-            return sentence("measure"), []
-        remedy = "calibrate" if scene_covariance(self.scenario.document) is None else "look"
-        rows, columns = (2 * size for size in self.scenario.hidden_shape)
-        y = fitted.corrected(wall.values, solution)
-        with progress("looking for the cause of the misfit"):
-            patches = ps.Hidden.of_scene(self.scenario.scene, (rows, columns))
-            finer = ps.Scenario(self.scenario.view, patches)
-            is_direct = self.record["bounces"] == "direct"
-            if is_direct and _explains(finer, report.residual.misfit, fitted, y, solution):
-                if remedy == "look":
-                    return sentence("pass", options=f"--hidden {rows}x{columns}"), []
-                return sentence(remedy), [Note("finer", {"rows": rows, "columns": columns})]
-        return sentence(remedy), []
+            return sentence("measure")
+        is_calibrated = scene_covariance(self.scenario.document) is not None
+        return sentence("look" if is_calibrated else "calibrate")

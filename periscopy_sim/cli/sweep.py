@@ -1,6 +1,6 @@
 """`periscopy sweep`: methods over ambient light, signal-to-background ratios and noise draws."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +19,7 @@ from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.resume import resumed_folder
@@ -36,7 +37,10 @@ RENDERED = ("A*.npy", "photograph.exr", "ambient")
 RUN = ("command", "scene", "seed")
 """Provenance that differs from run to run."""
 RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
-VARIED = ("ambient", "ambient_prototypes", "flips", "methods", "monitor_off", "sbr", "snr", "seeds")
+VARIED = (
+    *("ambient", "ambient_prototypes", "flips", "mask", "methods", "monitor_off"),
+    *("sbr", "snr", "seeds"),
+)
 """Settings that no rendering depends on: they may change until there are results."""
 
 
@@ -73,7 +77,6 @@ def sweep(
     The same command resumes an interrupted sweep.
     """
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.evaluation.methods import find_method, source_sha256
 
     # Reject wrong values here, before hours of rendering.
     require_all()
@@ -81,24 +84,19 @@ def sweep(
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = options.parse_ratios(sbr), options.parse_ambient(ambient)
     names = options.parse_list("--methods", methods)
-    for name in names:
-        find_method(name)
     light.check_methods(*names)
     check_scheduler(scheduler)
-    shown = session.hidden_image(truth or hidden_image or "")
+    image = session.hidden_image(truth or hidden_image or "")
     wall = None if photograph is None else session.wall(photograph)
-    used, off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
-    given = {n: session.photograph(path, used).values for n, path in lights.items() if path}
-    digests = {name: sweeps.array_sha256(image) for name, image in given.items()}
+    mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
+    measured = {n: session.photograph(path, mask).values for n, path in lights.items() if path}
+    sums = {name: sweeps.array_sha256(each) for name, each in measured.items()}
     settings = {
-        **_scene_settings(session, light),
-        "mask": None if used is None else sweeps.array_sha256(used),
-        "monitor_off": [sweeps.array_sha256(image) for image in off.values()],
+        **_settings(session, light, names, mask, monitor_off),
         "photograph": "path traced" if wall is None else sweeps.array_sha256(wall.values),
-        "truth": sweeps.image_sha256(shown),
-        "ambient": [[name, digests.get(name, "rendered")] for name in lights],
+        "truth": sweeps.image_sha256(image),
+        "ambient": [[name, sums.get(name, "rendered")] for name in lights],
         "flips": flips,
-        "methods": [[name, source_sha256(name) or "built in"] for name in names],
         "sbr": ratios,
         "snr": snr,
         "seeds": seeds,
@@ -107,26 +105,21 @@ def sweep(
         session.check_scene()
         if wall is None:
             traced = _path_traced(session, str(hidden_image), out / "photograph.exr")
-            wall = replace(traced, mask=used, monitor_off=off)
+            wall = replace(traced, mask=mask, monitor_off=monitor_off)
         noise = noise_to_signal(snr, max(ratios))
         plans = {n: light.plan(session.scenario, noise, session.seed, n) for n in names}
-        fitted, made_of = _fit_methods(session, light, plans, wall, out)
-        missing = [name for name in lights if name not in given]
-        given |= ambient_photographs(
-            missing, session.scenario, out / "ambient", session.seed, progress=progress
-        )
-        lit = {name: seen_in(given[name], wall.channels) for name in lights}
+        solvers, digests = _fit_methods(session, light, plans, wall, out)
         whole = sweeps.Sweep(
             signal=wall,
-            truth=shown,
-            backgrounds=sweeps.flips(lit) if flips else lit,
-            methods=fitted,
+            truth=image,
+            backgrounds=_backgrounds(session, lights, measured, wall.channels, out, flips),
+            methods=solvers,
             sbrs=ratios,
             snr=snr,
             seeds=range(seeds),
             seed=session.seed,
             transport={name: plan.origin for name, plan in plans.items()},
-            conditions={"settings": settings, **made_of},
+            conditions={"settings": settings, **digests},
         )
         with progress("sweeping") as report:
             results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
@@ -138,15 +131,29 @@ def sweep(
     say_written(*(out / name for name in RESULTS))
 
 
-def _scene_settings(session: Session, light: Light) -> dict[str, Any]:
-    """Return the settings of the scene, its A and its B."""
+def _settings(
+    session: Session,
+    light: Light,
+    methods: Iterable[str],
+    mask: Mask | None,
+    monitor_off: Mapping[str, Array],
+) -> dict[str, Any]:
+    """Return the settings of the scene, its pixels, its A and B, and the methods; these exist."""
+    from periscopy_sim.evaluation.methods import find_method, source_sha256
+    from periscopy_sim.evaluation.sweep import array_sha256
+
+    for name in methods:
+        find_method(name)
     return {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
+        "base_seed": session.seed,
         "hidden_shape": session.scenario.hidden_shape,
         "model": light.model and light.model.value,
         "samples": light.samples,
         **light.origin,
-        "base_seed": session.seed,
+        "mask": None if mask is None else array_sha256(mask),
+        "monitor_off": [array_sha256(image) for image in monitor_off.values()],
+        "methods": [[name, source_sha256(name) or "built in"] for name in methods],
     }
 
 
@@ -186,12 +193,30 @@ def _transport(
     """
     from periscopy_sim.storage.transport_matrix import read_record
 
-    own = plan.samples == SAMPLES and light.samples is None
-    matrix = out / (f"A_{SAMPLES}_rays.npy" if own else "A.npy")
-    made = read_record(matrix)
-    if not matrix.is_file() or ("model" in made and not plan.origin.items() <= made.items()):
+    is_own = (plan.samples, plan.across) == (SAMPLES, 1) and light.samples is None
+    matrix = out / (f"A_{SAMPLES}_rays.npy" if is_own else "A.npy")
+    if not (matrix.is_file() and plan.origin.items() <= read_record(matrix).items()):
         write_transport(session, light, plan, matrix)
     return session.transport(light, matrix=matrix)
+
+
+def _backgrounds(
+    session: Session,
+    lights: Iterable[str],
+    measured: Mapping[str, Array],
+    channels: int,
+    out: Path,
+    flips: bool,
+) -> Mapping[str, Image]:
+    """Return ambient light by name, (rows, columns, channels): given or path traced, and flips."""
+    from periscopy_sim.evaluation import sweep as sweeps
+
+    names = [name for name in lights if name not in measured]
+    traced = ambient_photographs(
+        names, session.scenario, out / "ambient", session.seed, progress=progress
+    )
+    images = {name: seen_in({**traced, **measured}[name], channels) for name in lights}
+    return sweeps.flips(images) if flips else images
 
 
 def _say_means(results: "xr.Dataset") -> None:

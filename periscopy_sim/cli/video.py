@@ -113,12 +113,12 @@ def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps
     """Return the frames' names, (frames, rows, columns, C) values, and the first one."""
     shape = session.scenario.photograph_shape
     with session.timed("read the frames"), progress("reading the photographs") as report:
-        used, off = session.companions()
-        sequence = sequences.open_frames(frames, shape, used)
+        mask, monitor_off = session.companions()
+        sequence = sequences.open_frames(frames, shape, mask)
         photographs, warnings = sequences.read_clip(sequence, report)
     for warning in warnings:
         session.warn(warning)
-    first = ps.Photograph(photographs[0], used, off, session.colours)
+    first = ps.Photograph(photographs[0], mask, monitor_off, session.colours)
     return sequence.names, photographs, session.without_defects(first, f"{frames}, first frame")
 
 

@@ -23,7 +23,7 @@ from periscopy_sim.dataset.samples import (
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import ahead
-from periscopy_sim.rendering.variant import mi, require_vectorized
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
@@ -112,7 +112,7 @@ def make_dataset(
         settings.photograph_type, settings.keep_background,
         isinstance(settings.light, Bounced),
     )  # fmt: skip
-    made_by = provenance(None, mi.variant(), settings.seed, [])
+    made_by = provenance(None, settings.seed)
     attributes = {
         "kind": KIND,
         "configuration": settings.identity(),

@@ -3,12 +3,13 @@
 import errno
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from periscopy_sim.errors import PhotographError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
 
 MOST_PIXELS = 1 << 27
@@ -35,6 +36,14 @@ def number_of(text: str) -> float:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         return math.nan
+
+
+def size_of(text: str) -> tuple[int, int]:
+    """Read ROWSxCOLUMNS."""
+    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
+    if not size:
+        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
+    return int(size[1]), int(size[2])
 
 
 def read_regular(path: Path, most: int = MOST_TEXT) -> bytes:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -49,14 +48,13 @@ def ambient_photographs(
     if len(paths) < len(names):
         raise PeriscopyError(f"an ambient condition is given twice in {', '.join(names)}")
     photographs = {}
-    made = provenance(scenario.document, mi.variant(), seed, [])
-    made |= {"parameters": dict(scenario.parameters), "target": f"{target:g}"}
+    origin = {**provenance(scenario.document, seed), "target": f"{target:g}"}
     for of_this_run in ("command", "python", "numpy", "scipy"):
-        del made[of_this_run]
+        del origin[of_this_run]
     for name, path in paths.items():
         file = folder / f"{name}.exr"
         digest = scene_sha256(path)
-        settings = as_text({**made, "ambient": name, "ambient_sha256": digest})
+        settings = as_text({**origin, "ambient": name, "ambient_sha256": digest})
         if not file.is_file():
             with staged_file(file) as staged, progress(f"ambient light: {name}") as report:
                 rendered = render_background(
@@ -70,9 +68,9 @@ def ambient_photographs(
                 }
                 write_exr(staged, rendered.photograph, {**settings, **errors})
         # Also what was just rendered: as kept, so that a later run computes the same.
-        picture, held = read_exr(file)
+        picture, metadata = read_exr(file)
         del settings["scene"]  # wherever it lies: it has a digest
-        check_settings({n: held.get(n) for n in settings}, settings, f"{file}:", "photograph")
+        check_settings({n: metadata.get(n) for n in settings}, settings, f"{file}:", "photograph")
         photographs[name] = picture.astype(np.float64)
     return photographs
 

@@ -31,8 +31,6 @@ def read_photograph(
 
     Parameters
     ----------
-    path : Path
-        The file.
     shape : (rows, columns)
         Size that the photograph must have.
     mask : (rows, columns) bool
@@ -58,8 +56,6 @@ def read_sensor_image(
 
     Parameters
     ----------
-    path : Path
-        The file.
     white : float
         The value from which on a pixel is saturated. None: what a raw file says, and the largest
         integer, if a converter's range ends there. A warning names other plateaus at the top.

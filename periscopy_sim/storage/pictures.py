@@ -132,12 +132,12 @@ def averaged_photograph(photograph: Photograph, shape: tuple[int, int]) -> Photo
     if shape == photograph.shape:
         return photograph
     coverage = area_average(photograph.pixels[..., None], shape)
-    used = coverage > 0.5 + 1e-6  # ties are decided alike in mirror images
+    inside = coverage > 0.5 + 1e-6  # ties are decided alike in mirror images
 
     def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
         light = area_average(blackened(values, photograph.mask), shape)
-        return np.asarray(light / np.where(used, coverage, np.inf))
+        return np.asarray(light / np.where(inside, coverage, np.inf))
 
     off = {name: means(each) for name, each in photograph.monitor_off.items()}
-    mask = None if used.all() else used[..., 0]
+    mask = None if inside.all() else inside[..., 0]
     return replace(photograph, values=means(photograph.values), mask=mask, monitor_off=off)

@@ -4,7 +4,6 @@ import os
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,7 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
     """Download a set of published photographs, once.
 
     The files lie in the folder ``PERISCOPY_DATA`` if this variable of the environment is set, else
-    in the user's cache. A download that was cut continues where it stopped.
+    in the user's cache. Files that an interrupted download completed stay there.
 
     Parameters
     ----------
@@ -83,18 +82,17 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
     url, files = sets[name].url, sets[name].files
     root = Path(os.environ.get("PERISCOPY_DATA") or pooch.os_cache("periscopy_sim"))
     pooch.get_logger().setLevel("WARNING")  # `progress` reports
-    # The retry is for a download that continued what was damaged.
     cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
     with alone_in(root):
         for number, file in enumerate(files):
             if progress is not None:
                 progress(number, len(files))
             try:
-                cache.fetch(file, downloader=_resumed(cache.abspath / f"{file}.partial"))
+                cache.fetch(file)
             except RequestException as error:
                 raise PeriscopyError(
                     f"{file}: {url} did not send it ({type(error).__name__}); check the network "
-                    "and run this again, which continues where it stopped"
+                    "and run this again"
                 ) from None
             except ValueError:
                 raise PeriscopyError(
@@ -106,29 +104,6 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
 def _collection(name: str) -> str:
     """Return the collection of a set, its name up to the first hyphen."""
     return name.partition("-")[0]
-
-
-def _resumed(partial: Path) -> Callable[[str, str, Any], None]:
-    """Return a downloader for pooch that continues what an earlier one left in a file."""
-    import pooch
-    from requests import HTTPError
-
-    def download(url: str, output: str, _: Any) -> None:
-        size = partial.stat().st_size if partial.exists() else 0
-        headers = {"Range": f"bytes={size}-"} if size else {}
-        try:
-            with partial.open("ab") as stream:
-                pooch.HTTPDownloader(chunk_size=2**16, headers=headers, timeout=30)(
-                    url, stream, None
-                )
-        except HTTPError as error:
-            # This status says that nothing follows what is there.
-            if error.response.status_code == HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
-                partial.unlink()
-            raise
-        partial.replace(output)
-
-    return download
 
 
 def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:

@@ -19,9 +19,6 @@ from periscopy_sim.storage.formats.table import format_of, suffixes
 from periscopy_sim.storage.photographs import read_photograph
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 
-MOST_FRAMES = 10**6
-"""Frames of a stack: nine hours of a video."""
-
 
 @dataclass(frozen=True, eq=False)
 class Frames:
@@ -164,10 +161,8 @@ def _natural(name: str) -> tuple[list[str | int], str]:
 def _checked(stack: Any, path: Path) -> Any:
     """Return an array, mapped or in Zarr, if it is a stack of pictures."""
     check_real(stack.dtype, str(path))
-    is_stack = len(stack.shape) == 4 and 0 not in stack.shape
-    if not is_stack or stack.shape[0] > MOST_FRAMES:
+    if len(stack.shape) != 4 or 0 in stack.shape:
         raise PhotographError(
-            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, "
-            f"channels), of at most {MOST_FRAMES} frames"
+            f"{path}: has shape {stack.shape}; give a stack (frames, rows, columns, channels)"
         )
     return stack

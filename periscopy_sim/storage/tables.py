@@ -39,8 +39,8 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         if path.suffix == ".npy":
             return ColourMatrix(np.load(io.BytesIO(read_regular(path)), allow_pickle=False))
         if path.suffix == ".json":
-            held = read_json(path)
-            return ColourMatrix(np.array(held["colour_matrix"] if isinstance(held, dict) else held))
+            rows = read_json(path)
+            return ColourMatrix(np.array(rows["colour_matrix"] if isinstance(rows, dict) else rows))
         return ColourMatrix(np.loadtxt(_lines(path), delimiter=",", ndmin=2))
 
 

@@ -29,13 +29,14 @@ from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.outputs.resume import first_difference
 from periscopy_sim.storage.outputs.staging import staged_file
 
 Transport = NDArray[np.float32] | BouncedTransport
 """A, (M, N): an array of direct light, or the matrices of all channels with light that bounces."""
 
-Write = Callable[[Transport, Mapping[str, Any]], None]
-"""Writes a matrix and the record of what it was made from, as JSON has it."""
+Write = Callable[[Transport, Mapping[str, Any]], list[Path]]
+"""Writes a matrix and, as JSON, the record of its origin; returns the files beside the matrix."""
 
 BOUNCED = "over_wall", "of_patches", "relative_error"
 """The arrays of the NPZ file."""
@@ -43,24 +44,9 @@ BOUNCED = "over_wall", "of_patches", "relative_error"
 AGAIN = "render the matrix again"
 
 
-class OtherMatrixError(PhotographError):
-    """A file of a matrix whose record differs, in an entry, from the scene or the light wanted."""
-
-    def __init__(self, path: Path, entry: str, recorded: Any, wanted: Any) -> None:
-        super().__init__(
-            f"{path}: was made from another scene or light ({entry} {recorded}, here {wanted})"
-        )
-        self.entry, self.recorded = entry, recorded
-
-
-def record_of(path: Path) -> Path:
-    """Return the name of the JSON file beside a matrix."""
-    return path.with_suffix(".json")
-
-
 def read_record(path: Path) -> dict[str, Any]:
     """Return what the JSON file beside a matrix holds; nothing without such a file."""
-    file = record_of(path)
+    file = path.with_suffix(".json")
     if not file.is_file():
         return {}
     with decoding(file, "JSON", AGAIN):
@@ -79,25 +65,26 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     The places are tried on entry, before hours of rendering; see `staged_file`. The record holds
     the digests of the other files, by which files of two matrices differ.
     """
-    bounced = () if bounces == DIRECT else (bounced_of(path),)
+    beside = [path.with_suffix(".json"), *([] if bounces == DIRECT else [bounced_of(path)])]
     with ExitStack() as stack:
         staged, staged_record, *staged_bounced = (
-            stack.enter_context(staged_file(file)) for file in (path, record_of(path), *bounced)
+            stack.enter_context(staged_file(file)) for file in (path, *beside)
         )
 
-        def write(A: Transport, record: Mapping[str, Any]) -> None:
+        def write(A: Transport, record: Mapping[str, Any]) -> list[Path]:
             mean = channels_mean(A)
             np.save(staged, mean)
-            made = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
+            identity = {"bounces": bounces_in_words(bounces), "matrix_sha256": _sha256(mean)}
             if isinstance(A, BouncedTransport):
                 light = A.bounced
                 np.savez(staged_bounced[0], **{name: getattr(light, name) for name in BOUNCED})
-                made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+                identity["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
                 record = {**record, "bounced_relative_error": light.relative_error}
-            staged_record.write_text(json.dumps({**record, **made}, indent=2) + "\n", "utf-8")
+            staged_record.write_text(json.dumps({**record, **identity}, indent=2) + "\n", "utf-8")
+            return beside
 
         yield write
-    if not bounced:
+    if bounces == DIRECT:
         bounced_of(path).unlink(missing_ok=True)  # of a matrix that stood there before
 
 
@@ -116,8 +103,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
     """Read a matrix, (M, N), that `transport_writer` wrote, mapped, for a scene and bounces.
 
     Without its JSON file only the shapes are compared, and direct light is assumed. A
-    PhotographError names a file that is damaged or of another size, an `OtherMatrixError` one of
-    another scene or light.
+    PhotographError names a file that is damaged, or of another size, scene or light.
     """
     A = _finite_matrix(path)
     record, bounced = read_record(path), bounced_of(path)
@@ -126,7 +112,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
         settings = {
             "scene_sha256": scene_sha256(scenario.document),
             "parameters": dict(scenario.parameters),
-            "hidden_shape": list(scenario.hidden_shape),
+            "hidden_shape": scenario.hidden_shape,
             "bounces": bounces_in_words(bounces),
         }
         _check(path, record, settings)
@@ -137,21 +123,23 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
         )
     if not record:
         return A
-    made, light = {"matrix_sha256": _sha256(A)}, None
+    digests, light = {"matrix_sha256": _sha256(A)}, None
     if bounces != DIRECT:
         over_wall, of_patches, error = (npz_array(bounced, key=name) for name in BOUNCED)
         with decoding(bounced, "NPZ", AGAIN):
             light = BouncedLight(over_wall, of_patches, float(error))
-        made["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
-    _check(path, record, made)
+        digests["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
+    _check(path, record, digests)
     return A if light is None else BouncedTransport(A, light, bounces)
 
 
 def _check(path: Path, record: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Raise an `OtherMatrixError` for the first entry in which a record differs."""
-    for entry, value in wanted.items():
-        if (recorded := record.get(entry)) != value:
-            raise OtherMatrixError(path, entry, recorded, value)
+    """Raise a PhotographError for the first entry in which a record differs."""
+    if difference := first_difference({name: record.get(name) for name in wanted}, wanted):
+        raise PhotographError(
+            f"{path}: was made from another scene or light ({difference}); pass its options, or "
+            f"{AGAIN}"
+        )
 
 
 def _finite_matrix(path: Path) -> NDArray[Any]:

@@ -20,18 +20,18 @@ from periscopy_sim.cli.options import (
     parse_list,
     parse_ranges,
     parse_ratios,
-    parse_size,
     settings_for,
     with_options_of_groups,
 )
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 
 
 def test_forms_are_read():
-    assert parse_size("29x36") == parse_size("29X36") == (29, 36)
+    assert size_of("29x36") == size_of("29X36") == (29, 36)
     assert parse_definitions(["a=1", "b=x=y"]) == {"a": "1", "b": "x=y"}
     assert parse_definitions(None) == {}
     assert parse_list("--methods", "a, b") == ["a", "b"]
@@ -41,9 +41,9 @@ def test_forms_are_read():
 @pytest.mark.parametrize(
     ("read", "text", "offender"),
     [
-        (parse_size, "29x36x3", "ROWSxCOLUMNS"),
-        (parse_size, "-1x5", "ROWSxCOLUMNS"),
-        (parse_size, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
+        (size_of, "29x36x3", "ROWSxCOLUMNS"),
+        (size_of, "-1x5", "ROWSxCOLUMNS"),
+        (size_of, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
         (lambda text: parse_definitions([text]), "a=", "'a='"),
         (lambda text: parse_definitions([text, text]), "a=1", "-D a"),
         (lambda text: parse_list("--methods", text), "a,,b", "--methods"),

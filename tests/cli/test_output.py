@@ -38,12 +38,12 @@ def plain_environment(monkeypatch):
 
 
 def test_progress_is_a_line_at_the_start_and_each_half_minute_without_a_terminal(capfd):
-    time = iter([0, 1, 10, 32, 33, 72]).__next__
-    with progress("rendering", clock=time) as report, progress("within") as inner:
+    now = [0]
+    with progress("rendering", clock=lambda: now[0]) as report, progress("within") as inner:
         inner(1.0)
-        for fraction in (0.2, 0.25, 0.3, 0.4, 0.5):
+        for now[0], fraction in ((1, 0.2), (10, 0.25), (32, 0.3), (33, 0.4), (72, 0.5)):
             report(fraction)
-    lines = ["rendering", "rendering: 30 %, 0:03:37 left", "rendering: 50 %, 0:01:58 left"]
+    lines = ["rendering", "rendering: 30 %, 0:03:38 left", "rendering: 50 %, 0:01:59 left"]
     assert capfd.readouterr() == ("", "".join(f"periscopy: {line}\n" for line in lines))
 
 

@@ -3,13 +3,17 @@ import json
 import signal
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 
 import periscopy_sim as ps
+from periscopy_sim.cli import sweep
 from periscopy_sim.cli.light import Light
+from periscopy_sim.rendering.transport.plan import TransportPlan
 from periscopy_sim.storage.formats.exr import write_exr
 from tests.scenes.contents import contents
 
@@ -99,6 +103,17 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     assert settings["parameters"] == {"resolution": "21"} and settings["samples"] == 4
     assert {"periscopy-sim", "mitsuba", "numpy", "variant", "scene_sha256"} <= set(settings)
     assert not {"command", "scene"} & set(settings)
+
+
+@pytest.mark.parametrize(
+    ("plan", "file"),
+    [((16, 1), "A_16_rays.npy"), ((16, 3), "A.npy"), ((None, 3), "A.npy"), ((8, 1), "A.npy")],
+)
+def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(plan, file, monkeypatch):
+    monkeypatch.setattr(sweep, "write_transport", lambda *_: None)
+    session = SimpleNamespace(transport=lambda _, matrix: matrix)
+    matrix = sweep._transport(session, Light(), TransportPlan(*plan), Path())
+    assert matrix.name == file
 
 
 @pytest.mark.parametrize(

@@ -232,15 +232,6 @@ def test_a_hidden_image_is_what_its_png_declares(tmp_path, bits):
             assert np.allclose(read_hidden_image(path, (2, 2)), meant, rtol=1e-9), chunk
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.uint8])
-def test_a_value_that_stands_for_none_is_refused(tmp_path, kind):
-    nodata = [(42113, "s", 0, "255", True)]
-    light = np.ones((*SHAPE, 3), kind)
-    tifffile.imwrite(tmp_path / "y.tif", light, photometric="rgb", extratags=nodata)
-    with pytest.raises(PhotographError, match="GDAL_NODATA"):
-        read(tmp_path / "y.tif")
-
-
 def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
     for k in range(40):
         np.save(tmp_path / f"{k}.npy", LIGHT)
@@ -248,21 +239,6 @@ def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
         photographs = list(pool.map(read, tmp_path.iterdir()))
     print("read", len(photographs))
     assert capfd.readouterr() == ("read 40\n", "")
-
-
-def test_the_remedy_for_a_matlab_file_gives_its_photograph(tmp_path):
-    (tmp_path / "y.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
-    with pytest.raises(PhotographError, match="MATLAB") as caught:
-        read(tmp_path / "y.mat")
-    remedy = str(caught.value).rpartition(": ")[2].replace("y(:)", "y")
-    y = RNG.uniform(0, 3, (*SHAPE, 3))
-    matlab = {  # whose integers round
-        "uint16": lambda values: np.rint(values).astype(np.uint16),
-        "imwrite": lambda values, name: save_png(tmp_path / name, values),
-    }
-    eval(remedy, {"y": y, "max": np.max, **matlab})
-    photograph = read(tmp_path / "y.png").values
-    np.testing.assert_allclose(photograph * y.max() / 65535, y, atol=y.max() / 131070)
 
 
 MASK = np.random.default_rng(3).random((7, 9)) > 0.4

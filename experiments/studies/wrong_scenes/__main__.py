@@ -96,7 +96,7 @@ def run(trials: Sequence[Trial], ratios: Sequence[float], draws: int, out: Path)
         How many failed; the others were carried out all the same.
     """
     command = ["python", "-m", "experiments.studies.wrong_scenes", *sys.argv[1:]]
-    record = as_text(provenance(None, ps.use_variant(), None, command))
+    record = as_text(provenance(None, command=command))
     order = [(trial, sbr, draw) for trial in trials for sbr in ratios for draw in range(draws)]
     found: dict[tuple[Trial, float, int], Outcome] = {}
     failures = 0

@@ -161,7 +161,7 @@ def photographed(subject: Subject, folder: Path) -> Photographed:
     """Path trace a subject, all bounces, or read what a folder holds of it."""
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
-    made = as_text(provenance(scene.document, ps.use_variant(), SEED, []))
+    made = as_text(provenance(scene.document, SEED))
     depends = {
         "scene_sha256": made["scene_sha256"],
         "parameters": str(dict(subject.parameters)),

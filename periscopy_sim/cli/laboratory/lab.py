@@ -1,5 +1,6 @@
 """`periscopy lab`, a scene from a ruler's numbers, and `periscopy draw`, that scene to scale."""
 
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -9,11 +10,9 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, option, require_suffix
 from periscopy_sim.cli.output import progress, say, say_written
-from periscopy_sim.cli.session import provenance_of, warn_without_shadows
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.outputs.staging import staged_file
 
 
@@ -42,12 +41,8 @@ def lab(
         raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     say_written(*ps.build_laboratory(measurements, out))
-    warn_without_shadows(ps.load_scenario(out, (1, 1), photograph=PIXELS), str(out))
+    _Trial(str(out), "1x1").check_shadows()
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
-
-
-PIXELS = (32, 32)
-"""Pixels of the trial photograph."""
 
 
 def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Define = None) -> None:
@@ -60,10 +55,18 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
-        given = options.parse_definitions(define)
-        scenario = ps.load_scenario(find_scene(scene), (18, 24), given, photograph=PIXELS)
+        session = _Trial(scene, "18x24", define)
+        figure = laboratory_figure(session.scenario)
         with progress("drawing"):
-            text = as_text(provenance_of(scenario))
-            laboratory_figure(scenario).savefig(staged, metadata=text)
+            figure.savefig(staged, metadata=session.metadata)
     say_written(out)
-    warn_without_shadows(scenario, scene)
+    session.check_shadows()
+
+
+class _Trial(Session):
+    """A session whose photograph has few pixels."""
+
+    @cached_property
+    def scenario(self) -> ps.Scenario:
+        """The scene, loaded at first use."""
+        return ps.load_scenario(self.path, self.size, self.definitions, photograph=(32, 32))

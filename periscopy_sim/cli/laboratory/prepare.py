@@ -67,9 +67,9 @@ def prepare(
     session = Session(scene, "1x1", define)
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags exclude each other; give one")
-    written = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
+    outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
-    with output_files(written, inputs) as staged:
+    with output_files(outputs, inputs) as staged:
         with progress("reading the photograph"):
             light = _developed(photos, black, dark, flat, white)
         marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
@@ -78,8 +78,8 @@ def prepare(
             film = _film(light, session, bin_by, marks)
             session = Session(scene, "1x1", [*(define or []), *film])
         with progress("averaging its pixels"):
-            used = None if mask is None else read_mask(mask)
-            prepared = ps.prepare(light, session.scenario, marks=marks, mask=used)
+            wall = None if mask is None else read_mask(mask)
+            prepared = ps.prepare(light, session.scenario, marks=marks, mask=wall)
             # A black level above all light leaves none: readers reject such a photograph.
             ps.Photograph.of(prepared.values, name=str(photos[0]), mask=prepared.mask)
         session.check_scene()
@@ -91,7 +91,7 @@ def prepare(
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
         write_enlarged(staged[2], displayable(prepared.values), text)
     _say_prepared(prepared, light.size)
-    say_written(*written)
+    say_written(*outputs)
     if film:
         definitions = " ".join(f"-D {each}" for each in film)
         say(f"the scene's film has this size with {definitions}: give it with every command")

@@ -16,7 +16,7 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
-from periscopy_sim.cli.session import WallSession, provenance_of
+from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -82,7 +82,7 @@ def view(
         methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method), images, methods,
-            lambda pictures: write_view(out, pictures, photo),
+            lambda pictures: write_view(out, session, pictures, photo),
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
@@ -103,11 +103,11 @@ def view(
             os._exit(0)
 
 
-def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
+def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Path | None) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
     photograph = pictures.photograph.values
-    provenance = provenance_of(scenario)
+    provenance = session.provenance_of(scenario)
     values = {name: f"{value:.9g}" for name, value in choice.values.items()}
     record: dict[str, Any] = {
         **asdict(choice),

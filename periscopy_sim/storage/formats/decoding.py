@@ -1,6 +1,5 @@
 """What decoders return, and every failure of a decoder as one error."""
 
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ class Picture:
     values: NDArray[Any]  # (rows, columns[, channels]) of any real dtype
     alpha: NDArray[Any] | None = None  # opacity, (rows, columns, 1) of that dtype
     left_out: tuple[str, ...] = ()  # other channels of the file
-    unapplied: tuple[str, ...] = ()  # corrections that the file asks for, by name
+    unapplied: tuple[str, ...] = ()  # tags of corrections that the file asks for
     is_display: bool = False  # made for screens: integers may be encoded by the sRGB curve
     encoding: str | None = None  # what the file declares of its integers
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
@@ -50,14 +49,6 @@ def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
     if size is not None and len(shape) in (2, 3, 4) and {*rows_and_columns} != {*size}:
         check_size(rows_and_columns, size, str(path))
     check_budget(shape, path)
-
-
-def check_inflated(packed: Any, most: int, wbits: int = zlib.MAX_WBITS) -> None:
-    """Reject what zlib packed if it holds more bytes than its pixels take."""
-    inflating = zlib.decompressobj(wbits)
-    inflating.decompress(packed, most)
-    if inflating.unconsumed_tail:
-        raise ValueError("it holds more than its pixels")
 
 
 @contextmanager

@@ -64,9 +64,6 @@ def format_of(path: Path) -> FileFormat:
         is_named = path.suffix.lower() in row.suffixes
         if re.match(row.signature, head, re.DOTALL) and (is_named or not row.is_raw):
             return row
-    if head.startswith(b"MATLAB"):
-        remedy = "imwrite(uint16(65535*y/max(y(:))), 'y.png')"
-        raise PhotographError(f"{path}: is a MATLAB file; save its array y there: {remedy}")
     names = ", ".join(row.name for row in FORMATS)
     raise PhotographError(f"{path}: is damaged, or of no known format ({names})")
 

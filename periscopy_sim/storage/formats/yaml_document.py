@@ -1,7 +1,5 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
-import math
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -11,16 +9,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
-from periscopy_sim.numerics.limits import read_regular
+from periscopy_sim.numerics.limits import read_regular, size_of
 
 MOST_LETTERS = 1 << 17
-"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
+"""Bytes of a YAML file: 1 s of parsing."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
-
-MOST_MISTAKES = 20
-"""Mistakes that one message names."""
 
 
 class Strict(BaseModel):
@@ -30,14 +25,14 @@ class Strict(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _knows(cls, given: Any, check: Any) -> Any:
+    def _knows(cls, value: Any, check: Any) -> Any:
         try:
-            return check(given)
+            return check(value)
         except ValidationError as error:
             mistakes: list[Any] = error.errors(include_url=False)
         known = [field.alias or name for name, field in cls.model_fields.items()]
         # A misspelt name first: what it stands for is missing, too.
-        mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)[:MOST_MISTAKES]
+        mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)
         for each in mistakes:
             if each["type"] == UNKNOWN and len(each["loc"]) == 1:
                 advice = did_you_mean(str(*each["loc"]), known) or f"there are {', '.join(known)}"
@@ -47,19 +42,14 @@ class Strict(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
-def text_of(given: Any) -> str:
+def text_of(value: Any) -> str:
     """Return a text or a number as text, cut short; of anything else, maybe huge, its type."""
-    text = str(given) if isinstance(given, str | int | float) else type(given).__name__
+    text = str(value) if isinstance(value, str | int | float) else type(value).__name__
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-def _rows_and_columns(given: Any) -> Any:
-    if isinstance(given, list | tuple):
-        return given
-    size = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", text_of(given), re.IGNORECASE)
-    if size is None:
-        raise ValueError("write ROWSxCOLUMNS, such as 29x36")
-    return size.groups()
+def _rows_and_columns(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else size_of(text_of(value))
 
 
 Side = Annotated[int, Field(ge=1, le=10_000)]
@@ -84,18 +74,6 @@ class _Loader(yaml.SafeLoader):
         return dict(super().construct_mapping(node, deep))
 
 
-def _letters(node: yaml.Node, known: dict[int, float]) -> float:
-    """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
-    if id(node) not in known:
-        known[id(node)] = math.inf  # of a node within itself
-        within = node.value
-        if isinstance(node, yaml.MappingNode):
-            within = [each for pair in node.value for each in pair]
-        own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
-        known[id(node)] = 1 + own
-    return known[id(node)]
-
-
 def read_yaml(path: Path, model: type[Document]) -> Document:
     """Return the content of a YAML file as a model whose field `folder` is the file's own.
 
@@ -105,8 +83,6 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     try:
         loader = _Loader(read_regular(path, MOST_LETTERS).decode("utf-8-sig"))
         document = loader.get_single_node()
-        if document and _letters(document, {}) > MOST_LETTERS:
-            raise ValueError("its aliases repeat too much, or hold themselves")
         entries = document and loader.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"

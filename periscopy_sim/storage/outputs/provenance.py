@@ -10,18 +10,20 @@ from pathlib import Path
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import SceneDocument
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 
 
 def provenance(
-    scene: SceneDocument | None, variant: str | None, seed: int | None, command: Sequence[str]
+    scene: SceneDocument | None, seed: int | None = None, command: Sequence[str] = ()
 ) -> dict[str, object]:
     """Return what a result was made from, flat and ready for JSON.
 
-    The entries are versions by package, `scene`, `scene_sha256`, `variant`, `seed`, and `command`
-    without ``--out``: results are the same wherever they lie. What there is not is None.
+    The entries are versions by package, `scene`, `scene_sha256`, `parameters`, Mitsuba's `variant`,
+    `seed`, and `command` without ``--out``: results are the same wherever they lie. What there is
+    not is None.
     """
     pairs = zip(("", *command), command, strict=False)
     words = [w for before, w in pairs if "--out" not in (before, w) and not w.startswith("--out=")]
@@ -30,7 +32,8 @@ def provenance(
         "python": platform.python_version(),
         "scene": None if scene is None else str(scene.path),
         "scene_sha256": None if scene is None else scene_sha256(scene),
-        "variant": variant,
+        "parameters": None if scene is None else dict(scene.given),
+        "variant": mi.variant(),
         "seed": seed,
         "command": shlex.join(words),
     }

@@ -34,7 +34,7 @@ def resumed_folder(
 
     def check() -> None:
         try:
-            held = dict(read_json(out / SETTINGS))
+            recorded = dict(read_json(out / SETTINGS))
         except FileNotFoundError:
             for file in (file for pattern in files for file in out.glob(pattern)):
                 reason = "has no record of its settings; name another folder"
@@ -44,8 +44,8 @@ def resumed_folder(
             reason = getattr(error, "strerror", None) or "is damaged"
             raise OutputError(f"{out / SETTINGS}: {reason}; name another folder") from None
         if is_new():
-            held |= {name: settings[name] for name in varied or settings}
-        check_settings(held, settings, str(out), what)
+            recorded |= {name: settings[name] for name in varied or settings}
+        check_settings(recorded, settings, str(out), what)
 
     check()  # before the folder is made
     with alone_in(out):
@@ -57,21 +57,23 @@ def resumed_folder(
 
 
 def check_settings(
-    held: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
+    recorded: Mapping[str, Any], wanted: Mapping[str, Any], where: str, what: str
 ) -> None:
-    """Raise if results have other settings; the message names the first entry that differs.
-
-    Settings are of JSON's types. Messages call what holds the results `where`, a folder, and the
-    results `what`, a sweep.
-    """
-    there: Any = held
-    here: Any = json.loads(json.dumps(wanted))
-    path: list[str] = []
-    while there != here and isinstance(there, Mapping) and isinstance(here, Mapping):
-        path.append(next(name for name in (*here, *there) if there.get(name) != here.get(name)))
-        there, here = there.get(path[-1]), here.get(path[-1])
-    if path:
+    """Raise an `OutputError` if results, `what`, in a folder, `where`, have other settings."""
+    if difference := first_difference(recorded, wanted):
         raise OutputError(
-            f"{where} holds another {what} ({'.'.join(path)} {json.dumps(there)[:48]}, here "
-            f"{json.dumps(here)[:48]}); name another folder, or remove it to start anew"
+            f"{where} holds another {what} ({difference}); name another folder, or remove it to "
+            "start anew"
         )
+
+
+def first_difference(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Return the first entry in which settings of JSON's types differ, and both; empty if none."""
+    old: Any = recorded
+    new: Any = json.loads(json.dumps(wanted))
+    path: list[str] = []
+    while old != new and isinstance(old, Mapping) and isinstance(new, Mapping):
+        path.append(next(name for name in (*new, *old) if old.get(name) != new.get(name)))
+        old, new = old.get(path[-1]), new.get(path[-1])
+    values = f"{json.dumps(old)[:48]}, here {json.dumps(new)[:48]}"
+    return f"{'.'.join(path)} {values}" if path else ""

@@ -19,10 +19,10 @@ _FULL = ("requested and", *map(os.strerror, (errno.ENOSPC, errno.EDQUOT, errno.E
 
 def spare_inputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
     """Raise an `OutputError` if an output would replace one of the input files."""
-    given = [file for file in inputs if file is not None and file.exists()]
+    existing = [file for file in inputs if file is not None and file.exists()]
     for output in outputs:
         with unwritable_reported(output):
-            is_given = output.exists() and any(output.samefile(file) for file in given)
+            is_given = output.exists() and any(output.samefile(file) for file in existing)
         if is_given:
             raise OutputError(f"cannot write {output}: it is one of the files given; name another")
 

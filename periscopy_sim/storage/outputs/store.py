@@ -141,9 +141,9 @@ class BlockStore:
         check_place(path, layout.what)
         self._check_held(attributes)
         with out_of_space_reported(path):
-            for torn in path.rglob("*.partial*"):  # left by a process that was killed
-                if torn.is_file():
-                    torn.unlink()
+            for leftover in path.rglob("*.partial*"):  # left by a process that was killed
+                if leftover.is_file():
+                    leftover.unlink()
             for number in self.records.numbers():  # before the head lists more than there is
                 if not (number in layout.blocks and self.records.has(number)):
                     self.records.file(number).unlink()
@@ -173,8 +173,8 @@ class BlockStore:
         """Raise if there are entries of other attributes, or more of them than the layout has."""
         if not (numbers := self.records.numbers()):
             return
-        held = {n: each for n, each in attributes_of(self.path).items() if n != "count"}
-        check_settings(held, wanted, str(self.path), self.layout.what)
+        recorded = {n: each for n, each in attributes_of(self.path).items() if n != "count"}
+        check_settings(recorded, wanted, str(self.path), self.layout.what)
         last, samples = numbers[-1], self.records.read(numbers[-1]).get("samples", 0)
         if last not in self.layout.blocks or samples > self.layout.size(last):
             raise OutputError(
@@ -208,21 +208,12 @@ def attributes_of(path: Path) -> dict[str, Any]:
 
 
 def check_place(path: Path, what: str) -> None:
-    """Raise an `OutputError` if a place holds anything but a store, whole or begun.
-
-    A store holds no links: they may lead to files that are not the store's.
-    """
+    """Raise an `OutputError` if a place holds anything but a store, whole or begun."""
     with unwritable_reported(path):
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")
-    for each in path.rglob("*"):
-        if each.is_symlink() or not (each.is_file() or each.is_dir()):
-            raise OutputError(
-                f"cannot write {path}: {each.relative_to(path)} is a link or a device; remove it, "
-                "or name another folder"
-            )
-    begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
-    if not begun and any(each.is_file() for each in path.rglob("*")):
+    is_begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
+    if not is_begun and any(each.is_file() for each in path.rglob("*")):
         raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
 

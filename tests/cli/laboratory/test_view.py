@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.cli.laboratory.view import write_view
+from periscopy_sim.cli.session import Session
 from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
@@ -15,6 +16,7 @@ from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
+SESSION = Session("plate", "3x4")
 
 
 def test_missing_extra_is_named(monkeypatch, refused):
@@ -54,7 +56,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
         (Report(), ()),
     ):
         each = replace(pictures, report=report)
-        write_view(tmp_path / "view", each, None)
+        write_view(tmp_path / "view", SESSION, each, None)
         assert {file.name for file in (tmp_path / "view").iterdir()} == files | set(more)
     defaults = read_document(tmp_path / "view" / "scene.xml").defaults
     assert defaults["occluder_dx"] == "0.0123" and defaults["resolution"] == "24"
@@ -67,7 +69,7 @@ def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
 
 def test_a_given_photograph_is_written_as_what_is_left_of_it(tmp_path):
     taken = pictures_of(occluder_dx=0.01).photograph
-    write_view(tmp_path / "view", pictures_of(taken), "wall.exr")
+    write_view(tmp_path / "view", SESSION, pictures_of(taken), "wall.exr")
     assert (tmp_path / "view" / "residual.png").is_file()
     assert not (tmp_path / "view" / "photograph.exr").exists()
     record = json.loads((tmp_path / "view" / "view.json").read_text())

@@ -24,8 +24,7 @@ def test_corrections_that_are_not_applied_are_named_once(tmp_path):
         write_dng(tmp_path / "y.dng", MOSAIC, opcodes=[(51009, (9, 9)), (51022, (1, 3, 99))])
     )
     (line,) = warnings
-    assert all(name in line for name in ("WarpRectilinear", "FixVignetteRadial", "opcode 99"))
-    assert line.count("GainMap") == 1
+    assert line.count("OpcodeList2") == line.count("OpcodeList3") == 1
 
 
 def cells(mosaic):

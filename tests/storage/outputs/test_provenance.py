@@ -62,22 +62,22 @@ def scene(tmp_path):
 
 
 def test_record_is_complete_and_ready_for_json(scene):
-    record = provenance(
-        read_document(scene), "llvm_ad_rgb", 7, ["periscopy", "demo", "--out", "a folder"]
-    )
+    chosen = read_document(scene, {"texture": "other"})
+    record = provenance(chosen, 7, ["periscopy", "demo", "--out", "a folder"])
     assert json.loads(json.dumps(record)) == record
     assert record["numpy"] == np.__version__ and record["mitsuba"] == mitsuba.__version__
     assert record["python"] == platform.python_version()
     assert set(record) >= {"periscopy-sim", "scipy", "drjit"}
-    assert record["scene"] == str(scene) and record["scene_sha256"] == sha256_of(scene)
-    assert (record["variant"], record["seed"]) == ("llvm_ad_rgb", 7)
+    assert record["scene"] == str(scene) and record["parameters"] == {"texture": "other"}
+    assert record["scene_sha256"] == sha256_of(scene, {"texture": "other"})
+    assert (record["variant"], record["seed"]) == (mitsuba.variant(), 7)
     assert record["command"] == "periscopy demo"
 
 
 def test_where_a_result_lies_is_no_part_of_its_record():
     command = ["periscopy", "reconstruct", "my photo.exr", "--scene", "chair"]
     for out in ([], ["--out", "a folder"], ["--out=elsewhere"]):
-        record = provenance(None, None, None, [*command[:3], *out, *command[3:], "--outer", "y"])
+        record = provenance(None, command=[*command[:3], *out, *command[3:], "--outer", "y"])
         assert record["command"] == "periscopy reconstruct 'my photo.exr' --scene chair --outer y"
 
 

@@ -161,18 +161,6 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     assert list(archive(tmp_path / "d").missing()) == [1]
 
 
-@pytest.mark.parametrize("place", ["making", "making/finished", "photograph", "photograph/c/0"])
-def test_no_link_leads_out_of_a_store(tmp_path, place):
-    whole, elsewhere = tmp_path / "d", tmp_path / "elsewhere"
-    filled(whole)
-    (whole / place).rename(elsewhere)
-    (whole / place).symlink_to(elsewhere)
-    before = contents(elsewhere)
-    with pytest.raises(OutputError, match=place):
-        archive(whole)
-    assert contents(elsewhere) == before
-
-
 def test_folder_is_free_again_after_an_error(tmp_path):
     for _ in range(2):
         with pytest.raises(KeyError), alone_in(tmp_path):
