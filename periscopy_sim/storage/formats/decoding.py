@@ -1,5 +1,6 @@
 """What decoders return, and every failure of a decoder as one error."""
 
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,6 +50,14 @@ def check_head(shape: Sequence[int], size: Size, path: Path) -> None:
     if size is not None and len(shape) in (2, 3, 4) and {*rows_and_columns} != {*size}:
         check_size(rows_and_columns, size, str(path))
     check_budget(shape, path)
+
+
+def check_inflated(packed: Any, most: int, wbits: int = zlib.MAX_WBITS) -> None:
+    """Reject what zlib packed if it holds more bytes than its pixels take."""
+    inflating = zlib.decompressobj(wbits)
+    inflating.decompress(packed, most)
+    if inflating.unconsumed_tail:
+        raise ValueError("it holds more than its pixels")
 
 
 @contextmanager

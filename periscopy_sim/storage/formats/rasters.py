@@ -24,6 +24,7 @@ from periscopy_sim.storage.formats.decoding import (
     Picture,
     Size,
     check_head,
+    check_inflated,
     decoding,
 )
 
@@ -40,7 +41,8 @@ def read_png(path: Path, key: str, size: Size = None) -> Picture:
 
     with decoding(path, "PNG"):
         content = read_regular(path, MOST_BYTES)
-        chunks = dict(png.Reader(bytes=content).chunks())
+        parts = [*png.Reader(bytes=content).chunks()]
+        chunks = dict(parts)
         columns, rows = struct.unpack(">II", chunks[b"IHDR"][:8])
         check_head((rows, columns), size, path)
         encoding = None if key == "mask" else _png_encoding(chunks, path)
@@ -52,6 +54,9 @@ def read_png(path: Path, key: str, size: Size = None) -> Picture:
             raise _unread(path, "a turned picture of 16 bits")
         if b"tRNS" in chunks:
             raise _unread(path, "a transparent colour of 16 bits")
+        # pypng inflates all that there is: at most four channels and, interlaced, twice the lines.
+        packed = b"".join(part for kind, part in parts if kind == b"IDAT")
+        check_inflated(packed, 8 * rows * columns + 2 * rows + 8)
         columns, rows, lines, info = png.Reader(bytes=content).read()
         values = np.array([np.asarray(line, dtype=np.uint16) for line in lines])
         return _picture(values.reshape(rows, columns, info["planes"]), path, encoding)
@@ -75,7 +80,13 @@ def read_tiff(path: Path, key: str, size: Size = None) -> Picture:
             raise _unread(path, page.photometric.name)
         if {*page.extrasamples} - {tifffile.EXTRASAMPLE.UNASSALPHA}:
             raise _unread(path, "a fourth channel other than straight alpha")
-        if not reaches_its_pixels(file, path):
+        # Deflate packs up to 1032 bytes in one: of more, tifffile would fill the memory.
+        packed = sum(map(sum, (page.databytecounts for page in file.pages)))
+        if (
+            not reaches_its_pixels(file, path)
+            or series.nbytes > 1032 * path.stat().st_size
+            or packed > 2 * series.nbytes + 4096
+        ):
             raise PhotographError(f"{path}: is cut short or damaged; save or copy it again")
         rows, columns = series.shape[-2:] if series.axes in ("YX", "SYX") else series.shape[:2]
         check_head((rows, columns, page.samplesperpixel), size, path)

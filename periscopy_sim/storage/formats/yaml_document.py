@@ -1,5 +1,7 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
+import math
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -12,7 +14,7 @@ from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
 from periscopy_sim.numerics.limits import read_regular, size_of
 
 MOST_LETTERS = 1 << 17
-"""Bytes of a YAML file: 1 s of parsing."""
+"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
@@ -74,6 +76,18 @@ class _Loader(yaml.SafeLoader):
         return dict(super().construct_mapping(node, deep))
 
 
+def _letters(node: yaml.Node, known: dict[int, float]) -> float:
+    """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
+    if id(node) not in known:
+        known[id(node)] = math.inf  # of a node within itself
+        within = node.value
+        if isinstance(node, yaml.MappingNode):
+            within = [each for pair in node.value for each in pair]
+        own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
+        known[id(node)] = 1 + own
+    return known[id(node)]
+
+
 def read_yaml(path: Path, model: type[Document]) -> Document:
     """Return the content of a YAML file as a model whose field `folder` is the file's own.
 
@@ -83,6 +97,8 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
     try:
         loader = _Loader(read_regular(path, MOST_LETTERS).decode("utf-8-sig"))
         document = loader.get_single_node()
+        if document and _letters(document, {}) > MOST_LETTERS:
+            raise ValueError("its aliases repeat too much, or hold themselves")
         entries = document and loader.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"
