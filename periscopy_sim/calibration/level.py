@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
 from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
+from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array
 
 DEGREE, SPREAD = 2, 0.07
@@ -103,11 +103,8 @@ class ResolutionLevel:
     @cached_property
     def terms(self) -> Array:
         """(K, M) p_k, between -1 and 1."""
-        shape = np.array(self.scene.pixels.shape)[:, None]
-        places = (2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1
-        y, x = (legendre.legvander(each, DEGREE).T for each in places)
-        orders = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 1 - j) if j + k]
-        return np.array([y[j] * x[k] for j, k in orders])
+        pixels = self.scene.pixels
+        return polynomials(pixels.shape, 1, DEGREE)[:, pixels.ravel()]
 
     @cached_property
     def precision(self) -> Array:
