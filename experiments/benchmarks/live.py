@@ -20,7 +20,7 @@ import periscopy_sim as ps
 from experiments.benchmarks.scene import SMALL
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
-from periscopy_sim.live.level import Choice
+from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.page import GIZMO
 from periscopy_sim.live.session import LiveSession
 

@@ -7,7 +7,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -15,6 +14,7 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import Look, ResolutionLevel
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import Search
 from periscopy_sim.calibration.trust import (

@@ -52,7 +52,7 @@ RIDGE = 1e-6
 class Explanation(ABC):
     """Photographs of C channels explained by a transport matrix, images and ambient light."""
 
-    evidence: float  # Σ E_c: a difference of 2 is a likelihood ratio of e; less is better
+    cost: float  # Σ E_c: a difference of 2 is a likelihood ratio of e; less is better
     noise: Array  # (C,) σ_c
     lights: Array  # (N, C) light of the patches
     residual: Array  # (M, C) y⊥ − A⊥ f̂
@@ -178,7 +178,7 @@ class SmoothImages:
         coefficients = W @ (z / (μ[:, None] + ratios))
         residual = y_free - X @ coefficients
         return SmoothExplanation(
-            evidence=sum(E for _, _, E in best),
+            cost=sum(E for _, _, E in best),
             noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
             lights=np.asarray(self.basis @ coefficients),
             residual=residual,

@@ -94,7 +94,7 @@ class MovingScene:
         raise unphysical
 
 
-def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+def limit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
     """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
     factor = min(1.0, longest / max(size))
     rows, columns = (max(1, round(factor * n)) for n in size)
@@ -136,7 +136,7 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = fitted(shape, max(LONGEST, *scenario.hidden_shape))
+    coarse = limit_size(shape, max(LONGEST, *scenario.hidden_shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.level import Group, ResolutionLevel
-from periscopy_sim.calibration.moving_scene import MovingScene, fitted
+from periscopy_sim.calibration.moving_scene import MovingScene, limit_size
 from periscopy_sim.calibration.prior import UncertainParameters
+from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.hidden import Hidden, Size
@@ -103,11 +103,11 @@ class CalibrationProblem:
 
     @property
     def _hidden(self) -> Size:
-        return fitted(self.scenario.hidden_shape, MOST_PATCHES)
+        return limit_size(self.scenario.hidden_shape, MOST_PATCHES)
 
     @property
     def _smooth(self) -> SmoothImages:
-        coarse = fitted(self._hidden, COARSE_HATS)
+        coarse = limit_size(self._hidden, COARSE_HATS)
         return SmoothImages.hats(*map(self._in_patches, (self._hidden, coarse)))
 
     def _in_patches(self, size: Size) -> Hidden:
@@ -115,7 +115,7 @@ class CalibrationProblem:
 
     @cached_property
     def _averaged(self) -> list[Photograph]:
-        shape = fitted(self.photographs[0].shape, LARGEST)
+        shape = limit_size(self.photographs[0].shape, LARGEST)
         return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 
     def _level(self, a_patch: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:

@@ -19,7 +19,7 @@ from itertools import compress
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import FARTHEST, is_significant
 from periscopy_sim.numerics import Array
 
@@ -124,7 +124,7 @@ class Search:
     def visit(self, stage: int, candidate: Candidate) -> None:
         """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
-        self._rows[stage].append(np.append(values, candidate.evidence))
+        self._rows[stage].append(np.append(values, candidate.cost))
         coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
         last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
         most = DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), SURVIVORS[-1] * last
@@ -139,7 +139,7 @@ class Search:
         level, random = self.coarse, np.random.default_rng(self.seed)
         deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.evidence)
+        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.cost)
         (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
         curvature, distinct = own.curvature(), [own.point]
         for end in self._coarse_ends(starts, COOLING[2:]):

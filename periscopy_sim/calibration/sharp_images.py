@@ -60,7 +60,7 @@ class SharpImages:
         freedom, dimensions = len(A) - background.shape[1], self.channels * A.shape[1]
         differences = self.hidden.differences
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
-        evidence, images, residuals, noises = 0.0, [], [], []
+        cost, images, residuals, noises = 0.0, [], [], []
         for light in y.T.reshape(-1, self.channels, len(A)):
             (shown,) = method.evidence(light.T[None])
             method.regularization, split = REGULARIZATION, None
@@ -73,13 +73,13 @@ class SharpImages:
                 λ = 2 * dimensions / variation
                 shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
                 method.regularization = λ * float(noise.mean()) / method.fit.norm
-            evidence += 2 * freedom * float(np.log(noise).sum())
-            evidence += 2 * dimensions * np.log(method.fit.norm * variation)
+            cost += 2 * freedom * float(np.log(noise).sum())
+            cost += 2 * dimensions * np.log(method.fit.norm * variation)
             images.append(f)
             residuals.append(residual)
             noises.append(noise)
         return SharpExplanation(
-            evidence=evidence,
+            cost=cost,
             noise=np.concatenate(noises),
             lights=np.hstack(images),
             residual=np.concatenate(residuals).T.astype(np.float64),

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import Look
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.numerics import Array
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.extras import require
-from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
+from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.live.room import as_source, room_of, things_in
 from periscopy_sim.live.sheet import draw_sheet
 from periscopy_sim.reconstruction.method import Report

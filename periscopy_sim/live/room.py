@@ -8,8 +8,8 @@ import numpy as np
 from PIL import Image
 from scipy.interpolate import NearestNDInterpolator
 
-from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.movable import parts_of
+from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario

@@ -166,7 +166,7 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(
     explanation = explained(wall, images)
     for A in (wall.A, other):
         found = explained(wall, images, A)
-        assert found.evidence == pytest.approx(evidence(wall, A, images), abs=2e-2)
+        assert found.cost == pytest.approx(evidence(wall, A, images), abs=2e-2)
     for c, ratio in enumerate(explanation.ratios):
         S, beyond = covariance(wall, wall.A, images, ratio)
         rest = beyond.T @ wall.y[:, c]
@@ -207,7 +207,7 @@ def test_ambient_light_of_any_strength_changes_nothing(wall: Wall, images: Smoot
     light = 1e3 * wall.Q @ np.random.default_rng(1).standard_normal((LIGHTS, 3))
     dark = explained(wall, images)
     lit = images.explain(wall.A, wall.Q, wall.y + light)
-    assert lit.evidence == pytest.approx(dark.evidence, abs=1e-4)
+    assert lit.cost == pytest.approx(dark.cost, abs=1e-4)
     np.testing.assert_allclose(lit.lights, dark.lights, atol=1e-6)
 
 
@@ -216,14 +216,14 @@ def test_the_unit_of_the_matrix_changes_nothing(
     wall: Wall, images: SmoothImages, unit: float
 ) -> None:
     one, other = explained(wall, images), explained(wall, images, unit * wall.A)
-    assert other.evidence == pytest.approx(one.evidence, abs=1e-4)
+    assert other.cost == pytest.approx(one.cost, abs=1e-4)
     np.testing.assert_allclose(unit * other.lights, one.lights, rtol=1e-5)
 
 
 def test_a_black_channel_is_explained_by_darkness(wall: Wall, images: SmoothImages) -> None:
     wall.y[:, 1] = 0
     found = explained(wall, images)
-    assert np.isfinite(found.evidence)
+    assert np.isfinite(found.cost)
     np.testing.assert_array_equal(found.lights[:, 1], 0)
 
 

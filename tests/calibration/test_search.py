@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.level import Candidate, Look
+from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
 
 
@@ -33,7 +33,7 @@ class Valleys:
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
         evidence = min(self.bend * (point[0] - place) ** 2 - depth for place, depth in self.valleys)
-        explanations: Any = (SimpleNamespace(evidence=evidence),) if point[0] >= -2 else ()
+        explanations: Any = (SimpleNamespace(cost=evidence),) if point[0] >= -2 else ()
         return Candidate(point, explanations, float(point[0] ** 2))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:

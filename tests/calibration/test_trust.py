@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from periscopy_sim.calibration.level import Look
+from periscopy_sim.calibration.resolution_level import Look
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.calibration.trust import MISFIT, doubts, is_significant, learned, misfits
 

@@ -1,7 +1,7 @@
 import pytest
 
-from periscopy_sim.live.level import Choice, Level
 from periscopy_sim.live.movable import find_movables
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.rendering.scene.load import load_scenario
 
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
@@ -21,7 +21,7 @@ def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
     def make(light=None, photograph=None):
-        return Level(plate(), light, photograph, is_coarse=True)
+        return SizedLaboratory(plate(), light, photograph, is_coarse=True)
 
     return make
 

@@ -6,8 +6,8 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
-from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Page
+from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from experiments.benchmarks import live
-from periscopy_sim.live.level import Choice
 from periscopy_sim.live.page import Page
+from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 

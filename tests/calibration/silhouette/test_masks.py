@@ -94,7 +94,7 @@ def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
         misfit = np.sum((rest - A @ image) ** 2) + RATIO * image @ K @ image
         total += (PIXELS - 3) * np.log(misfit + ALLOWANCE * rest @ rest)
     explained = mask.fit(opacities, GAIN, unknown).explained
-    assert explained.evidence == pytest.approx(total, abs=0.03)
+    assert explained.cost == pytest.approx(total, abs=0.03)
     assert (explained.image >= 0).all()
     assert (explained.image == 0).any()
 
@@ -112,7 +112,7 @@ def test_colours_and_ambient_light_are_fitted_by_least_squares(
 
 def test_patches_that_look_alike_are_explained(mask, unknown, random):
     A = mask.transport(RIGHT, GAIN)[:, :1] * random.random(PATCHES).astype(np.float32)
-    assert np.isfinite(replace(unknown, ratio=1e-12)(A).evidence)
+    assert np.isfinite(replace(unknown, ratio=1e-12)(A).cost)
 
 
 @pytest.mark.parametrize(("kind", "rtol"), [("unknown", 1e-4), ("known", 1e-2)])
@@ -125,7 +125,7 @@ def test_slopes_of_the_evidence_are_its_derivatives(kind, rtol, request, random)
     slopes = np.tensordot(changes, likelihood(A).slope, 2)
 
     def half(along):
-        return likelihood(A + np.tensordot(along, changes, 1)).evidence / 2
+        return likelihood(A + np.tensordot(along, changes, 1)).cost / 2
 
     derivative_test(half, slopes, np.zeros(3), rtol=rtol)
 

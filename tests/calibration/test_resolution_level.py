@@ -8,9 +8,9 @@ from scipy.stats import chi2
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.level import SPREAD, Group, ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, ruled_values
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import SPREAD, Group, ResolutionLevel
 from periscopy_sim.calibration.search import descend
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph

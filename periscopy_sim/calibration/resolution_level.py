@@ -37,11 +37,11 @@ class Candidate:
     @cached_property
     def evidence(self) -> float:
         """−2 log evidence, up to a constant; infinite if the point is no scene."""
-        return sum(each.evidence for each in self.explanations) if self.explanations else np.inf
+        return sum(each.cost for each in self.explanations) if self.explanations else np.inf
 
     def objective_at(self, temperature: float) -> float:
         """Twice the negative logarithm of the tempered posterior density, less a constant."""
-        return self.evidence / temperature + self.penalty
+        return self.cost / temperature + self.penalty
 
 
 @dataclass(frozen=True, eq=False)
