@@ -41,11 +41,8 @@ FLAT = 0.1
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
-ROUNDING = 1e-7
-"""Of single precision, in which A is computed."""
-
-RIDGE = 1e-6
-"""Fraction of a known picture's energy added to its colours', which may depend on each other."""
+ROUNDING = float(np.finfo(np.float32).eps)
+"""Relative rounding of A, which is computed in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +147,8 @@ class SmoothImages:
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
-        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(len(gram)))
+        ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other but for rounding
+        return cls(colours, gram + ridge * np.eye(len(gram)))
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
         """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
@@ -223,16 +221,16 @@ def _best_ratio(
 ) -> tuple[float, float, float]:
     """Return the α at which a channel's E_c is least, S_c and E_c there."""
 
-    def misfit_and_evidence(ratios: Array) -> tuple[Array, Array]:
+    def misfit_and_cost(ratios: Array) -> tuple[Array, Array]:
         sums = (squares / (μ + ratios[:, None])).sum(axis=1)
         misfit = np.maximum(energy - sums, ROUNDING**2 * energy)
         return misfit, freedom * np.log(misfit) + np.log1p(μ / ratios[:, None]).sum(axis=1)
 
-    _, evidence = misfit_and_evidence(RATIOS)
-    least = int(np.clip(np.argmin(evidence), 1, len(RATIOS) - 2))
-    a, b, c = evidence[least - 1 : least + 2]  # the parabola through neighbours in log α
+    _, cost = misfit_and_cost(RATIOS)
+    least = int(np.clip(np.argmin(cost), 1, len(RATIOS) - 2))
+    a, b, c = cost[least - 1 : least + 2]  # the parabola through neighbours in log α
     bend = a - 2 * b + c
     move = np.clip((a - c) / (2 * bend), -1, 1) if bend > 0 else np.sign(a - c)
     α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
-    misfit, refined = misfit_and_evidence(np.array([α]))
+    misfit, refined = misfit_and_cost(np.array([α]))
     return float(α), float(misfit[0]), float(refined[0])

@@ -22,8 +22,9 @@ STEP = 0.02
 """Fraction of a parameter's standard error by which the scene moves for a derivative: far enough
 for single precision, and so short that vertices move in proportion."""
 
-LONGEST = 126
-"""Most rows and columns for which derivatives are computed; larger photographs interpolate."""
+LARGEST = 126
+"""Most rows and columns of a photograph that a search uses, and for which derivatives are computed;
+light of larger ones is interpolated."""
 
 BAND = 1000
 """Pixels whose derivatives are in memory at a time, about."""
@@ -136,7 +137,7 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = limit_size(shape, max(LONGEST, *scenario.hidden_shape))
+    coarse = limit_size(shape, max(LARGEST, *scenario.hidden_shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import MovingScene, limit_size
+from periscopy_sim.calibration.moving_scene import LARGEST, MovingScene, limit_size
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpImages
@@ -24,9 +24,6 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
-
-LARGEST = 126
-"""Rows and columns to which photographs are averaged, and wall points along them, at least."""
 
 MOST_PATCHES = 36
 """Along a side of the hidden image: of more, a coarser image serves."""

@@ -35,7 +35,7 @@ class Candidate:
     penalty: float  # −2 log of the prior's density, up to a constant
 
     @cached_property
-    def evidence(self) -> float:
+    def cost(self) -> float:
         """−2 log evidence, up to a constant; infinite if the point is no scene."""
         return sum(each.cost for each in self.explanations) if self.explanations else np.inf
 
@@ -128,10 +128,10 @@ class ResolutionLevel:
         """Return twice the negative logarithm of the prior's density, less a constant."""
         return float(self.precision @ (point - self.center) ** 2)
 
-    def with_edges(self, found: Candidate) -> ResolutionLevel:
+    def with_edges(self, candidate: Candidate) -> ResolutionLevel:
         """Return a level whose image prior uses the edges of the estimated images."""
         groups = []
-        for group, explained in zip(self.groups, found.explanations, strict=True):
+        for group, explained in zip(self.groups, candidate.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
                 for light, f in zip(group.light, explained.images, strict=True):
                     images = SmoothImages.like(self.scene.scenario.hidden, f)

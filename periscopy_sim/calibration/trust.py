@@ -14,7 +14,8 @@ MARGIN = 1.3
 """Of standard errors over those of the linear theory: valleys of the evidence are curved."""
 
 FARTHEST = 3.0
-"""Standard deviations within which a ruler errs: all but 3 of 1000 times."""
+"""Standard deviations within which a ruler errs, all but 3 of 1000 times; and the longest step of a
+search, before it is doubled."""
 
 MISFIT = 0.4
 """Largest `misfits` of a photograph that is believed: simulated photographs beside near lamps left
@@ -46,7 +47,7 @@ def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Ar
     return statistical, np.minimum(deviations, limit), correlation, moves
 
 
-def learned(look: Look, count: int) -> float:
+def determined_count(look: Look, count: int) -> float:
     """Return how many of the first parameters the photographs determine, from 0 to `count`.
 
     The trace of I (I + Λ)⁻¹, of the information and the prior's precision, the look's other numbers

@@ -18,10 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import limit_size
+from periscopy_sim.calibration.moving_scene import LARGEST, limit_size
 from periscopy_sim.calibration.problem import (
     COARSE_HATS,
-    LARGEST,
     MOST_PATCHES,
     ambient_basis,
     finest_view,
