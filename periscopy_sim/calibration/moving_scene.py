@@ -34,18 +34,12 @@ BAND = 1000
 class MovingScene:
     """A scene, P of whose parameters vary, seen by M of its camera's pixels.
 
-    Attributes
-    ----------
-    scenario
-        The scene as it was loaded, with the pixels used.
-    names, errors
-        (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
-        Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
+    Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
     """
 
-    scenario: Scenario
-    names: tuple[str, ...]
-    errors: Array
+    scenario: Scenario  # as loaded, with the pixels used
+    names: tuple[str, ...]  # of the P parameters
+    errors: Array  # (P,) or (P + 2,) scales: a derivative moves each value by a fraction of its own
 
     @property
     def pixels(self) -> Mask:
@@ -110,7 +104,7 @@ def uncertain_transport(
     Parameters
     ----------
     scenario
-        The scene at its measured values.
+        The scene at its measured values. It has a closed form, see `area_transport`.
     errors
         Standard errors of ``<default>``s, independent of each other, by name; or the covariance
         that a calibration wrote.
@@ -119,13 +113,6 @@ def uncertain_transport(
     -------
     UncertainTransport
         For ``NoiseAware.for_scene(scenario, A, B, uncertain=...)``.
-
-    Raises
-    ------
-    ClosedFormError
-        If the scene has no closed form, see `area_transport`.
-    SceneError
-        If a parameter is unknown or no number, or an error not positive.
     """
     if isinstance(errors, SceneCovariance):
         names, values, directions = errors.names, errors.values, errors.directions

@@ -96,7 +96,7 @@ class CalibrationProblem:
         centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)
-        return replace(level, scene=scene, centers=centers, errors=errors)
+        return replace(level, scene=scene, centers=centers)
 
     @property
     def _hidden(self) -> Size:
@@ -141,4 +141,4 @@ class CalibrationProblem:
         ]
         if self.has_unknown_images:
             groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
-        return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))
+        return ResolutionLevel(scene, self.centers, Q, tuple(groups))

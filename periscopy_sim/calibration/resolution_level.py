@@ -89,9 +89,8 @@ class ResolutionLevel:
     makes them.
     """
 
-    scene: MovingScene  # seen by the pixels used
+    scene: MovingScene  # seen by the pixels used; its errors are the prior's
     centers: Array  # (P,) means of the parameters before the photographs are looked at
-    errors: Array  # (P,) their standard deviations then
     background: Array  # (M, r) orthonormal basis of the ambient light
     groups: tuple[Group, ...]  # the photographs, by what is known of their images
 
@@ -109,7 +108,7 @@ class ResolutionLevel:
     @cached_property
     def precision(self) -> Array:
         """(P + K,) of the prior."""
-        return np.append(self.errors**-2.0, np.full(len(self.terms), SPREAD**-2))
+        return np.append(self.scene.errors**-2.0, np.full(len(self.terms), SPREAD**-2))
 
     @cached_property
     def center(self) -> Array:
@@ -130,12 +129,11 @@ class ResolutionLevel:
 
     def with_edges(self, candidate: Candidate) -> ResolutionLevel:
         """Return a level whose image prior uses the edges of the estimated images."""
-        groups = []
+        groups, hidden = [], self.scene.scenario.hidden
         for group, explained in zip(self.groups, candidate.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
-                for light, f in zip(group.light, explained.images, strict=True):
-                    images = SmoothImages.like(self.scene.scenario.hidden, f)
-                    groups.append(Group(light[None], images))
+                each = zip(group.light, explained.images, strict=True)
+                groups += [Group(y[None], SmoothImages.like(hidden, f)) for y, f in each]
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))

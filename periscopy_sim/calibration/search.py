@@ -137,7 +137,7 @@ class Search:
         A SceneError says that the prior's centre is no scene.
         """
         level, random = self.coarse, np.random.default_rng(self.seed)
-        deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
+        deviations = level.scene.errors * random.standard_normal((DRAWS, len(level.centers)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
         starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.cost)
         (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)

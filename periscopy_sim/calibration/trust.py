@@ -83,16 +83,10 @@ def misfits(look: Look, noise: Array) -> Array:
 
 
 def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) -> tuple[str, ...]:
-    """Return why not to believe parameters; empty where nothing says so.
+    """Return why not to believe P parameters; empty where nothing says so.
 
-    Parameters
-    ----------
-    names, distances
-        (P) parameters, and how many of the prior's standard deviations each ended from its start.
-    known
-        How many of them the photographs determine.
-    misfit
-        (K,) of `misfits`.
+    Each ended `distances`, (P,), of the prior's standard deviations from its start. The photographs
+    determine `known` of them, and no scene explains `misfit`, (K,), of these.
     """
     reasons = [
         f"{name} ended {abs(distance):.1f} standard errors from its measured value: the ruler, its "

@@ -23,7 +23,7 @@ POINT = np.array([0.003, -0.004, 0.2, 0.05, -0.03, 0.04, 0.02, -0.05])
 class Room:
     """A scene of two numbers in double precision, which a matrix follows in curves."""
 
-    pixels = np.ones((9, 8), bool)
+    pixels, errors = np.ones((9, 8), bool), np.array([0.3, 0.5])
     A, *CHANGES = np.random.default_rng(0).uniform(0.5, 1, (4, 72, 5))
 
     def transport(self, values: Array) -> Array:
@@ -60,7 +60,7 @@ def test_slope_is_the_derivative_of_the_objective(temperature: float) -> None:
     groups = tuple(Group(random.uniform(1, 3, (k, 72, 3)), Known) for k in (1, 2))  # type: ignore
     background = np.linalg.qr(random.normal(size=(72, 2)))[0]
     room: Any = Room()
-    level = ResolutionLevel(room, np.array([0.2, 1.0]), np.array([0.3, 0.5]), background, groups)
+    level = ResolutionLevel(room, np.array([0.2, 1.0]), background, groups)
     point = np.array([0.4, 0.7, 0.05, -0.03, 0.04, 0.02, -0.05])
     derivative_test(
         lambda x: level.candidate(x).objective_at(temperature) / 2,
@@ -74,7 +74,7 @@ def test_slope_of_photographs_is_that_of_the_objective_to_a_tenth(small: Small) 
     slope = level.look(level.candidate(POINT), temperature).downhill
     derivative_test(
         lambda x: level.candidate(x).objective_at(temperature) / 2, slope, POINT,
-        steps=np.append(0.02 * level.errors, np.full(5, 0.02 * SPREAD)), rtol=0.1,
+        steps=np.append(0.02 * level.scene.errors, np.full(5, 0.02 * SPREAD)), rtol=0.1,
     )  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def test_a_newton_step_gains_what_it_promises(small: Small) -> None:
     for _ in range(3):
         end = descend(level, end, 1.0)
     values = level.values(end.point)
-    np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.errors))
+    np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.scene.errors))
     away = end.point + 2 / np.sqrt(np.diag(end.curvature()))
     look = level.look(level.candidate(away))
     assert look.objective - end.objective == pytest.approx(look.predicted_gain, rel=0.1)

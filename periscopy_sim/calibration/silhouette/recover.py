@@ -67,11 +67,9 @@ def recover_silhouette(
     Parameters
     ----------
     photograph
-        A `Photograph`, or (rows, columns, C), linear, of any unit; or one such for each picture
-        shown. The pixels used are those that all masks leave; the light of all photographs with the
-        monitor off is projected out. Photographs with a colour matrix are unmixed first.
-    scene
-        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
+        A photograph as of `calibrate`; or one for each picture shown.
+    scene, parameters, progress
+        As of `calibrate`.
     hidden
         (R, C) of the hidden image. Of an unknown one, the search uses at most 24 patches along a
         side, of a known one 36.
@@ -83,17 +81,13 @@ def recover_silhouette(
     shown
         (R, C, P) pictures that the monitor showed, linear, one for each photograph. Two of them
         make the silhouette far more certain than any unknown image.
-    parameters
-        Values of the scene's ``<default>``s.
     seed
         Of the random masks from which a search for an unknown image starts.
-    progress
-        Called with the fraction done, 1 at last.
 
     Returns
     -------
     Silhouette
-        See there; look at `Silhouette.doubts` first.
+        Look at `Silhouette.doubts` first.
 
     Raises
     ------
