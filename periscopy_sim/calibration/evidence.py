@@ -32,11 +32,9 @@ from periscopy_sim.numerics import Array
 
 Matrix = NDArray[np.floating[Any]]
 
-BRIGHTNESS = 0.01
-"""ε: weight of how bright an image is, beside how rough."""
-
 FLAT = 0.1
-"""Difference over the image's root mean square below which neighbours are no edge."""
+"""Difference over the image's root mean square below which neighbours are no edge; its square is
+the weight of how bright an image is, beside how rough."""
 
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
@@ -193,7 +191,7 @@ class SmoothImages:
 def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
     """Return K for images of the N patches of hidden surfaces, (N, N).
 
-    xᵀ K x = Σ w (difference of neighbours)² + ε ‖x‖², w = 1, or of images f, (N, C), in proportion
+    xᵀ K x = Σ w (difference of neighbours)² + `FLAT`² ‖x‖², w = 1, or of images f, (N, C), in proportion
     to 1/√(‖difference‖² + `FLAT`² their mean square): xᵀ K x is then near the total variation
     (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an image moved
     until it touches the border would be smoother than one that does not, and the evidence would
@@ -206,7 +204,7 @@ def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
         weights = (edges + FLAT**2 * (np.mean(f**2) or 1.0)) ** -0.5
         weights /= weights.mean()
     K: Array = (D.T @ sparse.diags_array(weights) @ D).toarray()
-    K[np.diag_indices_from(K)] += BRIGHTNESS
+    K[np.diag_indices_from(K)] += FLAT**2
     return K
 
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from periscopy_sim.calibration.evidence import (
-    BRIGHTNESS,
     FLAT,
     SmoothExplanation,
     SmoothImages,
@@ -104,7 +103,7 @@ def test_smoothness_sums_squares_of_differences_with_darkness_around() -> None:
     f = np.random.default_rng(0).standard_normal(SHAPE)
     dark = np.pad(f, 1)
     steps = np.sum(np.diff(dark[:, 1:-1], axis=0) ** 2) + np.sum(np.diff(dark[1:-1], axis=1) ** 2)
-    expected = steps + BRIGHTNESS * np.sum(f**2)
+    expected = steps + FLAT**2 * np.sum(f**2)
     assert f.ravel() @ smoothness(HIDDEN) @ f.ravel() == pytest.approx(expected)
 
 
@@ -119,7 +118,7 @@ def test_smoothness_of_an_image_is_its_total_variation_where_it_has_edges() -> N
         mean = np.mean(np.concatenate([each.ravel() for each in weights]))
         expected = sum(float(np.sum(w * d**2)) for w, d in zip(weights, steps, strict=True))
         f = image[..., 0].ravel()
-        rough = f @ smoothness(HIDDEN, image.reshape(-1, 3)) @ f - BRIGHTNESS * f @ f
+        rough = f @ smoothness(HIDDEN, image.reshape(-1, 3)) @ f - FLAT**2 * f @ f
         assert rough == pytest.approx(expected / mean)
         ratios.append(rough * mean / sum(np.abs(step).sum() for step in steps))
     assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
@@ -134,9 +133,7 @@ def test_surfaces_are_as_smooth_as_each_alone() -> None:
     np.testing.assert_array_equal(basis, np.eye(hidden.patches))
     D = hidden.differences.in_the_dark
     weights = (np.sum((D @ f) ** 2, axis=1) + FLAT**2 * np.mean(f**2)) ** -0.5
-    expected = np.sum((weights / weights.mean())[:, None] * (D @ f) ** 2) + BRIGHTNESS * np.sum(
-        f**2
-    )
+    expected = np.sum((weights / weights.mean())[:, None] * (D @ f) ** 2) + FLAT**2 * np.sum(f**2)
     assert np.einsum("nc,nm,mc->", f, edges, f) == pytest.approx(expected)
     for one, part in zip(alone(hidden), hidden.slices.values(), strict=True):
         np.testing.assert_allclose(K[part, part], smoothness(one), atol=1e-12)

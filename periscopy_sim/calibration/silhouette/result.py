@@ -12,9 +12,6 @@ UNDECIDED, DECIDED = (0.2, 0.8), 0.9
 """Opacities, over the usual one, between which a cell is neither opaque nor open, and the fraction
 of cells seen that must be one of both."""
 
-UNEXPLAINED = 0.5
-"""Of what stays unexplained without a mask, the fraction above which the mask explains little."""
-
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
@@ -75,7 +72,7 @@ class Silhouette:
     def doubts(self) -> tuple[str, ...]:
         """Why it is not to be believed; empty if nothing speaks against it."""
         doubts = []
-        if self.unexplained > UNEXPLAINED * self.unexplained_open:
+        if self.unexplained > self.unexplained_open / 2:
             doubts.append(
                 "the mask explains less than half of what the photograph shows without it: the "
                 "scene is wrong elsewhere, or the photograph is too noisy"
