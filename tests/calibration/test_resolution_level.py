@@ -109,17 +109,13 @@ def test_the_last_level_has_no_slope_at_the_truth_but_by_noise(jit: None) -> Non
     light = (pixel_transport(scene) @ picture.reshape(-1, 3)).reshape(63, 63, 3)
     y = ps.add_noise(ps.composite(light, np.ones_like(light), 0.5), 60, 1)
     held = UncertainParameters((), np.zeros(0), np.zeros(0))
-    deviations = np.array(list(errors.values()))
-    fine = CalibrationProblem(
-        scene, names, centers, deviations, held, [Photograph.of(y)], ()
-    ).fine()
+    known = scene, names, centers, np.array(list(errors.values())), held
+    fine = CalibrationProblem(*known, [Photograph.of(y)], ()).fine()
     scores = []
     for level in (fine, fine.with_edges(fine.candidate(fine.center))):
         look = level.look(level.candidate(fine.center))
-        spread = look.information + np.diag(
-            look.precision
-        )  # what it would be with no prior, at most
-        scores.append(float(look.slope @ np.linalg.solve(spread, look.slope)))
+        # The prior's precision makes the scores smaller, if anything.
+        scores.append(float(look.slope @ np.linalg.solve(look.curvature(), look.slope)))
     threshold = chi2.isf(1e-4, len(fine.center))
     assert scores[0] > 3 * threshold
     assert scores[1] < threshold
