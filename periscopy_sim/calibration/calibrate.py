@@ -88,11 +88,11 @@ def calibrate(
     Raises
     ------
     SceneError
-        If a parameter or its error is unknown, no shadow is in view where the search starts, the
-        scene has no closed form (`analytic_transport`), or the measured values make no scene.
+        If a parameter or its error is unknown, no shadow is in view where the search starts, or the
+        scene has no closed form (`analytic_transport`).
     PhotographError
-        If photographs are not of the camera's size, show nothing, are fewer than the shown
-        pictures, a shown picture is black, or one is given beside a colour matrix.
+        If photographs are not of the camera's size or fewer than the shown pictures, or a shown
+        picture is black or given beside a colour matrix.
     """
     scenario = load_scenario(scene, hidden, parameters)
     photographs = of_one_wall(photograph, scenario.photograph_shape)

@@ -192,10 +192,10 @@ def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
     """Return K for images of the N patches of hidden surfaces, (N, N).
 
     xᵀ K x = Σ w (difference of neighbours)² + ε² ‖x‖², ε = `FLAT`, w = 1, or of images f, (N, C),
-    in proportion to 1/√(‖difference‖² + ε² their mean square): xᵀ K x is then near the total variation
-    (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an image moved
-    until it touches the border would be smoother than one that does not, and the evidence would
-    favour a place whole patches from the right one.
+    in proportion to 1/√(‖difference‖² + ε² their mean square): xᵀ K x is then near the total
+    variation (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an
+    image moved until it touches the border would be smoother than one that does not, and the
+    evidence would favour a place whole patches from the right one.
     """
     D = hidden.differences.in_the_dark
     weights = np.ones(D.shape[0])

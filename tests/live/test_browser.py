@@ -6,9 +6,6 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
-from periscopy_sim.live.page import Page
-from periscopy_sim.live.pictures import Choice
-from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("websockets")
@@ -23,25 +20,10 @@ HOSTILE = '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerr
 
 
 @pytest.fixture(scope="module")
-def session():
-    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
+def session(opened):
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
-    shown, show = [], Page.show
-
-    def watched(page, pictures):
-        show(page, pictures)
-        shown.append((time.monotonic(), pictures))
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Page, "show", watched)
-        with LiveSession(
-            scenario, Choice({}, "mushroom", "lamp"), *offered, lambda _: HOSTILE, lambda _: [],
-            light=light,
-        ) as opened:  # fmt: skip
-            opened.shown = shown
-            with live.running(opened):
-                yield opened
+    return opened(scenario, "lamp", light, lambda _: HOSTILE)
 
 
 @pytest.fixture(scope="module")

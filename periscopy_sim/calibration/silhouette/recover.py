@@ -92,7 +92,7 @@ def recover_silhouette(
     Raises
     ------
     SceneError
-        If there can be no mask, see `MaskPlane`, it casts no shadow into view, or the scene without
+        If there can be no mask (`MaskPlane`), it casts no shadow into view, or the scene without
         the shape has no closed form (`analytic_transport`).
     PhotographError
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many

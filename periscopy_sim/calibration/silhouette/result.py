@@ -31,12 +31,10 @@ class Silhouette:
         (rows, columns) whether the photograph shows the cell's shadow; else its neighbours decide.
     image
         (R, C, 3) the hidden image, linear: the one estimated with the mask, or the first one shown.
-    unexplained
-        What mask and image leave unexplained of the photograph, over its root mean square.
-    unexplained_open
-        The same without a mask.
+    unexplained, unexplained_open
+        Residual of the photographs with the mask and without one, over their root mean square.
     residual
-        (rows, columns, 3) of the first photograph, over its root mean square.
+        (rows, columns, 3) of the first photograph, likewise.
     evidence
         Twice the negative logarithm of the photograph's likelihood: less is better.
     agreeing, starts
