@@ -26,9 +26,6 @@ LARGEST = 126
 """Most rows and columns of a photograph that a search uses, and for which derivatives are computed;
 light of larger ones is interpolated."""
 
-BAND = 1000
-"""Pixels whose derivatives are in memory at a time, about."""
-
 
 @dataclass(frozen=True, eq=False)
 class MovingScene:
@@ -126,7 +123,8 @@ def uncertain_transport(
     shape = scenario.photograph_shape
     coarse = limit_size(shape, max(LARGEST, *scenario.hidden_shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
-    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
+    # As many bands as parameters: their derivatives take as much memory as A.
+    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], len(names)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
         f, parts = image.reshape(scenario.hidden.patches, -1).astype(np.float32), []
