@@ -22,9 +22,8 @@ def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
     there = level().pictures(moved, never)
-    shift = (
-        there.scenario.scene.occluders[0].vertices - pictures.scenario.scene.occluders[0].vertices
-    )
+    before, after = (each.scenario.scene.occluders[0].vertices for each in (pictures, there))
+    shift = after - before
     np.testing.assert_allclose(shift, np.broadcast_to([0.03, 0, 0], shift.shape), atol=1e-6)
     assert np.abs(there.photograph.values - pictures.photograph.values).max() > 0.05
 

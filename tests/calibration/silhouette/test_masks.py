@@ -50,9 +50,8 @@ def background(random):
 def unknown(random, mask, background):
     """A photograph of an image half dark."""
     light = mask.transport(RIGHT, GAIN) @ np.maximum(random.standard_normal((PATCHES, 3)), 0)
-    return UnknownImage(
-        light, background, SmoothImages.hats(*[Hidden.of(HIDDEN)] * 2), RATIO, ALLOWANCE
-    )
+    patches = SmoothImages.hats(*[Hidden.of(HIDDEN)] * 2)
+    return UnknownImage(light, background, patches, RATIO, ALLOWANCE)
 
 
 @pytest.fixture
@@ -60,10 +59,8 @@ def shown(random, mask):
     """Two pictures and their photographs."""
     A, pictures = mask.transport(RIGHT, GAIN), [random.random((*HIDDEN, 3)) for _ in range(2)]
     mixture = np.eye(3) + 0.1 * random.random((3, 3))
-    noise = 1e-3 * random.standard_normal((2, PIXELS, 3))
-    return [A @ f.reshape(-1, 3) @ mixture + n for f, n in zip(pictures, noise, strict=True)], (
-        pictures
-    )
+    light = [A @ f.reshape(-1, 3) @ mixture for f in pictures]
+    return light + 1e-3 * random.standard_normal((2, PIXELS, 3)), pictures
 
 
 @pytest.fixture
@@ -78,12 +75,8 @@ def before_pictures(mask, shown):
 
 
 def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
-    opacities = random.random(CELLS)
-    A, Q, K = (
-        mask.transport(opacities, GAIN).astype(float),
-        unknown.background,
-        (unknown.images.precision),
-    )
+    opacities, Q, K = random.random(CELLS), unknown.background, unknown.images.precision
+    A = mask.transport(opacities, GAIN).astype(float)
     A -= Q @ (Q.T @ A)
     H = A.T @ A + RATIO * K
     total = 3 * (np.linalg.slogdet(H)[1] - np.linalg.slogdet(RATIO * K)[1])
@@ -137,9 +130,8 @@ def test_gradients_are_those_of_values(mask, random):
     mask = replace(mask, shadows=exact)
 
     def likelihood(A):
-        return Explained(
-            2 * np.vdot(pull, A) + np.sum((A @ f) ** 2), pull + np.outer(A @ f, f), f, f
-        )
+        cost = 2 * np.vdot(pull, A) + np.sum((A @ f) ** 2)
+        return Explained(cost, pull + np.outer(A @ f, f), f, f)
 
     def fit(point):
         return mask.fit(point[:COUNT].reshape(CELLS), point[COUNT:], likelihood)
