@@ -29,10 +29,9 @@ def test_a_turned_one_is_in_its_own_plane(scene):
         ("rectangle", "crad", {}),
         ("sphere", "card", {}),
         ("cube", "card", {}),
-        *(
-            ("rectangle", "card", given)
-            for given in ({"depth": "1.05"}, {"depth": "-0.1"}, {"turn": "66"})
-        ),
+        ("rectangle", "card", {"depth": "1.05"}),
+        ("rectangle", "card", {"depth": "-0.1"}),
+        ("rectangle", "card", {"turn": "66"}),
     ],
 )
 def test_what_can_be_no_mask_raises(scene, tmp_path, kind, name, values):
