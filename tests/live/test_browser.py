@@ -78,6 +78,10 @@ def test_what_is_chosen_changes_the_pictures(session, page):
     assert page.evaluate("window.pictures") > 0
     page.get_by_label("SNR (dB)").first.fill("10")  # steps of 1 dB from 20 dB
     wait_for_full(session, lambda each: each.choice.snr == 30)
+    typed = page.get_by_label("SNR (dB)").last
+    typed.fill("")
+    typed.blur()
+    assert typed.input_value() == "30"  # neither 0 nor the least
 
 
 def test_no_text_of_the_page_is_markup(page):
