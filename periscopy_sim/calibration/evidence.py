@@ -39,7 +39,7 @@ the weight of how bright an image is, beside how rough."""
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
-ROUNDING = float(np.finfo(np.float32).eps)
+ROUNDING = 1e-7
 """Relative rounding of A, which is computed in single precision."""
 
 
