@@ -129,12 +129,8 @@ def free_parameters(
     declared = declared_errors(document)
     if free is None:
         return {name: e for name, e in declared.items() if e > 0 and name not in held}
-    if isinstance(free, str):
-        raise SceneError(f"free is the text '{free}'; give a list of names, such as ['{free}']")
     errors: dict[str, float] = {}
     for name in free:
-        if name in errors:
-            raise SceneError(f"parameter '{name}' is free twice")
         error = free[name] if isinstance(free, Mapping) else None
         if error is None and name not in declared:
             start_values(document, [name])
