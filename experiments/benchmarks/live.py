@@ -20,8 +20,7 @@ import periscopy_sim as ps
 from experiments.benchmarks.scene import SMALL
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import Setting
-from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import GIZMO
+from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.session import LiveSession
 
 UPDATES, FULL = 5.0, 5.0
@@ -129,8 +128,9 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
 def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
     """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
     at = session.page.handles[name].position(session.page.choice.values)
+    arrow = page.evaluate("state.room.arrow")
     start, end = (
-        np.array(page.evaluate("onScreen", [at[0] + 0.75 * GIZMO + dx, *at[1:]]))
+        np.array(page.evaluate("onScreen", [at[0] + 0.75 * arrow + dx, *at[1:]]))
         for dx in (0, 0.04)
     )
     page.mouse.move(*start)

@@ -7,7 +7,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.level import Look, ResolutionLevel
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -15,18 +14,19 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import Search
 from periscopy_sim.calibration.trust import (
+    determined_count,
     doubts,
     is_significant,
-    learned,
     misfits,
     standard_errors,
 )
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.photograph import Photograph, check_size, of_one_wall
+from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scene import Scene
@@ -88,36 +88,32 @@ def calibrate(
     Raises
     ------
     SceneError
-        If a parameter or its error is unknown, no shadow is in view where the search starts, the
-        scene has no closed form (`analytic_transport`), or the measured values make no scene.
+        If a parameter or its error is unknown, no shadow is in view where the search starts, or the
+        scene has no closed form (`analytic_transport`).
     PhotographError
-        If photographs are not of the camera's size, show nothing, are fewer than the shown
-        pictures, a shown picture is black, or one is given beside a colour matrix.
+        If photographs are not of the camera's size or fewer than the shown pictures, or a shown
+        picture is black or given beside a colour matrix.
     """
-    photographs = of_one_wall(photograph)
+    scenario = load_scenario(scene, hidden, parameters)
+    photographs = of_one_wall(photograph, scenario.photograph_shape)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(
             f"shown pictures: {len(shown)}, photographs: {len(photographs)}; give one of each"
         )
     if shown and photographs[0].colour_matrix is not None:
         raise PhotographError("a shown picture determines the colour matrix: leave one of them out")
-    scenario = load_scenario(scene, hidden, parameters)
-    document = scenario.document
-    errors = free_parameters(document, free, uncertain or {})
-    names = tuple(errors)
-    centers = ruled_values(document, names)
-    held = uncertain_parameters(document, names, uncertain)
+    errors = free_parameters(scenario.document, free, uncertain or {})
+    names, deviations = tuple(errors), np.array(list(errors.values()))
+    centers = ruled_values(scenario.document, names)
+    held = uncertain_parameters(scenario.document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
     if doubt := shadow_doubt(scenario):
         raise SceneError(
             f"scene '{scenario.path}': {doubt}; calibration starts from shadows: "
             "add an occluder, or move one into the view"
         )
-    for each in photographs:
-        check_size(each.shape, scenario.photograph_shape, "photograph")
-    checked = [each.unmixed() for each in photographs]
-    deviations = np.array(list(errors.values()))
-    problem = CalibrationProblem(scenario, names, centers, deviations, held, checked, shown)
+    unmixed = [each.unmixed() for each in photographs]
+    problem = CalibrationProblem(scenario, names, centers, deviations, held, unmixed, shown)
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
@@ -134,20 +130,32 @@ def _calibrated(
     level, end = search.best(starts)
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
-    whole = problem.joint()
-    values = np.append(fine.values(end.point), whole.centers[len(names) :])
-    joint = whole.look(whole.candidate(np.append(values, gain)), κ)
-    improvement = measured.objective_at(κ) - end.objective
-    moved = is_significant(improvement, learned(end, len(names)))
+    gained = measured.objective_at(κ) - end.objective
+    moved = is_significant(gained, determined_count(end, len(names)))
     best = end if moved else measured
     values = fine.values(best.point)
-    distances, known = (values - problem.centers) / problem.errors, learned(joint, len(names))
-    reasons = doubts(names, distances, known, misfits(end, problem.camera_noise))
+    # The errors are those of all numbers together, also of the uncertain ones, at the search's end.
+    whole = problem.joint()
+    point = np.concatenate([fine.values(end.point), whole.centers[len(names) :], gain])
+    joint = whole.look(whole.candidate(point), κ)
     statistical, total, correlation, moves = standard_errors(problem, joint)
+    distances = (values - problem.centers) / problem.errors
+    reasons = doubts(
+        names, distances, determined_count(joint, len(names)), misfits(end, problem.camera_noise)
+    )
     columns = problem.centers, values, statistical, total, problem.errors
-    channels = problem.photographs[0].channels
     scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
-    before, after = ([each.noise for each in look.explanations] for look in (measured, best))
+    before, after = (
+        np.concatenate([each.noise for each in look.explanations]) / scale
+        for look in (measured, best)
+    )
+    first = slice(problem.photographs[0].channels)
+    residual_before, residual = (
+        _picture(fine, look.explanations[0].residual[:, first] / scale) for look in (measured, best)
+    )
+    mixture = None
+    if isinstance(known := end.explanations[0], SmoothExplanation) and problem.pictures:
+        mixture = known.coefficients.T / known.coefficients.sum(axis=0).mean()
     progress(1.0)
     return Calibration(
         parameters=tuple(
@@ -158,24 +166,16 @@ def _calibrated(
         moves=moves,
         correlation=correlation,
         path=search.path,
-        noise_before=np.concatenate(before) / scale,
-        noise=np.concatenate(after) / scale,
-        residual_before=_picture(fine, measured.explanations[0].residual[:, :channels] / scale),
-        residual=_picture(fine, best.explanations[0].residual[:, :channels] / scale),
+        noise_before=before,
+        noise=after,
+        residual_before=residual_before,
+        residual=residual,
         gain=_picture(fine, fine.gain(best.point) - 1) + 1,
         overdispersion=κ,
         moved=moved,
-        colour_matrix=_colour_matrix(end) if problem.pictures else None,
+        colour_matrix=mixture,
         doubts=reasons,
     )
-
-
-def _colour_matrix(look: Look) -> Array:
-    """Return the colour matrix, (C, P), of the first picture that is known."""
-    known = look.explanations[0]
-    assert isinstance(known, SmoothExplanation)
-    M = known.coefficients.T
-    return np.asarray(M / M.sum(axis=1).mean())
 
 
 def _picture(level: ResolutionLevel, values: Image) -> Array:

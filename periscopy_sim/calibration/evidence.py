@@ -32,27 +32,22 @@ from periscopy_sim.numerics import Array
 
 Matrix = NDArray[np.floating[Any]]
 
-BRIGHTNESS = 0.01
-"""ε: weight of how bright an image is, beside how rough."""
-
 FLAT = 0.1
-"""Difference over the image's root mean square below which neighbours are no edge."""
+"""Difference over the image's root mean square below which neighbours are no edge; its square is
+the weight of how bright an image is, beside how rough."""
 
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
 ROUNDING = 1e-7
-"""Of single precision, in which A is computed."""
-
-RIDGE = 1e-6
-"""Fraction of a known picture's energy added to its colours', which may depend on each other."""
+"""Relative rounding of A, which is computed in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation(ABC):
     """Photographs of C channels explained by a transport matrix, images and ambient light."""
 
-    evidence: float  # Σ E_c: a difference of 2 is a likelihood ratio of e; less is better
+    cost: float  # Σ E_c: a difference of 2 is a likelihood ratio of e; less is better
     noise: Array  # (C,) σ_c
     lights: Array  # (N, C) light of the patches
     residual: Array  # (M, C) y⊥ − A⊥ f̂
@@ -150,7 +145,8 @@ class SmoothImages:
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
-        return cls(colours, gram + RIDGE * np.trace(gram) * np.eye(len(gram)))
+        ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other but for rounding
+        return cls(colours, gram + ridge * np.eye(len(gram)))
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
         """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
@@ -178,7 +174,7 @@ class SmoothImages:
         coefficients = W @ (z / (μ[:, None] + ratios))
         residual = y_free - X @ coefficients
         return SmoothExplanation(
-            evidence=sum(E for _, _, E in best),
+            cost=sum(E for _, _, E in best),
             noise=np.sqrt(np.array([misfit for _, misfit, _ in best]) / freedom),
             lights=np.asarray(self.basis @ coefficients),
             residual=residual,
@@ -195,11 +191,11 @@ class SmoothImages:
 def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
     """Return K for images of the N patches of hidden surfaces, (N, N).
 
-    xᵀ K x = Σ w (difference of neighbours)² + ε ‖x‖², w = 1, or of images f, (N, C), in proportion
-    to 1/√(‖difference‖² + `FLAT`² their mean square): xᵀ K x is then near the total variation
-    (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an image moved
-    until it touches the border would be smoother than one that does not, and the evidence would
-    favour a place whole patches from the right one.
+    xᵀ K x = Σ w (difference of neighbours)² + ε² ‖x‖², ε = `FLAT`, w = 1, or of images f, (N, C),
+    in proportion to 1/√(‖difference‖² + ε² their mean square): xᵀ K x is then near the total
+    variation (Vogel, Oman, SIAM J. Sci. Comput. 17, 1996). Beyond a surface all is dark: else an
+    image moved until it touches the border would be smoother than one that does not, and the
+    evidence would favour a place whole patches from the right one.
     """
     D = hidden.differences.in_the_dark
     weights = np.ones(D.shape[0])
@@ -208,7 +204,7 @@ def smoothness(hidden: Hidden, f: Array | None = None) -> Array:
         weights = (edges + FLAT**2 * (np.mean(f**2) or 1.0)) ** -0.5
         weights /= weights.mean()
     K: Array = (D.T @ sparse.diags_array(weights) @ D).toarray()
-    K[np.diag_indices_from(K)] += BRIGHTNESS
+    K[np.diag_indices_from(K)] += FLAT**2
     return K
 
 
@@ -223,16 +219,16 @@ def _best_ratio(
 ) -> tuple[float, float, float]:
     """Return the α at which a channel's E_c is least, S_c and E_c there."""
 
-    def misfit_and_evidence(ratios: Array) -> tuple[Array, Array]:
+    def misfit_and_cost(ratios: Array) -> tuple[Array, Array]:
         sums = (squares / (μ + ratios[:, None])).sum(axis=1)
         misfit = np.maximum(energy - sums, ROUNDING**2 * energy)
         return misfit, freedom * np.log(misfit) + np.log1p(μ / ratios[:, None]).sum(axis=1)
 
-    _, evidence = misfit_and_evidence(RATIOS)
-    least = int(np.clip(np.argmin(evidence), 1, len(RATIOS) - 2))
-    a, b, c = evidence[least - 1 : least + 2]  # the parabola through neighbours in log α
+    _, cost = misfit_and_cost(RATIOS)
+    least = int(np.clip(np.argmin(cost), 1, len(RATIOS) - 2))
+    a, b, c = cost[least - 1 : least + 2]  # the parabola through neighbours in log α
     bend = a - 2 * b + c
     move = np.clip((a - c) / (2 * bend), -1, 1) if bend > 0 else np.sign(a - c)
     α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
-    misfit, refined = misfit_and_evidence(np.array([α]))
+    misfit, refined = misfit_and_cost(np.array([α]))
     return float(α), float(misfit[0]), float(refined[0])

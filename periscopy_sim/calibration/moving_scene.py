@@ -22,29 +22,21 @@ STEP = 0.02
 """Fraction of a parameter's standard error by which the scene moves for a derivative: far enough
 for single precision, and so short that vertices move in proportion."""
 
-LONGEST = 126
-"""Most rows and columns for which derivatives are computed; larger photographs interpolate."""
-
-BAND = 1000
-"""Pixels whose derivatives are in memory at a time, about."""
+LARGEST = 126
+"""Most rows and columns of a photograph that a search uses, and for which derivatives are computed;
+light of larger ones is interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovingScene:
     """A scene, P of whose parameters vary, seen by M of its camera's pixels.
 
-    Attributes
-    ----------
-    scenario
-        The scene as it was loaded, with the pixels used.
-    names, errors
-        (P) parameters that vary, and their scales: a derivative moves each by a fraction of it.
-        Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
+    Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
     """
 
-    scenario: Scenario
-    names: tuple[str, ...]
-    errors: Array
+    scenario: Scenario  # as loaded, with the pixels used
+    names: tuple[str, ...]  # of the P parameters
+    errors: Array  # (P,) or (P + 2,) scales: a derivative moves each value by a fraction of its own
 
     @property
     def pixels(self) -> Mask:
@@ -94,7 +86,7 @@ class MovingScene:
         raise unphysical
 
 
-def fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+def limit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
     """Return (rows, columns) shrunk in proportion, the longer to at most `longest`."""
     factor = min(1.0, longest / max(size))
     rows, columns = (max(1, round(factor * n)) for n in size)
@@ -109,7 +101,7 @@ def uncertain_transport(
     Parameters
     ----------
     scenario
-        The scene at its measured values.
+        The scene at its measured values. It has a closed form, see `area_transport`.
     errors
         Standard errors of ``<default>``s, independent of each other, by name; or the covariance
         that a calibration wrote.
@@ -118,13 +110,6 @@ def uncertain_transport(
     -------
     UncertainTransport
         For ``NoiseAware.for_scene(scenario, A, B, uncertain=...)``.
-
-    Raises
-    ------
-    ClosedFormError
-        If the scene has no closed form, see `area_transport`.
-    SceneError
-        If a parameter is unknown or no number, or an error not positive.
     """
     if isinstance(errors, SceneCovariance):
         names, values, directions = errors.names, errors.values, errors.directions
@@ -136,9 +121,10 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = fitted(shape, max(LONGEST, *scenario.hidden_shape))
+    coarse = limit_size(shape, max(LARGEST, *scenario.hidden_shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
-    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
+    # As many bands as parameters: their derivatives take as much memory as A.
+    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], len(names)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
         f, parts = image.reshape(scenario.hidden.patches, -1).astype(np.float32), []

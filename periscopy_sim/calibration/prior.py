@@ -53,31 +53,29 @@ def start_values(document: SceneDocument, free: Sequence[str]) -> Array:
 
     A SceneError says that none is free, one is not declared, or no finite number.
     """
-    path, given = document.path, document.given
+    path, values = document.path, document.values
     declared = {n: text for n, text in document.defaults.items() if n not in document.errors}
     numbers = {name: text for name, text in declared.items() if np.isfinite(number_of(text))}
     known = ", ".join(f"{name} ({value})" for name, value in numbers.items()) or "none"
-    example = f'<default name="NAME{RULER_ERROR}" value="0.005"/>'
     if not free:
         raise SceneError(
             "no parameter is free; name some, or declare the errors of their measured values, such "
-            f"as {example}; scene '{path}' declares {known}"
+            f"as {_declaration('NAME')}; scene '{path}' declares {known}"
         )
     for name in free:
-        if name in document.errors:
-            raise SceneError(
-                f"'{name}' is the error of '{document.errors[name]}' in scene '{path}'; free that "
-                "one"
-            )
-        if name not in declared:
+        if name not in document.defaults:
             raise document.undeclared(name)
-        if name not in numbers:
+        if name not in numbers or not np.isfinite(number_of(values[name])):
             raise SceneError(
-                f"parameter '{name}' is no number in scene '{path}'; it declares {known}"
+                f"{name}={values[name]}: a free parameter is a finite number and no error; scene "
+                f"'{path}' declares {known}"
             )
-        if not np.isfinite(number_of(given.get(name, "0"))):
-            raise SceneError(f"{name}={given[name]}: give a finite number to start from")
-    return np.array([float(given.get(name, numbers[name])) for name in free])
+    return np.array([float(values[name]) for name in free])
+
+
+def _declaration(name: str) -> str:
+    """Return the tag that declares a parameter's error, as an example."""
+    return f'<default name="{name}{RULER_ERROR}" value="0.005"/>'
 
 
 def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
@@ -105,16 +103,11 @@ def declared_errors(document: SceneDocument) -> dict[str, float]:
     for name, text in document.values.items():
         if not name.endswith(RULER_ERROR):
             continue
-        if name not in document.errors:
-            raise SceneError(
-                f"scene '{path}' declares '{name}', but no '{name.removesuffix(RULER_ERROR)}' that "
-                "it were the error of; correct its name"
-            )
         error = number_of(text)
-        if error and not SMALLEST <= error <= LARGEST:
+        if name not in document.errors or (error and not SMALLEST <= error <= LARGEST):
             raise SceneError(
                 f"scene '{path}': '{name}' is {text}; give a standard deviation from {SMALLEST:g} "
-                f"to {LARGEST:g} in the unit of '{document.errors[name]}', or 0 where it stays"
+                f"to {LARGEST:g} of a declared '{name.removesuffix(RULER_ERROR)}', or 0"
             )
         errors[document.errors[name]] = error
     return errors
@@ -136,19 +129,15 @@ def free_parameters(
     declared = declared_errors(document)
     if free is None:
         return {name: e for name, e in declared.items() if e > 0 and name not in held}
-    if isinstance(free, str):
-        raise SceneError(f"free is the text '{free}'; give a list of names, such as ['{free}']")
     errors: dict[str, float] = {}
     for name in free:
-        if name in errors:
-            raise SceneError(f"parameter '{name}' is free twice")
         error = free[name] if isinstance(free, Mapping) else None
         if error is None and name not in declared:
             start_values(document, [name])
             raise SceneError(
                 f"scene '{document.path}' declares no error of '{name}'; give the standard "
                 f"deviation of its measured value: {name}=0.005, or in the scene "
-                f'<default name="{name}{RULER_ERROR}" value="0.005"/>'
+                f"{_declaration(name)}"
             )
         errors[name] = declared[name] if error is None else float(error)
         check_error(name, errors[name])

@@ -10,9 +10,9 @@ import numpy as np
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.level import Group, ResolutionLevel
-from periscopy_sim.calibration.moving_scene import MovingScene, fitted
+from periscopy_sim.calibration.moving_scene import LARGEST, MovingScene, limit_size
 from periscopy_sim.calibration.prior import UncertainParameters
+from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.hidden import Hidden, Size
@@ -24,9 +24,6 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
-
-LARGEST = 126
-"""Rows and columns to which photographs are averaged, and wall points along them, at least."""
 
 MOST_PATCHES = 36
 """Along a side of the hidden image: of more, a coarser image serves."""
@@ -99,15 +96,15 @@ class CalibrationProblem:
         centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)
-        return replace(level, scene=scene, centers=centers, errors=errors)
+        return replace(level, scene=scene, centers=centers)
 
     @property
     def _hidden(self) -> Size:
-        return fitted(self.scenario.hidden_shape, MOST_PATCHES)
+        return limit_size(self.scenario.hidden_shape, MOST_PATCHES)
 
     @property
     def _smooth(self) -> SmoothImages:
-        coarse = fitted(self._hidden, COARSE_HATS)
+        coarse = limit_size(self._hidden, COARSE_HATS)
         return SmoothImages.hats(*map(self._in_patches, (self._hidden, coarse)))
 
     def _in_patches(self, size: Size) -> Hidden:
@@ -115,7 +112,7 @@ class CalibrationProblem:
 
     @cached_property
     def _averaged(self) -> list[Photograph]:
-        shape = fitted(self.photographs[0].shape, LARGEST)
+        shape = limit_size(self.photographs[0].shape, LARGEST)
         return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 
     def _level(self, a_patch: float, unknown: SmoothImages | SharpImages) -> ResolutionLevel:
@@ -144,4 +141,4 @@ class CalibrationProblem:
         ]
         if self.has_unknown_images:
             groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
-        return ResolutionLevel(scene, self.centers, self.errors, Q, tuple(groups))
+        return ResolutionLevel(scene, self.centers, Q, tuple(groups))

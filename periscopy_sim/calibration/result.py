@@ -34,10 +34,8 @@ class Parameter:
         Of the scene's ``<default>``.
     start, value
         The measured value, and the calibrated one.
-    statistical_error
-        Standard error of the value in a scene that is otherwise right.
-    standard_error
-        The same in a scene some of whose other parameters are uncertain.
+    statistical_error, standard_error
+        Of the value in a scene that is otherwise right, and in one with uncertain parameters.
     ruler_error
         Standard deviation of the measured value.
     trusted
@@ -55,20 +53,20 @@ class Parameter:
     @property
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
-        return self._beats_ruler(self.standard_error)
+        return self.determined_by is DeterminedBy.PHOTOGRAPH
 
     @property
     def determined_by(self) -> DeterminedBy:
         """What the value rests on."""
         if not self.trusted:
             return DeterminedBy.NOTHING
-        if self.determined:
-            return DeterminedBy.PHOTOGRAPH
-        alone = self._beats_ruler(self.statistical_error)
-        return DeterminedBy.PHOTOGRAPH_ALONE if alone else DeterminedBy.RULER
-
-    def _beats_ruler(self, error: float) -> bool:
-        return self.trusted and error**2 < LEARNED * self.ruler_error**2
+        for error, source in (
+            (self.standard_error, DeterminedBy.PHOTOGRAPH),
+            (self.statistical_error, DeterminedBy.PHOTOGRAPH_ALONE),
+        ):
+            if error**2 < LEARNED * self.ruler_error**2:
+                return source
+        return DeterminedBy.RULER
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +75,8 @@ class Calibration:
 
     Attributes
     ----------
-    parameters
-        Those that were free.
-    uncertain
-        Those that were held, but may be wrong.
+    parameters, uncertain
+        Those that were free, and those that were held, but may be wrong.
     moves
         (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
         standard error more.
@@ -89,20 +85,19 @@ class Calibration:
     path
         (J, P + 1) each: values and evidence of the draws, and of where the coarse, the fine and the
         last descents ended at each temperature.
-    noise_before, noise
-        (C,) standard deviation of the residual over the root mean square of the photographs, at the
-        start and at the end, for each channel of each photograph.
     residual_before, residual
-        (rows, columns, 3) residual of the first photograph, in the same unit; 0 in pixels that the
-        search does not use.
+        (rows, columns, 3) residual of the first photograph at the start and at the end, over the
+        root mean square of all photographs; 0 in pixels that the search does not use.
+    noise_before, noise
+        (C,) standard deviation of the residual of each channel of each photograph, likewise.
     gain
         (rows, columns) what the monitor's light was multiplied by; 1 in pixels not used.
     overdispersion
         Temperature of the search's end: the photographs count for so many times less than white
         noise allows, because else they move parameters farther than chance errs in measured values.
     moved
-        Whether the values explain the photographs better than the start does, by more than chance;
-        otherwise they are those of the start.
+        Whether the values explain the photographs better than the start's, which they else are, by
+        more than chance.
     colour_matrix
         (3, 3) M, y_c = Σ_k M_ck A f_k, where a picture was known: from the monitor's primaries to
         the camera's channels, its rows' mean sum 1.

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from heapq import nsmallest
 from itertools import compress
 
 import numpy as np
 
-from periscopy_sim.calibration.level import Candidate, Look, ResolutionLevel
-from periscopy_sim.calibration.trust import is_significant
+from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.trust import FARTHEST, is_significant
 from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
@@ -48,16 +47,9 @@ DAMPING = 1e-3
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
 
-LONGEST = 3.0
-"""Of a step before it is doubled, in standard deviations of the prior."""
-
-
-WEIGHTS = 0.4, 1, 1, 1, 2
-"""Of a draw, a coarse, a fine and a last temperature and the standard errors: their seconds if all
-levels have the same pixels, as measured on the chair at 32x32, 63x63 and 126x126."""
-
-GROWTH = 1.5
-"""Power of the ratio of fine to coarse pixels with which the last three grow, measured likewise."""
+SHARES = 0.2, 0.3, 0.3, 0.1
+"""Fractions of the time that draws, coarse, fine and last descents take (chair, 63 x 63 pixels, 29
+x 36 patches), for the progress alone; the rest is the standard errors'."""
 
 
 def fine_cooling(photographs: int) -> list[float]:
@@ -95,13 +87,16 @@ def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
 
 
 def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
-    """Return Newton's step; parameters that alone would cross the border of the physical stay."""
+    """Return Newton's step, no longer than `FARTHEST`.
+
+    Parameters that alone would cross the border of the physical stay.
+    """
     free = np.ones(len(look.point), bool)
     for _ in range(2):
         step = np.zeros(len(free))
         curvature = look.curvature(damping)[np.ix_(free, free)]
         step[free] = -np.linalg.solve(curvature, look.downhill[free])
-        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / LONGEST)
+        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / FARTHEST)
         if level.scene.is_physical(level.values(look.point + step)):
             break
         for k in range(len(level.centers)):
@@ -126,33 +121,25 @@ class Search:
         """The rows of `Calibration.path`."""
         return tuple(np.reshape(rows, (-1, len(self.fine.centers) + 1)) for rows in self._rows)
 
-    @cached_property
-    def expected(self) -> list[int]:
-        """Numbers of draws, coarse, fine and last temperatures, about; corrected once known."""
-        last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
-        return [0, 0, len(SURVIVORS), last]
-
     def visit(self, stage: int, candidate: Candidate) -> None:
         """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
-        self._rows[stage].append(np.append(values, candidate.evidence))
-        # Stages follow each other: those before this one are complete, whatever was expected.
-        ended = *self.expected[:stage], min(len(self._rows[stage]), self.expected[stage])
-        finer = self.fine.scene.pixels.sum() / self.coarse.scene.pixels.sum()
-        weights = np.multiply(WEIGHTS, np.power(finer, [0, 0, GROWTH, GROWTH, GROWTH]))
-        self.progress(float(weights[: stage + 1] @ ended / (weights @ [*self.expected, 1])))
+        self._rows[stage].append(np.append(values, candidate.cost))
+        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+        last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
+        most = DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), SURVIVORS[-1] * last
+        ended = min(len(self._rows[stage]) / most[stage], 1.0)
+        self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
     def starts(self) -> list[Candidate]:
         """Return where fine descents start: at the prior's own coarse end, and at the others.
 
         A SceneError says that the prior's centre is no scene.
         """
-        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
-        self.expected[:] = DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), 2 * self.expected[3]
         level, random = self.coarse, np.random.default_rng(self.seed)
-        deviations = level.errors * random.standard_normal((DRAWS, len(level.errors)))
+        deviations = level.scene.errors * random.standard_normal((DRAWS, len(level.centers)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.evidence)
+        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.cost)
         (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
         curvature, distinct = own.curvature(), [own.point]
         for end in self._coarse_ends(starts, COOLING[2:]):
@@ -171,15 +158,11 @@ class Search:
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
         looks = [self.fine.look(start, HOTTEST * self.fine.photographs) for start in starts]
-        cooling, begun = fine_cooling(self.fine.photographs), len(looks)
-        self.expected[2] = begun + sum(min(begun, count) for count in SURVIVORS[:-1])
-        for T, count in zip(cooling, SURVIVORS, strict=False):
+        for T, count in zip(fine_cooling(self.fine.photographs), SURVIVORS, strict=False):
             looks = _ranked([self._cooled(self.fine, 2, look, T) for look in looks])[:count]
         first, *others = _objectives(looks)
         is_ahead = [True, *(first - other > NEGLIGIBLE for other in others)]
-        looks = list(compress(looks, is_ahead))
-        self.expected[3] = sum(look.temperature >= T for look in looks for T in cooling)
-        ends = [self._end(look) for look in looks]
+        ends = [self._end(look) for look in compress(looks, is_ahead)]
         best, *_ = _ranked([look for _, look in ends])
         return next(end for end in ends if end[1] is best)
 

@@ -28,13 +28,11 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 
 ROUNDS, TOLERANCE = 4, 1e-4
 """How often σ and λ are updated, and the tolerance of each image: the slope then agrees with
-differences of the evidence to a tenth (`test_sharp_images`); 3 and 1e-3 left a seventh."""
+differences of the evidence to a tenth (`test_sharp_images`); 3 and 1e-3 left a seventh. A patch
+whose light over the brightest is less than the tolerance stays dark as the scene changes."""
 
 REGULARIZATION = 0.01
 """Of the first of these images, see `NoiseAware`."""
-
-DARK = 1e-4
-"""Light of a patch over the brightest, below which it stays dark as the scene changes."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class SharpImages:
         freedom, dimensions = len(A) - background.shape[1], self.channels * A.shape[1]
         differences = self.hidden.differences
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
-        evidence, images, residuals, noises = 0.0, [], [], []
+        cost, images, residuals, noises = 0.0, [], [], []
         for light in y.T.reshape(-1, self.channels, len(A)):
             (shown,) = method.evidence(light.T[None])
             method.regularization, split = REGULARIZATION, None
@@ -73,13 +71,13 @@ class SharpImages:
                 λ = 2 * dimensions / variation
                 shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
                 method.regularization = λ * float(noise.mean()) / method.fit.norm
-            evidence += 2 * freedom * float(np.log(noise).sum())
-            evidence += 2 * dimensions * np.log(method.fit.norm * variation)
+            cost += 2 * freedom * float(np.log(noise).sum())
+            cost += 2 * dimensions * np.log(method.fit.norm * variation)
             images.append(f)
             residuals.append(residual)
             noises.append(noise)
         return SharpExplanation(
-            evidence=evidence,
+            cost=cost,
             noise=np.concatenate(noises),
             lights=np.hstack(images),
             residual=np.concatenate(residuals).T.astype(np.float64),
@@ -117,7 +115,7 @@ class SharpExplanation(Explanation):
             λ = 2 * f.size / variation
             stiffness = curvature_of_total_variation(self.differences, f, λ).toarray()
             for c, values in enumerate(f.T, k * f.shape[1]):
-                lit = values > DARK * f.max()
+                lit = values > TOLERANCE * f.max()
                 X, J = self.columns[:, lit], motion[:, :, c].T
                 H = gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
                 beyond[:, :, c] = (J - X @ linalg.solve(H, X.T @ J, assume_a="pos")).T

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from periscopy_sim.calibration.level import Look
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import Look
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.numerics import Array
 
@@ -14,7 +14,8 @@ MARGIN = 1.3
 """Of standard errors over those of the linear theory: valleys of the evidence are curved."""
 
 FARTHEST = 3.0
-"""Standard deviations within which a ruler errs: all but 3 of 1000 times."""
+"""Standard deviations within which a ruler errs, all but 3 of 1000 times; and the longest step of a
+search, before it is doubled."""
 
 MISFIT = 0.4
 """Largest `misfits` of a photograph that is believed: simulated photographs beside near lamps left
@@ -46,7 +47,7 @@ def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Ar
     return statistical, np.minimum(deviations, limit), correlation, moves
 
 
-def learned(look: Look, count: int) -> float:
+def determined_count(look: Look, count: int) -> float:
     """Return how many of the first parameters the photographs determine, from 0 to `count`.
 
     The trace of I (I + Λ)⁻¹, of the information and the prior's precision, the look's other numbers
@@ -82,16 +83,10 @@ def misfits(look: Look, noise: Array) -> Array:
 
 
 def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) -> tuple[str, ...]:
-    """Return why not to believe parameters; empty where nothing says so.
+    """Return why not to believe P parameters; empty where nothing says so.
 
-    Parameters
-    ----------
-    names, distances
-        (P) parameters, and how many of the prior's standard deviations each ended from its start.
-    known
-        How many of them the photographs determine.
-    misfit
-        (K,) of `misfits`.
+    Each ended `distances`, (P,), of the prior's standard deviations from its start. The photographs
+    determine `known` of them, and no scene explains `misfit`, (K,), of these.
     """
     reasons = [
         f"{name} ended {abs(distance):.1f} standard errors from its measured value: the ruler, its "

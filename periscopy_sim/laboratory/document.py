@@ -54,26 +54,22 @@ def parse_quantity(
     if match is None:
         raise ValueError(f"'{text}' is not a number with its unit; write it as in '{example}'")
     number, unit, error, error_unit = match.groups()
-    value = _in_base(number, unit or error_unit, units, text, example)
-    spread = None if error is None else _in_base(error, error_unit, units, text, example)
+
+    def in_base(number: str, unit: str | None) -> float:
+        if bool(unit) != bool(units):
+            lack = "a" if unit else "no"
+            raise ValueError(f"{text} has {lack} unit; write it as in '{example}'")
+        if unit and unit not in units:
+            raise ValueError(f"'{text}' has the unit '{unit}'; there are {', '.join(units)}")
+        return float(Decimal(number) * Decimal(units[unit] if unit else 1))  # rounded once
+
+    value = in_base(number, unit or error_unit)
+    spread = None if error is None else in_base(error, error_unit)
     if spread is not None and spread < 0:
         raise ValueError(f"the error in '{text}' is negative; write it as in '{example}'")
     if value <= above:
         raise ValueError(f"'{text}' is not positive; give a larger number")
     return Measured(value, spread)
-
-
-def _in_base(
-    number: str, unit: str | None, units: Mapping[str, str], given: str, example: str
-) -> float:
-    """Return a number in the unit of factor 1, rounded once."""
-    if bool(unit) != bool(units):
-        raise ValueError(f"{given} has {'no' if units else 'a'} unit; write it as in '{example}'")
-    if not unit:
-        return float(number)
-    if unit not in units:
-        raise ValueError(f"'{given}' has the unit '{unit}'; there are {', '.join(units)}")
-    return float(Decimal(number) * Decimal(units[unit]))
 
 
 def _reader(units: Mapping[str, str], example: str, above: float = -np.inf) -> BeforeValidator:

@@ -59,7 +59,10 @@ function addControl(control, places) {
         typed.value = valueAt(+input.value).toFixed(digits);
         set(valueAt(+input.value));
       };
-      typed.onchange = () => set(Math.min(Math.max(+typed.value, control.low), control.high));
+      typed.onchange = () => {
+        if (typed.value) set(Math.min(Math.max(+typed.value, control.low), control.high));
+        else typed.value = state.values[control.id].toFixed(digits); // empty, or no number
+      };
       input.onpointerdown = () => (held = input);
       input.onpointerup = input.onpointercancel = () => (held = undefined);
       inputs[control.id] = (value) => {
@@ -83,7 +86,7 @@ const shows = {
   sheet: (source) => (element("sheet").src = source),
   captions: (texts) => lines("captions", texts),
   trouble: (texts) => lines("trouble", texts),
-  notes: (texts) => lines("notes", texts),
+  notes: (texts) => lines("notes", gl ? texts : [...texts, NO_WEBGL]),
   controls: (controls) => {
     const places = {};
     element("controls").replaceChildren();
@@ -146,6 +149,7 @@ function projection() {
 function onScreen(point) {
   const { eye, right, up, back } = pose();
   const [x, y, z] = [right, up, back].map((axis) => dot(axis, minus(point, eye)));
+  if (z >= 0) return [NaN, NaN]; // behind the eye: neither drawn nor gripped
   const focal = marks.clientHeight / 2 / TANGENT;
   return [marks.clientWidth / 2 - (focal * x) / z, marks.clientHeight / 2 + (focal * y) / z];
 }
@@ -162,8 +166,9 @@ function rayThrough([x, y]) {
 
 const marks = element("marks");
 const gl = element("scene").getContext("webgl2", { antialias: true });
-if (!gl) lines("notes", ["This browser draws no scene: it lacks WebGL 2. The sliders work."]);
+const NO_WEBGL = "This browser draws no scene: it lacks WebGL 2. The sliders work.";
 const things = {}; // by name: vertices, faces and their count, and a texture for an image
+const latest = {}; // image by name, which may not be decoded yet
 let program;
 
 const VERTEX = `#version 300 es
@@ -213,8 +218,9 @@ function setMesh(name, vertices, faces) {
 
 function setImage(name, { corners, source }) {
   if (!gl) return;
-  const picture = new Image();
+  const picture = (latest[name] = new Image());
   picture.onload = () => {
+    if (latest[name] !== picture) return; // a newer one was decoded before
     const places = [[0, 1], [1, 1], [0, 0], [1, 0]]; // the image's first row is the upper one
     setMesh(name, corners.flatMap((corner, i) => [...corner, ...places[i]]), [0, 1, 2, 2, 1, 3]);
     const thing = things[name];
@@ -265,7 +271,7 @@ function arrows(handle) {
   const from = handle.name === grip?.name ? grip.position : handle.position;
   return [0, 1, 2].filter((i) => handle.axes[i]).map((i) => {
     const axis = [0, 0, 0].with(i, 1);
-    return { i, axis, start: onScreen(from), end: onScreen(plus(from, axis, state.gizmo)) };
+    return { i, axis, start: onScreen(from), end: onScreen(plus(from, axis, state.room.arrow)) };
   });
 }
 
@@ -345,6 +351,7 @@ let pressed; // the last place of a pointer that turns or shifts the view
 const placeOf = (event) => [event.offsetX, event.offsetY];
 
 marks.onpointerdown = (event) => {
+  if (grip) return; // of a second finger: the server waits until the handle is let go
   marks.setPointerCapture(event.pointerId);
   grip = event.button ? undefined : gripAt(placeOf(event));
   if (!grip) pressed = placeOf(event);

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.extras import require
-from periscopy_sim.live.level import Choice, LivePictures
 from periscopy_sim.live.movable import Handle, Movable
+from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.live.room import as_source, room_of, things_in
 from periscopy_sim.live.sheet import draw_sheet
 from periscopy_sim.reconstruction.method import Report
@@ -24,9 +24,6 @@ REST = {"slider": 0.3, "handle": 1.0}
 
 SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
 """The signal-to-background ratios of the page's list."""
-
-GIZMO = 0.14
-"""Length of a handle's arrows, in metres."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ class Page:
         self.controls = self._controls(images, methods, first)
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
-            room=room_of(scenario), gizmo=GIZMO, trouble=["computing the first pictures"],
+            room=room_of(scenario), trouble=["computing the first pictures"],
             controls=[{"id": name, **each.look} for name, each in self.controls.items()],
         )  # fmt: skip
         self._publish_choice()
@@ -124,37 +121,37 @@ class Page:
                 value,
             )
 
-        def placed(name: str, group: str) -> Control:
-            return slid(
-                self._movables[name], group,
-                lambda value: self._set({name: value}, REST["slider"]),
-                lambda: self.choice.values[name],
-            )  # fmt: skip
+        def placed(number: Movable, group: str) -> Control:
+            name = number.name
+            set_value = lambda value: self._set({name: value}, REST["slider"])  # noqa: E731
+            return slid(number, group, set_value, lambda: self.choice.values[name])
 
         def pressed(label: str, act: Callable[[], None]) -> Control:
             look = {"kind": "button", "label": label}
             return Control(look, lambda value: value is True, lambda _: act())
 
-        named = {name: name for name in (*methods, first.method)}
-        controls = {"method": chosen("Method", "method", named)}
+        def itself(*names: str) -> dict[str, str]:
+            return {name: name for name in names}
+
+        controls = {"method": chosen("Method", "method", itself(*methods, first.method))}
         if images:
-            named = {name: name for name in (*images, first.image)}
-            controls["image"] = chosen("Hidden image", "image", named)
+            offered = itself(*images, first.image)
+            controls["image"] = chosen("Hidden image", "image", offered)
             controls["snr"] = slid(
                 Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
             )  # fmt: skip
         if first.place:
-            places = {first.place: first.place, "none": ""}
-            controls["place"] = chosen("Ambient light", "place", places)
+            offered = itself(first.place) | {"none": ""}
+            controls["place"] = chosen("Ambient light", "place", offered)
             controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in SBRS})
         placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
         for group, names in ("places", placing), ("other parameters", others):
             for name in filter(names.__contains__, self._movables):
-                controls[f"value {name}"] = placed(name, group)
-        reset = "Back to the file's values"
-        controls["reset"] = pressed(reset, lambda: self._set(first.values, 0.0))
+                controls[f"value {name}"] = placed(self._movables[name], group)
+        reset = lambda: self._set(first.values, 0.0)  # noqa: E731
+        controls["reset"] = pressed("Back to the file's values", reset)
         controls["save"] = pressed("Write scene and pictures", lambda: self.save())
         return controls
 

@@ -8,8 +8,8 @@ import numpy as np
 from PIL import Image
 from scipy.interpolate import NearestNDInterpolator
 
-from periscopy_sim.live.level import LivePictures
 from periscopy_sim.live.movable import parts_of
+from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
@@ -18,12 +18,12 @@ from periscopy_sim.view import WallFrame
 
 COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222)}
 
-MARGIN = 0.12
-"""Width of wall and floor beyond everything else, over its size."""
+MARGIN = 0.1
+"""Over the size of everything: what wall and floor reach beyond, and the length of arrows."""
 
 
 def room_of(scenario: Scenario) -> dict[str, Any]:
-    """Return what stays as it is: floor, wall and the first view, as `page.js` draws them."""
+    """Return what stays: floor, wall, first view and arrows' length, as `page.js` draws them."""
     points, frame = _everything(scenario), scenario.view.frame
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
@@ -39,6 +39,7 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
     return {
         "wall": _on_wall_image(blank, low, high, frame, -0.002),
         "floor": _image(np.full((1, 1, 3), COLOURS["floor"], np.uint8), *map(np.array, floor)),
+        "arrow": MARGIN * size,
         "view": {"target": middle.tolist(), "eye": (middle + 0.8 * size * back).tolist()},
     }
 

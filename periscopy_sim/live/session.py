@@ -16,9 +16,9 @@ from threading import Condition
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Choice, Level, LivePictures, Overtaken, coarse
 from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
+from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
@@ -36,8 +36,8 @@ class LiveLaboratory:
 
     def __init__(
         self,
-        coarse: Level,
-        full: Level,
+        coarse: SizedLaboratory,
+        full: SizedLaboratory,
         show: Callable[[LivePictures], None],
         tell: Callable[[str], None],
     ) -> None:
@@ -45,7 +45,7 @@ class LiveLaboratory:
         self._show, self._tell = show, tell
         self._changed = Condition()
         self._choice: Choice | None = None
-        self._behind: list[Level] = []  # the latest wish, coarse before full
+        self._behind: list[SizedLaboratory] = []  # the latest wish, coarse before full
         self._rests = 0.0  # when the latest wish counts as at rest
         self._save: Save | None = None
         self._stopped = False
@@ -91,7 +91,7 @@ class LiveLaboratory:
                 LOG.error("periscopy view goes on after an error", exc_info=error)
                 self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
-    def _next(self) -> Level | Save | None:
+    def _next(self) -> SizedLaboratory | Save | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
@@ -107,7 +107,7 @@ class LiveLaboratory:
                 self._changed.wait(pause)
         return None
 
-    def _is_overtaken(self, level: Level) -> bool:
+    def _is_overtaken(self, level: SizedLaboratory) -> bool:
         # Coarse pictures are finished, so that a drag shows some.
         return self._stopped or (level is self._full and self._coarse in self._behind)
 
@@ -143,8 +143,8 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             images = ()
         self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
         self._laboratory = LiveLaboratory(
-            Level(small, light, photograph, is_coarse=True),
-            Level(scenario, light, photograph, is_coarse=False),
+            SizedLaboratory(small, light, photograph, is_coarse=True),
+            SizedLaboratory(scenario, light, photograph, is_coarse=False),
             self.page.show, self.page.tell,
         )  # fmt: skip
         self.page.want = self._laboratory.want

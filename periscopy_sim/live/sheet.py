@@ -8,7 +8,7 @@ from PIL import Image
 
 from periscopy_sim.figures.panels import displayable, residual_map
 from periscopy_sim.figures.style import mpl
-from periscopy_sim.live.level import LivePictures
+from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.numerics import Array
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 

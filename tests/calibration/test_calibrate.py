@@ -134,11 +134,9 @@ def test_uncertain_parameters_move_values_as_when_all_is_found_again(small: Smal
 def test_a_second_calibration_starts_from_the_measured_values(small: Small, tmp_path: Path) -> None:
     y, shown = small.photograph(0), small.pictures[:1]
     text = "trusted; occluder_dx = 0.002 from 0.001 +- 0.0005: 1"
-    scene = tmp_path / "found.xml"
-    write_copy(
-        read_document(find_scene("chair")), {"occluder_dx": "0.002", CALIBRATED: text}, scene
-    )
-    free = {"occluder_dx": 0.005}
+    scene, free = tmp_path / "found.xml", {"occluder_dx": 0.005}
+    values = {"occluder_dx": "0.002", CALIBRATED: text}
+    write_copy(read_document(find_scene("chair")), values, scene)
     found = ps.calibrate(y, scene, HIDDEN, free, shown=shown, parameters=SIZE)
     assert [p.start for p in found.parameters] == [0.001]
 
@@ -188,16 +186,3 @@ def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
     y = ps.add_noise(light, 60, 0)
     found = ps.calibrate(y, scene, HIDDEN, free, parameters=film, shown=[WHITE])
     assert found.parameters[0].value == pytest.approx(0.51, abs=0.001)
-
-
-BALL = """<shape type="sphere" id="ball"><point name="center" x="0.35" y="0.6" z="0.2"/>
-    <float name="radius" value="0.05"/></shape></scene>"""
-
-
-@pytest.mark.usefixtures("jit", "quick")
-def test_a_shape_without_a_closed_form_is_named(tmp_path: Path) -> None:
-    text = with_defaults(read_document(find_scene("chair")), {}, tmp_path).toxml()
-    scene = tmp_path / "scene.xml"
-    scene.write_text(text.replace("</scene>", BALL, 1))
-    with pytest.raises(SceneError, match="ball"):
-        ps.calibrate(np.ones((SIDE, SIDE, 3)), scene, HIDDEN, ERRORS, parameters=SIZE)

@@ -26,6 +26,9 @@ KNOWN = SceneCovariance(
 )
 
 
+WRITTEN = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
+
+
 def carrying(tmp_path: Path, text: str, **values: str) -> Path:
     scene = tmp_path / "scene.xml"
     write_copy(CHAIR, {CALIBRATED: text, **values}, scene)
@@ -49,8 +52,7 @@ def test_a_scene_carries_what_was_written(tmp_path: Path, trusted: bool) -> None
 
 def test_a_second_calibration_begins_where_the_ruler_has_the_numbers(tmp_path: Path) -> None:
     """But for those that are given, or that were changed by hand since."""
-    values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
-    scene = carrying(tmp_path, KNOWN.text(), **{**values, "monitor_turn": "0.9"})
+    scene = carrying(tmp_path, KNOWN.text(), **{**WRITTEN, "monitor_turn": "0.9"})
     names = ["occluder_dz", "monitor_turn", "occluder_dx", "occluder_dy"]
     given = read_document(scene, {"occluder_dx": "0.0012"})
     np.testing.assert_allclose(ruled_values(given, names), [0.001, 0.9, 0.0012, 0])
@@ -65,26 +67,24 @@ def test_directions_are_a_root_of_the_covariance_without_those_of_no_variance() 
 
 
 def test_values_that_are_set_otherwise_are_named(tmp_path: Path) -> None:
-    values = {n: f"{v:.9g}" for n, v in zip(KNOWN.names, KNOWN.values, strict=True)}
-    scene = carrying(tmp_path, KNOWN.text(), **values)
+    scene = carrying(tmp_path, KNOWN.text(), **WRITTEN)
     known = scene_covariance(read_document(scene))
     assert known is not None
-    for given, names in [
-        ({}, []),
-        ({"occluder_dx": "1.2e-3", "resolution": "63"}, []),
-        ({"occluder_dx": "0.001", "monitor_turn": "a"}, ["occluder_dx", "monitor_turn"]),
-    ]:
-        assert known.changed(read_document(scene, given)) == names
+    same = read_document(scene, {"occluder_dx": "1.2e-3", "resolution": "63"})
+    other = read_document(scene, {"occluder_dx": "0.001", "monitor_turn": "a"})
+    assert known.changed(same) == []
+    assert known.changed(other) == ["occluder_dx", "monitor_turn"]
     assert known.changed(read_document(carrying(tmp_path, KNOWN.text()))) == list(KNOWN.names)
 
 
 def test_what_a_calibration_held_is_carried_with_what_it_does() -> None:
-    held = UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005]))
-    parameters = [Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1), Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1)]
-    moves, correlation = np.array([[4e-3], [0.0]]), np.array([[1, 0.5], [0.5, 1]])
-    given = {"parameters": tuple(parameters), "uncertain": held, "moves": moves}
-    found = replace(calibration(), **given, correlation=correlation)
-    known = found.scene_covariance
+    known = replace(
+        calibration(),
+        parameters=(Parameter("dx", 0, 0.1, 1e-3, 5e-3, 1), Parameter("dz", 0, 0.2, 1e-3, 2e-3, 1)),
+        uncertain=UncertainParameters(("monitor_dx",), np.zeros(1), np.array([0.005])),
+        moves=np.array([[4e-3], [0.0]]),
+        correlation=np.array([[1, 0.5], [0.5, 1]]),
+    ).scene_covariance
     assert known.names == ("dx", "dz", "monitor_dx")
     expected = np.array([[25, 5, 20], [5, 4, 0], [20, 0, 25]]) * 1e-6
     np.testing.assert_allclose(known.covariance, expected)

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.level import Candidate, Look
+from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
 
 
 class Valleys:
     """A level of one number: valleys of some depth and width; what is below -2 is no scene."""
 
-    photographs, centers, center, errors = 1, np.zeros(1), np.zeros(1), np.ones(1)
+    photographs, centers, center = 1, np.zeros(1), np.zeros(1)
     terms = np.empty((0, 1))
     sharper = 1.0  # at the last level
-    scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2, pixels=np.ones(1))
+    scene = SimpleNamespace(is_physical=lambda values: values[0] >= -2, errors=np.ones(1))
     values = staticmethod(lambda point: point)
 
     def __init__(
@@ -33,7 +33,7 @@ class Valleys:
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
         evidence = min(self.bend * (point[0] - place) ** 2 - depth for place, depth in self.valleys)
-        explanations: Any = (SimpleNamespace(evidence=evidence),) if point[0] >= -2 else ()
+        explanations: Any = (SimpleNamespace(cost=evidence),) if point[0] >= -2 else ()
         return Candidate(point, explanations, float(point[0] ** 2))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
@@ -57,7 +57,7 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     """Also where its descent starts higher than another."""
     level: Any = Valleys([0.0, 0.8, 1.6], depth=depth)
     starts = [level.candidate(np.array([place])) for place in (0.0, 0.8, 1.03)]
-    assert starts[2].evidence > starts[1].evidence
+    assert starts[2].cost > starts[1].cost
     _, best = Search(level, level, 0).best(starts)
     assert best.point == pytest.approx(found, abs=0.1)
 

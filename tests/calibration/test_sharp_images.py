@@ -51,7 +51,7 @@ def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array
     derivative_test(at_the_image, slopes, [0.0, 0.0])
 
     def at_its_best(along: Array) -> float:
-        return SharpImages(HIDDEN).explain(A + along[0] * rough, Q, y).evidence / 2
+        return SharpImages(HIDDEN).explain(A + along[0] * rough, Q, y).cost / 2
 
     derivative_test(at_its_best, slopes[:1], [0.0], rtol=0.1)
 
@@ -73,9 +73,9 @@ def test_units_of_light_and_matrix_shift_the_evidence_alone(
     one, other = images.explain(A, Q, y), images.explain(moved, Q, y)
     brighter, scaled = images.explain(100 * A, Q, y), images.explain(A, Q, 1e4 * y)
     scaled_other = images.explain(moved, Q, 1e4 * y)
-    assert brighter.evidence == pytest.approx(one.evidence, abs=0.5)
-    difference = other.evidence - one.evidence
-    assert scaled_other.evidence - scaled.evidence == pytest.approx(difference, abs=0.5)
+    assert brighter.cost == pytest.approx(one.cost, abs=0.5)
+    difference = other.cost - one.cost
+    assert scaled_other.cost - scaled.cost == pytest.approx(difference, abs=0.5)
 
 
 def test_what_the_image_can_follow_is_no_information(wall: tuple[Array, Array, Array]) -> None:
@@ -96,7 +96,7 @@ def test_a_channel_without_light_is_explained(wall: tuple[Array, Array, Array]) 
     A, Q, y = wall
     y = y[:, :3].copy()
     y[:, 1] = 0
-    assert np.isfinite(SharpImages(HIDDEN).explain(A, Q, y).evidence)
+    assert np.isfinite(SharpImages(HIDDEN).explain(A, Q, y).cost)
 
 
 def test_ambient_light_alone_has_a_black_image(wall: tuple[Array, Array, Array]) -> None:

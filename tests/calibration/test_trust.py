@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from periscopy_sim.calibration.level import Look
+from periscopy_sim.calibration.resolution_level import Look
 from periscopy_sim.calibration.result import LEARNED
-from periscopy_sim.calibration.trust import MISFIT, doubts, is_significant, learned, misfits
+from periscopy_sim.calibration.trust import (
+    MISFIT,
+    determined_count,
+    doubts,
+    is_significant,
+    misfits,
+)
 
 NAMES = ("dx", "dy")
 
@@ -51,10 +57,10 @@ def test_misfits_are_of_each_photograph_s_light_beyond_noise() -> None:
 
 
 def test_as_many_parameters_are_learned_as_photographs_determine() -> None:
-    assert learned(look(np.diag([1e4, 1e-4])), 2) == pytest.approx(1, abs=1e-3)
-    assert learned(look(), 2) == pytest.approx(1)
+    assert determined_count(look(np.diag([1e4, 1e-4])), 2) == pytest.approx(1, abs=1e-3)
+    assert determined_count(look(), 2) == pytest.approx(1)
     together = 1e6 * np.ones((2, 2))  # their sum alone
-    assert learned(look(together), 2) == pytest.approx(1, abs=1e-3)
+    assert determined_count(look(together), 2) == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize("parameters", [1, 6])

@@ -1,9 +1,16 @@
+import time
+from contextlib import ExitStack
+
 import pytest
 
-from periscopy_sim.live.level import Choice, Level
+from experiments.benchmarks import live
 from periscopy_sim.live.movable import find_movables
+from periscopy_sim.live.page import Page
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
+from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
+OFFERED = ("mushroom", "bars"), ("noise-aware", "preconditioned")
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 
 
@@ -21,7 +28,7 @@ def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
     def make(light=None, photograph=None):
-        return Level(plate(), light, photograph, is_coarse=True)
+        return SizedLaboratory(plate(), light, photograph, is_coarse=True)
 
     return make
 
@@ -35,3 +42,26 @@ def movables():
 def choice(movables):
     values = {each.name: each.value for each in movables[0]}
     return Choice(values, "mushroom")
+
+
+@pytest.fixture(scope="module")
+def opened():
+    """Run sessions whose `shown` are the moments and the pictures that their pages have shown."""
+    shown, show = [], Page.show
+
+    def watched(page, pictures):
+        show(page, pictures)
+        shown.append((time.monotonic(), pictures))
+
+    with ExitStack() as stack:
+        stack.enter_context(pytest.MonkeyPatch.context()).setattr(Page, "show", watched)
+
+        def open_session(scenario, place, light, save):
+            first = Choice({}, "mushroom", place)
+            session = LiveSession(scenario, first, *OFFERED, save, lambda _: [], light=light)
+            session.shown = shown
+            stack.enter_context(session)
+            stack.enter_context(live.running(session))
+            return session
+
+        yield open_session

@@ -6,9 +6,6 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
-from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Page
-from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("websockets")
@@ -23,25 +20,10 @@ HOSTILE = '<iframe srcdoc="<script>f()</script>"></iframe></div><img src=x onerr
 
 
 @pytest.fixture(scope="module")
-def session():
-    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
+def session(opened):
     scenario = load_scenario("chair", (29, 36))
     light = ps.point_light_backgrounds(scenario)[:, 100].reshape(126, 126, 1) * np.ones(3)
-    shown, show = [], Page.show
-
-    def watched(page, pictures):
-        show(page, pictures)
-        shown.append((time.monotonic(), pictures))
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Page, "show", watched)
-        with LiveSession(
-            scenario, Choice({}, "mushroom", "lamp"), *offered, lambda _: HOSTILE, lambda _: [],
-            light=light,
-        ) as opened:  # fmt: skip
-            opened.shown = shown
-            with live.running(opened):
-                yield opened
+    return opened(scenario, "lamp", light, lambda _: HOSTILE)
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +78,10 @@ def test_what_is_chosen_changes_the_pictures(session, page):
     assert page.evaluate("window.pictures") > 0
     page.get_by_label("SNR (dB)").first.fill("10")  # steps of 1 dB from 20 dB
     wait_for_full(session, lambda each: each.choice.snr == 30)
+    typed = page.get_by_label("SNR (dB)").last
+    typed.fill("")
+    typed.blur()
+    assert typed.input_value() == "30"  # neither 0 nor the least
 
 
 def test_no_text_of_the_page_is_markup(page):

@@ -13,10 +13,6 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from experiments.benchmarks import live
-from periscopy_sim.live.level import Choice
-from periscopy_sim.live.page import Page
-from periscopy_sim.live.session import LiveSession
 from periscopy_sim.rendering.scene.load import load_scenario
 
 websockets = pytest.importorskip("websockets")
@@ -29,12 +25,23 @@ PATIENCE = 240.0  # another process may be compiling, on a busy machine
 
 
 class Target:
-    """A session that runs, what it has shown, and what an attacker knows of it."""
+    """A session that runs, what it has saved and shown, and what an attacker knows of it."""
 
-    def __init__(self, session, shown, saved):
-        self.session, self.shown, self.saved = session, shown, saved
-        self.page, self.gate = session.page, session.page.gate
+    def __init__(self, opened):
+        scenario, self.saved = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH), []
+        light = np.ones((*PHOTOGRAPH, 3))
+        self.session = opened(scenario, "overcast", light, self.save)
+        self.page, self.gate = self.session.page, self.session.page.gate
         self.origin = f"http://127.0.0.1:{self.gate.port}"
+
+    def save(self, pictures):
+        self.saved.append(pictures)
+        return "saved"
+
+    @property
+    def latest(self):
+        """The choice of the latest pictures shown; None before."""
+        return self.session.shown[-1][1].choice if self.session.shown else None
 
     @contextmanager
     def client(self, token=None, origin=None, host=None):
@@ -60,7 +67,7 @@ class Target:
         snr = 30.0 if self.page.choice.snr != 30 else 40.0
         with self.client() as client:
             send(client, value_of("snr", snr))
-            self.until(lambda: self.shown and self.shown[-1].choice.snr == snr)
+            self.until(lambda: self.latest.snr == snr)
 
 
 def send(client, message):
@@ -72,27 +79,10 @@ def value_of(control, value):
 
 
 @pytest.fixture(scope="module")
-def target():
-    offered = ("mushroom", "bars"), ("noise-aware", "preconditioned")
-    saved, shown, show = [], [], Page.show
-
-    def save(pictures):
-        saved.append(pictures)
-        return "saved"
-
-    def watched(page, pictures):
-        show(page, pictures)
-        shown.append(pictures)
-
-    scenario = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH)
-    first, light = Choice({}, "mushroom", "overcast"), np.ones((*PHOTOGRAPH, 3))
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Page, "show", watched)
-        with LiveSession(scenario, first, *offered, save, lambda _: [], light=light) as session:
-            made = Target(session, shown, saved)
-            with live.running(session):
-                made.until(lambda: made.shown)
-                yield made
+def target(opened):
+    made = Target(opened)
+    made.until(lambda: made.latest)
+    return made
 
 
 def test_a_viewer_sees_the_state_as_it_is(target):
@@ -255,20 +245,20 @@ def test_bytes_that_are_no_message_end_nothing(target):
 def test_what_the_page_offers_is_granted(target):
     with target.client() as client:
         send(client, value_of("image", "bars"))
-        target.until(lambda: target.shown[-1].choice.image == "bars")
+        target.until(lambda: target.latest.image == "bars")
         send(client, value_of("save", True))
         target.until(lambda: target.saved)
         name, handle = next(iter(target.page.handles.items()))
         position = handle.center + np.array([0.01, 0, 0])
         send(client, {"handle": name, "position": position.tolist(), "ends": False})
         parameter = handle.names[0]
-        target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
+        target.until(lambda: abs(target.latest.values[parameter] - 0.01) < 1e-6)
         send(client, value_of("value occluder_dx", 0.02))
-        target.until(lambda: target.shown[-1].choice.values["occluder_dx"] == 0.02)
+        target.until(lambda: target.latest.values["occluder_dx"] == 0.02)
         send(client, value_of("reset", True))
-        target.until(lambda: target.shown[-1].choice.values["occluder_dx"] == 0)
+        target.until(lambda: target.latest.values["occluder_dx"] == 0)
         send(client, {"handle": name, "position": position.tolist(), "ends": False})
     assert target.saved[0].choice.image == "bars"
     # The client left while it dragged: full pictures follow without the handle's second of rest.
-    target.until(lambda: abs(target.shown[-1].choice.values[parameter] - 0.01) < 1e-6)
-    target.until(lambda: not target.shown[-1].is_coarse)
+    target.until(lambda: abs(target.latest.values[parameter] - 0.01) < 1e-6)
+    target.until(lambda: not target.session.shown[-1][1].is_coarse)

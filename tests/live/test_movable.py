@@ -33,13 +33,11 @@ def test_handles_move_what_the_parameters_move_as_one(chair):
 
 def test_values_bring_a_handle_to_its_position(chair):
     handle = chair[1]["chair"]
-    values = handle.values(handle.center + np.array([0.01, -0.02, 0.03]))
-    assert values == pytest.approx(
-        {"occluder_dx": 0.01, "occluder_dy": -0.02, "occluder_dz": 0.03}, abs=1e-5
-    )
-    np.testing.assert_allclose(
-        handle.position(values), handle.center + np.array([0.01, -0.02, 0.03])
-    )
+    position = handle.center + np.array([0.01, -0.02, 0.03])
+    values = handle.values(position)
+    moved = {"occluder_dx": 0.01, "occluder_dy": -0.02, "occluder_dz": 0.03}
+    assert values == pytest.approx(moved, abs=1e-5)
+    np.testing.assert_allclose(handle.position(values), position)
     camera = chair[1]["camera"]  # which does not move along y
     moved = camera.position(camera.values(camera.center + np.array([0.01, 0.5, 0.02])))
     np.testing.assert_allclose(moved, camera.center + np.array([0.01, 0, 0.02]), atol=1e-9)

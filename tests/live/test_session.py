@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Overtaken
+from periscopy_sim.live.pictures import Overtaken
 from periscopy_sim.live.session import LiveLaboratory
 
 PATIENCE = 120.0

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
-from periscopy_sim.calibration.level import ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario

@@ -18,14 +18,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from periscopy_sim.calibration.evidence import Matrix, SmoothImages
-from periscopy_sim.calibration.level import DEGREE, SPREAD
+from periscopy_sim.calibration.resolution_level import DEGREE, SPREAD
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array
-
-OUTLINE = 1.0
-"""Of half the evidence, a side of a cell: at Ising's critical 0.88 islands of any size are as
-likely."""
 
 ROUNDED = 0.05
 """Differences of opacities below which their penalty is quadratic."""
@@ -35,11 +31,11 @@ ROUNDED = 0.05
 class Explained:
     """P photographs of M pixels explained by a matrix A, (M, N).
 
-    `evidence` is twice the negative logarithm of their likelihood, `slope`, (M, N), the derivative
-    of half of it by A. The image of the first one is (N, 3), residuals are (P, M, 3).
+    `cost` is twice the negative logarithm of their likelihood, `slope`, (M, N), the derivative of
+    half of it by A. The image of the first one is (patches, 3), residuals are (P, M, 3).
     """
 
-    evidence: float
+    cost: float
     slope: Matrix
     image: Array
     residual: Array
@@ -92,7 +88,7 @@ class Mask:
         return MaskFit(
             opacities,
             gain,
-            explained.evidence / 2 + penalty + float(gain @ gain) / 2,
+            explained.cost / 2 + penalty + float(gain @ gain) / 2,
             np.append(by_cell, by_gain),
             explained,
         )
@@ -138,9 +134,9 @@ def known_pictures(
             pull = (fit.residual / fit.noise**2).astype(np.float32)
             slope += fit.volume - pull @ fit.lights.T.astype(np.float32)
         return Explained(
-            sum(fit.evidence for fit in fits),
+            sum(fit.cost for fit in fits),
             slope,
-            fits[0].lights,
+            pictures[0].reshape(-1, pictures[0].shape[2]) @ fits[0].coefficients,
             np.array([fit.residual for fit in fits]),
         )
 
@@ -151,15 +147,15 @@ def outline(opacities: Array) -> tuple[float, Array]:
     """Return the outline's penalty for opacities, (rows, columns), and its gradient.
 
     Of two masks that explain a photograph alike, the one with the shorter outline is the likelier
-    (Ising's model, with opacities between 0 and 1).
+    (Ising's model, with opacities between 0 and 1). A side of a cell counts 1: at Ising's critical
+    0.88 islands of any size are as likely.
     """
     total, gradient = 0.0, np.zeros_like(opacities)
     for axis in (0, 1):
         step = np.diff(opacities, axis=axis)
         size = np.sqrt(step**2 + ROUNDED**2)
-        total += OUTLINE * float((size - ROUNDED).sum())
-        slope = OUTLINE * step / size
-        gradient -= np.diff(slope, axis=axis, prepend=0, append=0)
+        total += float((size - ROUNDED).sum())
+        gradient -= np.diff(step / size, axis=axis, prepend=0, append=0)
     return total, gradient
 
 

@@ -16,8 +16,6 @@ SLENDER = 0.1
 """Thickness of a shape over its width up to which it is flat; and the cosine of the angle between
 its normal and the way from monitor to wall, up to which it is edge on."""
 
-CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
 
 @dataclass(frozen=True, eq=False)
 class MaskPlane:
@@ -37,7 +35,13 @@ class MaskPlane:
         A SceneError says that there can be no mask.
         """
         wall, hidden = scenario.view.frame, scenario.hidden
-        points, monitor = _points(scenario, name), hidden.centers.mean(axis=0)
+        vertices = {o.name: o.vertices for o in scenario.scene.occluders if o.vertices is not None}
+        if name not in vertices:
+            hint = did_you_mean(name, vertices) or f"there are {', '.join(vertices) or 'none'}"
+            raise SceneError(
+                f"scene '{scenario.path}': '{name}' is no occluder of flat faces; {hint}"
+            )
+        points, monitor = vertices[name], hidden.centers.mean(axis=0)
         ahead = (monitor - wall.center) / np.linalg.norm(monitor - wall.center)
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         normal = axes[2] * np.sign(axes[2] @ ahead)
@@ -48,7 +52,7 @@ class MaskPlane:
         low, size = inside.min(axis=0), np.ptp(inside, axis=0)
         corner = (low + size * np.array([0, 0, 0.5])) @ axes
         plane = cls(corner, size[0] * axes[0], size[1] * axes[1])
-        ends = plane.points(CORNERS)
+        ends = plane.points(np.stack(np.meshgrid([0, 1], [0, 1]), axis=-1).reshape(-1, 2))
         from_wall = (ends - wall.center) @ wall.normal
         from_monitor = (ends - monitor) @ hidden.normals.mean(axis=0)
         flat = sizes[2] <= SLENDER * sizes[1] and normal @ ahead > SLENDER
@@ -101,29 +105,11 @@ class MaskPlane:
         grid = scenario.view.centers.reshape(*scenario.photograph_shape, 3)
         steps = [np.linalg.norm(np.diff(grid, axis=k), axis=2) for k in (0, 1) if grid.shape[k] > 1]
         pixel = (1 - self.fraction(scenario)) * max(float(step.mean()) for step in steps)
-        if min(cells) < 1 or max(cells) < 2:
-            raise SceneError("a mask needs two cells at least")
-        across = min(side / count for side, count in zip(self.sides, cells, strict=True)) / pixel
-        if across < 1:
-            rows, columns = (max(1, int(side / pixel)) for side in self.sides)
+        most = np.array(self.sides) / pixel
+        if not (min(cells) >= 1 and max(cells) > 1 and np.all(most >= cells)):
+            rows, columns = np.maximum(most, 1).astype(int)
             raise SceneError(
-                f"{cells[0]}x{cells[1]} cells are more than the photograph resolves, whose pixels "
-                f"are {1e3 * pixel:.2g} mm wide at the mask; ask for {rows}x{columns} at most"
+                f"{cells[0]}x{cells[1]} cells: a mask has two cells at least, and at most "
+                f"{rows}x{columns}, one a pixel, whose shadows the photograph resolves"
             )
-        return across
-
-
-def _points(scenario: Scenario, name: str) -> Array:
-    """Return points, (n, 3), about which the rectangle is drawn."""
-    occluders = {occluder.name: occluder for occluder in scenario.scene.occluders}
-    if name not in occluders:
-        listed = "the occluders are " + (", ".join(f"'{each}'" for each in occluders) or "none")
-        hint = did_you_mean(name, occluders) or listed
-        raise SceneError(f"scene '{scenario.path}': '{name}' is no occluder; {hint}")
-    vertices = occluders[name].vertices
-    if vertices is not None:
-        return vertices
-    plugin, to_world = scenario.scene.plugins[name], scenario.scene.places[name]
-    if plugin not in ("rectangle", "disk"):
-        raise SceneError(f"scene '{scenario.path}': '{name}' is a {plugin}; make it a rectangle")
-    return np.asarray((2 * CORNERS - 1) @ to_world[:3, :2].T + to_world[:3, 3])
+        return float(np.min(most / cells))

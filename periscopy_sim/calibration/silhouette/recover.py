@@ -8,7 +8,7 @@ circle, if the image has one colour and is as bright as dark.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import fitted
+from periscopy_sim.calibration.moving_scene import LARGEST, limit_size
 from periscopy_sim.calibration.problem import (
     COARSE_HATS,
-    LARGEST,
     MOST_PATCHES,
     ambient_basis,
     finest_view,
 )
-from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, known_pictures
+from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, MaskFit, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.calibration.silhouette.shadows import CellShadows
@@ -68,11 +67,9 @@ def recover_silhouette(
     Parameters
     ----------
     photograph
-        A `Photograph`, or (rows, columns, C), linear, of any unit; or one such for each picture
-        shown. The pixels used are those that all masks leave; the light of all photographs with the
-        monitor off is projected out. Photographs with a colour matrix are unmixed first.
-    scene
-        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
+        A photograph as of `calibrate`; or one for each picture shown.
+    scene, parameters, progress
+        As of `calibrate`.
     hidden
         (R, C) of the hidden image. Of an unknown one, the search uses at most 24 patches along a
         side, of a known one 36.
@@ -84,112 +81,143 @@ def recover_silhouette(
     shown
         (R, C, P) pictures that the monitor showed, linear, one for each photograph. Two of them
         make the silhouette far more certain than any unknown image.
-    parameters
-        Values of the scene's ``<default>``s.
     seed
         Of the random masks from which a search for an unknown image starts.
-    progress
-        Called with the fraction done, 1 at last.
 
     Returns
     -------
     Silhouette
-        See there; look at `Silhouette.doubts` first.
+        Look at `Silhouette.doubts` first.
 
     Raises
     ------
     SceneError
-        If the shape is no occluder, its rectangle is not between monitor and wall or casts no
-        shadow into view, the cells are more than the photograph resolves, or the scene without the
-        shape has no closed form (`analytic_transport`).
+        If there can be no mask (`MaskPlane`), it casts no shadow into view, or the scene without
+        the shape has no closed form (`analytic_transport`).
     PhotographError
         If photographs are not of the camera's size, show no shadow of the shape, or are not as many
         as pictures (without these: one).
     """
     report = progress or (lambda _: None)
-    first = load_scenario(scene, hidden, parameters)
-    plane = MaskPlane.of(first, shape)
-    cells = cells or plane.square_cells()
-    needed = max(first.photograph_shape) / plane.pixels_a_cell(first, cells)
-    size = first.photograph_shape
-    read = [each.unmixed() for each in of_one_wall(photograph, size)]
-    if len(read) != max(1, len(shown)):
+    scenario = load_scenario(scene, hidden, parameters)
+    plane = MaskPlane.of(scenario, shape)
+    cells, size = cells or plane.square_cells(), scenario.photograph_shape
+    needed = np.ceil(max(size) / plane.pixels_a_cell(scenario, cells))
+    finest = limit_size(size, int(np.clip(needed, LARGEST // 2, LARGEST)))
+    photographs = [each.unmixed() for each in of_one_wall(photograph, size)]
+    if len(photographs) != max(1, len(shown)):
         raise PhotographError(
-            f"{len(read)} photographs of {len(shown)} shown pictures: give a photograph of each "
-            "picture, or one photograph of an unknown one"
+            f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
+            "each picture, or one photograph of an unknown one"
         )
-    longest = int(np.clip(np.ceil(needed), LARGEST // 2, LARGEST))
-    averaged = [averaged_photograph(each, fitted(size, longest)) for each in read]
-    used, agreeing, starts = averaged[0].pixels, 0, 0
-    patches = fitted(hidden, MOST_PATCHES if shown else COARSE_HATS)
-    ys = [each.used for each in averaged]
+    averaged = [averaged_photograph(each, finest) for each in photographs]
+    patches = limit_size(hidden, MOST_PATCHES if shown else COARSE_HATS)
+    place = _Place(scenario, shape, plane, patches)
+    # Products this small gain less from threads than these cost, see `calibrate`.
     with threadpool_limits(1):
-        masked, Q = _masked(first, plane, shape, cells, averaged[0], patches)
         if shown:
             pictures = [area_average(each, patches) for each in shown]
-            likelihood: Likelihood = known_pictures(Q, ys, pictures)
-            colours = np.hstack([picture.reshape(-1, picture.shape[2]) for picture in pictures])
-            masked = replace(masked, shadows=masked.shadows.before(colours))
-            fit = masked.descend(np.full(cells, 0.5), np.zeros(len(masked.terms)), likelihood)
+            end = _behind_pictures(place, cells, averaged, pictures)
         else:
-            hats = Hidden.of_scene(first.scene, patches)
-            images = SmoothImages.hats(hats, hats)
-            coarse = averaged_photograph(read[0], fitted(size, LARGEST // 4))
-            rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
-            few, Q_few = _masked(first, plane, shape, (rows, columns), coarse, patches)
-            unknown = UnknownImage(ys[0], Q, images)
-            seen = UnknownImage(coarse.used, Q_few, images)
-            fit, agreeing = search((few, seen), (masked, unknown), seed, report)
-            starts = STARTS
-            likelihood = unknown.at(masked.transport(np.zeros(cells), fit.gain), 0.0)
-        without = masked.fit(np.zeros(cells), fit.gain, likelihood)
-    if not is_significant(2 * (without.objective - fit.objective), fit.opacities.size):
+            coarse = averaged_photograph(photographs[0], limit_size(size, LARGEST // 4))
+            end = _behind_unknown_image(place, cells, coarse, averaged[0], seed, report)
+        without = end.mask.fit(np.zeros(cells), end.fit.gain, end.likelihood)
+    if not is_significant(2 * (without.objective - end.fit.objective), end.fit.opacities.size):
         raise PhotographError(
             f"the photograph shows no shadow of '{shape}' in its rectangle; its silhouette cannot "
             "be found"
         )
-    image = colours @ fit.explained.image if shown else fit.explained.image
     report(1.0)
-    scale = float(np.sqrt(np.mean(np.square(ys))))
-    residual = np.zeros((*used.shape, fit.explained.residual.shape[2]))
-    residual[used] = fit.explained.residual[0] / scale
+    explained, used, shadow = end.fit.explained, averaged[0].pixels, end.mask.shadows.light
+    scale = float(np.sqrt(np.mean(np.square([each.used for each in averaged]))))
+    residual = np.zeros((*used.shape, explained.residual.shape[2]))
+    residual[used] = explained.residual[0] / scale
     unexplained, unexplained_open = (
-        float(np.sqrt(np.mean(each.explained.residual**2))) / scale for each in (fit, without)
+        float(np.sqrt(np.mean(each.residual**2))) / scale for each in (explained, without.explained)
     )
-    shadow = masked.shadows.light
     return Silhouette(
         name=shape,
         plane=plane,
-        opacities=fit.opacities,
+        opacities=end.fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
-        image=image.reshape(*patches, -1),
+        image=explained.image.reshape(*patches, -1),
         unexplained=unexplained,
         unexplained_open=unexplained_open,
         residual=residual,
-        evidence=fit.explained.evidence,
-        agreeing=agreeing,
-        starts=starts,
+        evidence=explained.cost,
+        agreeing=end.agreeing,
+        starts=end.starts,
     )
 
 
-def _masked(
-    scenario: Scenario,
-    plane: MaskPlane,
-    name: str,
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a mask stands, in an occluder's place, and the hidden image's (R, C) patches."""
+
+    scenario: Scenario
+    name: str
+    plane: MaskPlane
+    patches: tuple[int, int]
+
+    def mask(self, cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, Array]:
+        """Return a mask before a photograph's pixels, and a basis of range(B), (M, r)."""
+        used, scene = photograph.pixels, self.scenario.scene
+        view, hidden = View.of(scene, photograph.shape), Hidden.of_scene(scene, self.patches)
+        fine = finest_view(scene, photograph.shape).of_pixels(used)
+        A = area_transport(Scenario(replace(fine, scene=scene.without(self.name)), hidden))
+        shadows = CellShadows.of(A, Scenario(view, hidden), self.plane, cells, used)
+        if not shadows.light.any():
+            raise SceneError(
+                f"scene '{scene.path}': occluder '{self.name}' casts no shadow of the monitor into "
+                "what the camera sees of the wall, wherever in its rectangle it is opaque"
+            )
+        return Mask.of(cells, shadows, used), ambient_basis(view, used, photograph)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The end of a search: the best fit of a mask, and how many of the starts ended near it."""
+
+    mask: Mask
+    likelihood: Likelihood
+    fit: MaskFit
+    agreeing: int = 0
+    starts: int = 0
+
+
+def _behind_pictures(
+    place: _Place,
     cells: tuple[int, int],
-    photograph: Photograph,
-    hidden: tuple[int, int],
-) -> tuple[Mask, Array]:
-    """Return a mask in the place of an occluder, and a basis of range(B), (M, r), orthonormal."""
-    used, scene = photograph.pixels, scenario.scene
-    view, patches = View.of(scene, photograph.shape), Hidden.of_scene(scene, hidden)
-    fine = finest_view(scene, photograph.shape).of_pixels(used)
-    without = replace(fine, scene=scene.without(name))
-    A = area_transport(Scenario(without, patches))
-    shadows = CellShadows.of(A, Scenario(view, patches), plane, cells, used)
-    if not shadows.light.any():
-        raise SceneError(
-            f"scene '{scenario.path}': occluder '{name}' casts no shadow of the monitor into what "
-            "the camera sees of the wall, wherever in its rectangle it is opaque"
-        )
-    return Mask.of(cells, shadows, used), ambient_basis(view, used, photograph)
+    photographs: Sequence[Photograph],
+    pictures: Sequence[Array],
+) -> _End:
+    """Find the mask behind known pictures, (R, C, P) each: one descent from half opaque cells."""
+    mask, Q = place.mask(cells, photographs[0])
+    colours = np.hstack([picture.reshape(-1, picture.shape[2]) for picture in pictures])
+    mask = replace(mask, shadows=mask.shadows.before(colours))
+    likelihood = known_pictures(Q, [each.used for each in photographs], pictures)
+    start = np.full(cells, 0.5), np.zeros(len(mask.terms))
+    return _End(mask, likelihood, mask.descend(*start, likelihood))
+
+
+def _behind_unknown_image(
+    place: _Place,
+    cells: tuple[int, int],
+    coarse: Photograph,
+    fine: Photograph,
+    seed: int,
+    report: Callable[[float], None],
+) -> _End:
+    """Find the mask behind an unknown image: few cells first, from random starts, then all."""
+    hidden = Hidden.of_scene(place.scenario.scene, place.patches)
+    images = SmoothImages.hats(hidden, hidden)
+
+    def level(cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, UnknownImage]:
+        mask, Q = place.mask(cells, photograph)
+        return mask, UnknownImage(photograph.used, Q, images)
+
+    rows, columns = np.minimum(cells, place.plane.square_cells(FEW)).tolist()
+    mask, image = level(cells, fine)
+    fit, agreeing = search(level((rows, columns), coarse), (mask, image), seed, report)
+    likelihood = image.at(mask.transport(np.zeros(cells), fit.gain), 0.0)
+    return _End(mask, likelihood, fit, agreeing, STARTS)

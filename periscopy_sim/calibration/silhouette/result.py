@@ -12,9 +12,6 @@ UNDECIDED, DECIDED = (0.2, 0.8), 0.9
 """Opacities, over the usual one, between which a cell is neither opaque nor open, and the fraction
 of cells seen that must be one of both."""
 
-UNEXPLAINED = 0.5
-"""Of what stays unexplained without a mask, the fraction above which the mask explains little."""
-
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
@@ -34,12 +31,10 @@ class Silhouette:
         (rows, columns) whether the photograph shows the cell's shadow; else its neighbours decide.
     image
         (R, C, 3) the hidden image, linear: the one estimated with the mask, or the first one shown.
-    unexplained
-        What mask and image leave unexplained of the photograph, over its root mean square.
-    unexplained_open
-        The same without a mask.
+    unexplained, unexplained_open
+        Residual of the photographs with the mask and without one, over their root mean square.
     residual
-        (rows, columns, 3) of the first photograph, over its root mean square.
+        (rows, columns, 3) of the first photograph, likewise.
     evidence
         Twice the negative logarithm of the photograph's likelihood: less is better.
     agreeing, starts
@@ -75,7 +70,7 @@ class Silhouette:
     def doubts(self) -> tuple[str, ...]:
         """Why it is not to be believed; empty if nothing speaks against it."""
         doubts = []
-        if self.unexplained > UNEXPLAINED * self.unexplained_open:
+        if self.unexplained > self.unexplained_open / 2:
             doubts.append(
                 "the mask explains less than half of what the photograph shows without it: the "
                 "scene is wrong elsewhere, or the photograph is too noisy"

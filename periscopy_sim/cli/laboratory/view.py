@@ -26,7 +26,7 @@ from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 
 if TYPE_CHECKING:
-    from periscopy_sim.live.level import LivePictures
+    from periscopy_sim.live.pictures import LivePictures
 
 WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
@@ -65,7 +65,7 @@ def view(
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
-        from periscopy_sim.live.level import Choice
+        from periscopy_sim.live.pictures import Choice
         from periscopy_sim.live.session import LiveSession
 
         ps.find_method(method)

@@ -1,7 +1,6 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
 import math
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, TypeVar

@@ -50,9 +50,8 @@ def background(random):
 def unknown(random, mask, background):
     """A photograph of an image half dark."""
     light = mask.transport(RIGHT, GAIN) @ np.maximum(random.standard_normal((PATCHES, 3)), 0)
-    return UnknownImage(
-        light, background, SmoothImages.hats(*[Hidden.of(HIDDEN)] * 2), RATIO, ALLOWANCE
-    )
+    patches = SmoothImages.hats(*[Hidden.of(HIDDEN)] * 2)
+    return UnknownImage(light, background, patches, RATIO, ALLOWANCE)
 
 
 @pytest.fixture
@@ -60,10 +59,8 @@ def shown(random, mask):
     """Two pictures and their photographs."""
     A, pictures = mask.transport(RIGHT, GAIN), [random.random((*HIDDEN, 3)) for _ in range(2)]
     mixture = np.eye(3) + 0.1 * random.random((3, 3))
-    noise = 1e-3 * random.standard_normal((2, PIXELS, 3))
-    return [A @ f.reshape(-1, 3) @ mixture + n for f, n in zip(pictures, noise, strict=True)], (
-        pictures
-    )
+    light = [A @ f.reshape(-1, 3) @ mixture for f in pictures]
+    return light + 1e-3 * random.standard_normal((2, PIXELS, 3)), pictures
 
 
 @pytest.fixture
@@ -78,12 +75,8 @@ def before_pictures(mask, shown):
 
 
 def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
-    opacities = random.random(CELLS)
-    A, Q, K = (
-        mask.transport(opacities, GAIN).astype(float),
-        unknown.background,
-        (unknown.images.precision),
-    )
+    opacities, Q, K = random.random(CELLS), unknown.background, unknown.images.precision
+    A = mask.transport(opacities, GAIN).astype(float)
     A -= Q @ (Q.T @ A)
     H = A.T @ A + RATIO * K
     total = 3 * (np.linalg.slogdet(H)[1] - np.linalg.slogdet(RATIO * K)[1])
@@ -94,7 +87,7 @@ def test_the_evidence_is_the_formula_of_its_module(mask, unknown, random):
         misfit = np.sum((rest - A @ image) ** 2) + RATIO * image @ K @ image
         total += (PIXELS - 3) * np.log(misfit + ALLOWANCE * rest @ rest)
     explained = mask.fit(opacities, GAIN, unknown).explained
-    assert explained.evidence == pytest.approx(total, abs=0.03)
+    assert explained.cost == pytest.approx(total, abs=0.03)
     assert (explained.image >= 0).all()
     assert (explained.image == 0).any()
 
@@ -112,7 +105,7 @@ def test_colours_and_ambient_light_are_fitted_by_least_squares(
 
 def test_patches_that_look_alike_are_explained(mask, unknown, random):
     A = mask.transport(RIGHT, GAIN)[:, :1] * random.random(PATCHES).astype(np.float32)
-    assert np.isfinite(replace(unknown, ratio=1e-12)(A).evidence)
+    assert np.isfinite(replace(unknown, ratio=1e-12)(A).cost)
 
 
 @pytest.mark.parametrize(("kind", "rtol"), [("unknown", 1e-4), ("known", 1e-2)])
@@ -125,7 +118,7 @@ def test_slopes_of_the_evidence_are_its_derivatives(kind, rtol, request, random)
     slopes = np.tensordot(changes, likelihood(A).slope, 2)
 
     def half(along):
-        return likelihood(A + np.tensordot(along, changes, 1)).evidence / 2
+        return likelihood(A + np.tensordot(along, changes, 1)).cost / 2
 
     derivative_test(half, slopes, np.zeros(3), rtol=rtol)
 
@@ -137,9 +130,8 @@ def test_gradients_are_those_of_values(mask, random):
     mask = replace(mask, shadows=exact)
 
     def likelihood(A):
-        return Explained(
-            2 * np.vdot(pull, A) + np.sum((A @ f) ** 2), pull + np.outer(A @ f, f), f, f
-        )
+        cost = 2 * np.vdot(pull, A) + np.sum((A @ f) ** 2)
+        return Explained(cost, pull + np.outer(A @ f, f), f, f)
 
     def fit(point):
         return mask.fit(point[:COUNT].reshape(CELLS), point[COUNT:], likelihood)

@@ -23,25 +23,22 @@ def test_a_turned_one_is_in_its_own_plane(scene):
 
 
 @pytest.mark.parametrize(
-    ("name", "values"),
+    ("kind", "name", "values"),
     [
-        ("wall", {}),
-        ("crad", {}),
-        ("card", {"depth": "1.05"}),
-        ("card", {"depth": "-0.1"}),
-        ("card", {"turn": "66"}),
+        ("rectangle", "wall", {}),
+        ("rectangle", "crad", {}),
+        ("sphere", "card", {}),
+        ("cube", "card", {}),
+        ("rectangle", "card", {"depth": "1.05"}),
+        ("rectangle", "card", {"depth": "-0.1"}),
+        ("rectangle", "card", {"turn": "66"}),
     ],
 )
-def test_what_can_be_no_mask_raises(scene, name, values):
-    with pytest.raises(SceneError, match=name):
-        MaskPlane.of(load_scenario(scene, HIDDEN, values), name)
-
-
-def test_a_thick_shape_raises(scene, tmp_path):
-    thick = tmp_path / "thick.xml"
-    thick.write_text(scene.read_text().replace('"rectangle" id="card"', '"cube" id="card"'))
-    with pytest.raises(SceneError, match="flat"):
-        MaskPlane.of(load_scenario(thick, HIDDEN), "card")
+def test_what_can_be_no_mask_raises(scene, tmp_path, kind, name, values):
+    file = tmp_path / "scene.xml"
+    file.write_text(scene.read_text().replace('"rectangle" id="card"', f'"{kind}" id="card"'))
+    with pytest.raises(SceneError, match=f"'{name}' is n"):
+        MaskPlane.of(load_scenario(file, HIDDEN, values), name)
 
 
 def test_cells_are_square_and_not_finer_than_pixels(plane, scenario):

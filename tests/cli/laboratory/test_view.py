@@ -8,7 +8,7 @@ import pytest
 
 from periscopy_sim.cli.laboratory.view import write_view
 from periscopy_sim.cli.session import Session
-from periscopy_sim.live.level import Choice, Level
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -44,7 +44,7 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
 
 def pictures_of(photograph=None, **values):
     scenario = load_scenario("plate", (3, 4), {"resolution": "24"})
-    level = Level(scenario, None, photograph, is_coarse=False)
+    level = SizedLaboratory(scenario, None, photograph, is_coarse=False)
     return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda: False)
 
 

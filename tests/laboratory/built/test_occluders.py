@@ -118,19 +118,17 @@ BORNE = """occluders:
 def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path):
     ends = turned([(0, 0, 0.05), (0.02, 0.01, 0.15)], -15, 25) + POSITION
     start, end = (", ".join(f"{x:.12f} m" for x in each) for each in ends)
-    found = {
-        each.name: each
-        for each in built(WALL, CAMERA, MONITOR, BORNE % (start, end)).scene.occluders
-    }
-    neck = turned(corners_of((-0.01, -0.005, 0), (0.01, 0.005, 0.03)), 0, 10) + np.array(
-        [0.01, 0, 0.05]
-    )
-    same_points(found["neck"].vertices, turned(neck, -15, 25) + POSITION)
-    flag = turned(corners_of((-0.02, -0.001, 0), (0.02, 0.001, 0.02)), 5, 0) + np.array(
-        [0, 0, 0.03]
-    )
-    flag = turned(turned(flag, 0, 10) + np.array([0.01, 0, 0.05]), -15, 25) + POSITION
-    same_points(found["flag"].vertices, flag)
+    parts = WALL, CAMERA, MONITOR, BORNE % (start, end)
+    found = {each.name: each for each in built(*parts).scene.occluders}
+
+    def with_bottle(points):
+        return turned(np.add(turned(points, 0, 10), (0.01, 0, 0.05)), -15, 25) + POSITION
+
+    neck = corners_of((-0.01, -0.005, 0), (0.01, 0.005, 0.03))
+    flag = turned(corners_of((-0.02, -0.001, 0), (0.02, 0.001, 0.02)), 5, 0)
+    flag += (0, 0, 0.03)
+    same_points(found["neck"].vertices, with_bottle(neck))
+    same_points(found["flag"].vertices, with_bottle(flag))
     straw, twin = (found[name].bounds for name in ("straw", "twin"))
     np.testing.assert_allclose(straw, twin, atol=1e-5)
     declared = read_document(tmp_path / "lab.xml").defaults
@@ -140,12 +138,9 @@ def test_what_stands_with_another_is_moved_by_its_numbers_alone(built, tmp_path)
     assert "flag_x_error" in errors and "flag_y_error" not in errors
     assert {"bottle_x_error", "bottle_turn_error", "straw_radius_error"} <= errors
     assert not {name for name in errors if name.startswith("straw_start")}
-    moved = built(WALL, CAMERA, MONITOR, BORNE % (start, end), parameters={"bottle_x": "0.23"})
-    for each in moved.scene.occluders:
-        there = 0.0 if each.name == "twin" else 0.03
-        np.testing.assert_allclose(
-            each.bounds - found[each.name].bounds, [(there, 0, 0)] * 2, atol=1e-6
-        )
+    for each in built(*parts, parameters={"bottle_x": "0.23"}).scene.occluders:
+        shift = each.bounds - found[each.name].bounds
+        np.testing.assert_allclose(shift, [(0.03 * (each.name != "twin"), 0, 0)] * 2, atol=1e-6)
 
 
 CORNERS = np.array([(100, 200, 10), (160, 200, 10), (100, 260, 10), (100, 200, 90)], "f4")
@@ -169,11 +164,8 @@ def test_mesh_stands_in_metres_upright_at_its_anchor(built, up, axes, anchor):
     own = 0.001 * CORNERS.astype(float) @ np.transpose(axes)
     assert np.linalg.det(axes) == 1
     low, high = own.min(axis=0), own.max(axis=0)
-    middle = {
-        "origin": np.zeros(3),
-        "center": (low + high) / 2,
-        "base": np.array([*(low + high)[:2] / 2, low[2]]),
-    }[anchor]
+    center = (low + high) / 2
+    middle = {"origin": np.zeros(3), "center": center, "base": [*center[:2], low[2]]}[anchor]
     more = f"file: tent.stl, unit: mm, up: {up}, anchor: {anchor}"
     (thing,) = built(WALL, CAMERA, MONITOR, occluders("mesh", more)).scene.occluders
     same_points(thing.vertices, turned(own - middle, -15, 25) + POSITION)

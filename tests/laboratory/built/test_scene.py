@@ -10,6 +10,7 @@ from periscopy_sim.laboratory.scene_parts import corners_seen
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.shipped import find_scene
 from tests.scenes.laboratory import CAMERA, MONITOR, PERSPECTIVE, WALL, occluders, turned
 
@@ -22,23 +23,17 @@ def test_names_of_files_are_no_markup_of_the_scene(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("monitor", "occluder", "said"),
     [
-        ((WALL, CAMERA, MONITOR.replace("}", ", turn: 180 deg}")), "the monitor faces away"),
-        (
-            (
-                WALL,
-                PERSPECTIVE % "target: [60 cm, 25 cm]",
-                MONITOR,
-                occluders("box", "width: 2 m, depth: 1 cm, height: 1 m"),
-            ),
-            "192 of 192 camera pixels miss the wall",
-        ),
+        (MONITOR.replace("}", ", turn: 180 deg}"), "", "the monitor faces away"),
+        (MONITOR, occluders("box", "width: 2 m, depth: 1 cm, height: 1 m"), "192 of 192 camera"),
     ],
 )
-def test_laboratory_of_which_no_photograph_can_be_taken_is_refused(built, tmp_path, changed, said):
+def test_laboratory_of_which_no_photograph_can_be_taken_is_refused(
+    built, tmp_path, monitor, occluder, said
+):
     with pytest.raises(SceneError, match=f"scene '{tmp_path}/lab.xml': .*{said}") as caught:
-        built(*changed)
+        built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", monitor, occluder)
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["lab.yaml"]
 
@@ -75,16 +70,11 @@ def test_laboratory_of_the_chair_experiment_has_its_transport(built):
         load_scenario(find_scene(name), (8, 10), {"resolution": 63}) for name in ("chair", "plate")
     )
     np.testing.assert_allclose(ours.view.centers, theirs.view.centers, atol=3e-6)
-    for name in ("centers", "normals", "across", "up"):
-        for other in (theirs, plate):
-            np.testing.assert_allclose(
-                getattr(ours.hidden, name), getattr(other.hidden, name), atol=1e-7
-            )
-    assert (
-        ours.scene.emission["monitor"]
-        == theirs.scene.emission["monitor"]
-        == plate.scene.emission["monitor"]
-    )
+    for other in (theirs, plate):
+        assert ours.scene.emission == other.scene.emission
+        for name in ("centers", "normals", "across", "up"):
+            mine, expected = (getattr(each.hidden, name) for each in (ours, other))
+            np.testing.assert_allclose(mine, expected, atol=1e-7)
     for mine, other in zip(ours.scene.occluders, theirs.scene.occluders, strict=True):
         np.testing.assert_allclose(mine.bounds, other.bounds, atol=1e-7)
     A, expected = (render_transport(scenario, samples=16) for scenario in (ours, theirs))
@@ -144,9 +134,8 @@ def test_monitor_stands_where_it_was_measured(built, place, across, up, turn, ti
     np.testing.assert_allclose(scenario.hidden.centers, expected, atol=3e-6)
     normal = turned([(0, 1, 0)], tilt, turn)[0]
     np.testing.assert_allclose(scenario.hidden.normals, np.tile(normal, (6, 1)), atol=3e-6)
-    np.testing.assert_allclose(
-        scenario.hidden.across, np.tile(turned([(-0.4 / 3, 0, 0)], tilt, turn), (6, 1)), atol=3e-6
-    )
+    across = turned([(-0.4 / 3, 0, 0)], tilt, turn)
+    np.testing.assert_allclose(scenario.hidden.across, np.tile(across, (6, 1)), atol=3e-6)
     assert (normal[2] > 0) == (tilt > 0)  # tilted, it looks up
 
 
@@ -154,20 +143,13 @@ def test_falloff_is_the_monitors(built):
     plain, lcd = (built(WALL, CAMERA, MONITOR.replace("}", more)) for more in (
         "}", ", falloff: {vertical: 17 +- 2, horizontal: 1.5}}"
     ))  # fmt: skip
-    assert (
-        plain.scene.emission["monitor"].vertical,
-        plain.scene.emission["monitor"].horizontal,
-    ) == (0, 0)
-    assert (lcd.scene.emission["monitor"].vertical, lcd.scene.emission["monitor"].horizontal) == (
-        17,
-        1.5,
-    )
+    assert plain.scene.emission["monitor"] == EmissionProfile(0, 0)
+    assert lcd.scene.emission["monitor"] == EmissionProfile(17, 1.5)
 
 
 def test_perspective_picture_is_that_of_a_pinhole(built):
-    points = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR).view.centers.reshape(
-        12, 16, 3
-    )
+    scenario = built(WALL, PERSPECTIVE % "target: [60 cm, 25 cm]", MONITOR)
+    points = scenario.view.centers.reshape(12, 16, 3)
     eye, target = np.array([1.2, 0.1, 0.4]), np.array([0.6, 1.1, 0.25])
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0, 0, 1])

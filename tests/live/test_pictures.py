@@ -5,7 +5,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.level import Level, Overtaken, coarse
+from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
@@ -22,9 +22,8 @@ def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
     there = level().pictures(moved, never)
-    shift = (
-        there.scenario.scene.occluders[0].vertices - pictures.scenario.scene.occluders[0].vertices
-    )
+    before, after = (each.scenario.scene.occluders[0].vertices for each in (pictures, there))
+    shift = after - before
     np.testing.assert_allclose(shift, np.broadcast_to([0.03, 0, 0], shift.shape), atol=1e-6)
     assert np.abs(there.photograph.values - pictures.photograph.values).max() > 0.05
 
@@ -44,10 +43,10 @@ def test_photograph_is_what_its_model_says(level, choice):
 
 
 def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice, monkeypatch):
-    from periscopy_sim.live import level as module
+    from periscopy_sim.live import pictures as module
 
     room = load_scenario("bright_room", (3, 4), photograph=(12, 12))  # has no closed form
-    laboratory = Level(room, is_coarse=False)
+    laboratory = SizedLaboratory(room, is_coarse=False)
     pictures = laboratory.pictures(replace(choice, values={}), never)
     assert not pictures.report.warnings
     monkeypatch.setattr(module, "BUDGET", 0)
@@ -124,7 +123,7 @@ def test_what_cannot_be_shown_is_told(level, choice):
         level().pictures(replace(choice, image=""), never)
     with pytest.raises(PeriscopyError, match="no method"):
         level().pictures(replace(choice, method="magic"), never)
-    small = Level(load_scenario("plate", (8, 8), photograph=(8, 8)), is_coarse=True)
+    small = SizedLaboratory(load_scenario("plate", (8, 8), photograph=(8, 8)), is_coarse=True)
     with pytest.raises(PeriscopyError, match="rank"):
         small.pictures(replace(choice, method="preconditioned"), never)  # ambient light too
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
 from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
+from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array
 
 DEGREE, SPREAD = 2, 0.07
@@ -35,13 +35,13 @@ class Candidate:
     penalty: float  # −2 log of the prior's density, up to a constant
 
     @cached_property
-    def evidence(self) -> float:
+    def cost(self) -> float:
         """−2 log evidence, up to a constant; infinite if the point is no scene."""
-        return sum(each.evidence for each in self.explanations) if self.explanations else np.inf
+        return sum(each.cost for each in self.explanations) if self.explanations else np.inf
 
     def objective_at(self, temperature: float) -> float:
         """Twice the negative logarithm of the tempered posterior density, less a constant."""
-        return self.evidence / temperature + self.penalty
+        return self.cost / temperature + self.penalty
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,8 @@ class ResolutionLevel:
     makes them.
     """
 
-    scene: MovingScene  # seen by the pixels used
+    scene: MovingScene  # seen by the pixels used; its errors are the prior's
     centers: Array  # (P,) means of the parameters before the photographs are looked at
-    errors: Array  # (P,) their standard deviations then
     background: Array  # (M, r) orthonormal basis of the ambient light
     groups: tuple[Group, ...]  # the photographs, by what is known of their images
 
@@ -103,16 +102,13 @@ class ResolutionLevel:
     @cached_property
     def terms(self) -> Array:
         """(K, M) p_k, between -1 and 1."""
-        shape = np.array(self.scene.pixels.shape)[:, None]
-        places = (2 * np.array(np.nonzero(self.scene.pixels)) + 1) / shape - 1
-        y, x = (legendre.legvander(each, DEGREE).T for each in places)
-        orders = [(j, k) for j in range(DEGREE + 1) for k in range(DEGREE + 1 - j) if j + k]
-        return np.array([y[j] * x[k] for j, k in orders])
+        pixels = self.scene.pixels
+        return polynomials(pixels.shape, 1, DEGREE)[:, pixels.ravel()]
 
     @cached_property
     def precision(self) -> Array:
         """(P + K,) of the prior."""
-        return np.append(self.errors**-2.0, np.full(len(self.terms), SPREAD**-2))
+        return np.append(self.scene.errors**-2.0, np.full(len(self.terms), SPREAD**-2))
 
     @cached_property
     def center(self) -> Array:
@@ -131,14 +127,13 @@ class ResolutionLevel:
         """Return twice the negative logarithm of the prior's density, less a constant."""
         return float(self.precision @ (point - self.center) ** 2)
 
-    def with_edges(self, found: Candidate) -> ResolutionLevel:
+    def with_edges(self, candidate: Candidate) -> ResolutionLevel:
         """Return a level whose image prior uses the edges of the estimated images."""
-        groups = []
-        for group, explained in zip(self.groups, found.explanations, strict=True):
+        groups, hidden = [], self.scene.scenario.hidden
+        for group, explained in zip(self.groups, candidate.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
-                for light, f in zip(group.light, explained.images, strict=True):
-                    images = SmoothImages.like(self.scene.scenario.hidden, f)
-                    groups.append(Group(light[None], images))
+                each = zip(group.light, explained.images, strict=True)
+                groups += [Group(y[None], SmoothImages.like(hidden, f)) for y, f in each]
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))

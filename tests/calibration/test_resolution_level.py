@@ -8,9 +8,9 @@ from scipy.stats import chi2
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.evidence import Explanation
-from periscopy_sim.calibration.level import SPREAD, Group, ResolutionLevel
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, ruled_values
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.calibration.resolution_level import SPREAD, Group, ResolutionLevel
 from periscopy_sim.calibration.search import descend
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
@@ -23,7 +23,7 @@ POINT = np.array([0.003, -0.004, 0.2, 0.05, -0.03, 0.04, 0.02, -0.05])
 class Room:
     """A scene of two numbers in double precision, which a matrix follows in curves."""
 
-    pixels = np.ones((9, 8), bool)
+    pixels, errors = np.ones((9, 8), bool), np.array([0.3, 0.5])
     A, *CHANGES = np.random.default_rng(0).uniform(0.5, 1, (4, 72, 5))
 
     def transport(self, values: Array) -> Array:
@@ -60,7 +60,7 @@ def test_slope_is_the_derivative_of_the_objective(temperature: float) -> None:
     groups = tuple(Group(random.uniform(1, 3, (k, 72, 3)), Known) for k in (1, 2))  # type: ignore
     background = np.linalg.qr(random.normal(size=(72, 2)))[0]
     room: Any = Room()
-    level = ResolutionLevel(room, np.array([0.2, 1.0]), np.array([0.3, 0.5]), background, groups)
+    level = ResolutionLevel(room, np.array([0.2, 1.0]), background, groups)
     point = np.array([0.4, 0.7, 0.05, -0.03, 0.04, 0.02, -0.05])
     derivative_test(
         lambda x: level.candidate(x).objective_at(temperature) / 2,
@@ -74,7 +74,7 @@ def test_slope_of_photographs_is_that_of_the_objective_to_a_tenth(small: Small) 
     slope = level.look(level.candidate(POINT), temperature).downhill
     derivative_test(
         lambda x: level.candidate(x).objective_at(temperature) / 2, slope, POINT,
-        steps=np.append(0.02 * level.errors, np.full(5, 0.02 * SPREAD)), rtol=0.1,
+        steps=np.append(0.02 * level.scene.errors, np.full(5, 0.02 * SPREAD)), rtol=0.1,
     )  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def test_a_newton_step_gains_what_it_promises(small: Small) -> None:
     for _ in range(3):
         end = descend(level, end, 1.0)
     values = level.values(end.point)
-    np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.errors))
+    np.testing.assert_allclose(values, list(TRUTH.values()), atol=0.2 * np.max(level.scene.errors))
     away = end.point + 2 / np.sqrt(np.diag(end.curvature()))
     look = level.look(level.candidate(away))
     assert look.objective - end.objective == pytest.approx(look.predicted_gain, rel=0.1)
@@ -109,17 +109,13 @@ def test_the_last_level_has_no_slope_at_the_truth_but_by_noise(jit: None) -> Non
     light = (pixel_transport(scene) @ picture.reshape(-1, 3)).reshape(63, 63, 3)
     y = ps.add_noise(ps.composite(light, np.ones_like(light), 0.5), 60, 1)
     held = UncertainParameters((), np.zeros(0), np.zeros(0))
-    deviations = np.array(list(errors.values()))
-    fine = CalibrationProblem(
-        scene, names, centers, deviations, held, [Photograph.of(y)], ()
-    ).fine()
+    known = scene, names, centers, np.array(list(errors.values())), held
+    fine = CalibrationProblem(*known, [Photograph.of(y)], ()).fine()
     scores = []
     for level in (fine, fine.with_edges(fine.candidate(fine.center))):
         look = level.look(level.candidate(fine.center))
-        spread = look.information + np.diag(
-            look.precision
-        )  # what it would be with no prior, at most
-        scores.append(float(look.slope @ np.linalg.solve(spread, look.slope)))
+        # The prior's precision makes the scores smaller, if anything.
+        scores.append(float(look.slope @ np.linalg.solve(look.curvature(), look.slope)))
     threshold = chi2.isf(1e-4, len(fine.center))
     assert scores[0] > 3 * threshold
     assert scores[1] < threshold

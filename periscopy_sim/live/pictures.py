@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.moving_scene import fitted
+from periscopy_sim.calibration.moving_scene import limit_size
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, own_errors
 from periscopy_sim.evaluation.metrics import psnr
@@ -75,7 +75,7 @@ class LivePictures:
     seconds: float = 0.0
 
 
-class Level:
+class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
     `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
@@ -177,7 +177,7 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     At least twice as many pixels as patches are used.
     """
     pixels, longest = COARSE
-    hidden, shape = scenario.hidden_shape, fitted(scenario.photograph_shape, pixels)
+    hidden, shape = scenario.hidden_shape, limit_size(scenario.photograph_shape, pixels)
     most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
-    patches, scene = fitted(hidden, int(min(longest, most))), scenario.scene
+    patches, scene = limit_size(hidden, int(min(longest, most))), scenario.scene
     return Scenario(View.of(scene, shape), Hidden.of_scene(scene, patches))
