@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,8 @@ from periscopy_sim.dataset.samples import (
     GeometryDraw,
     backgrounds_of,
     draw_geometry,
-    geometry_of,
     make_samples,
+    render_geometry,
     scenario_of,
 )
 from periscopy_sim.errors import ConfigurationError
@@ -128,10 +127,8 @@ def make_dataset(
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         made = sum(store.layout.size(n) for blocks in shares.values() for n in blocks)
         done = layout.count - made
-        # No sample depends on the count, and a geometry is remembered by this text.
-        text = settings.model_copy(update={"count": 1}).model_dump_json()
-        making = partial(make_block, text, layout.photograph_shape, backgrounds)
-        for block, values in _made(making, text, shares, scheduler):
+        shared = settings, layout.photograph_shape, backgrounds
+        for block, values in _made(shared, shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             store.write(block, values)
@@ -140,21 +137,6 @@ def make_dataset(
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
-
-
-def make_block(
-    configuration: str,
-    photograph_shape: tuple[int, int],
-    backgrounds: Backgrounds,
-    geometry: int,
-    block: int,
-) -> Block:
-    """Make a block of samples of a geometry, given the configuration as JSON."""
-    settings = Configuration.model_validate_json(configuration)
-    ready = geometry_of(configuration, geometry)
-    _check_shape(geometry, ready.scenario, photograph_shape)
-    start = block * settings.samples_per_shard
-    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
 
 
 def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
@@ -166,24 +148,40 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
 
 
 def _made(
-    making: Callable[[int, int], Block],
-    configuration: str,
+    shared: Any,
     shares: Mapping[int, Sequence[int]],
     scheduler: str | None,
 ) -> Iterator[tuple[int, Block]]:
-    """Make blocks, geometry by geometry, each where a worker is free."""
+    """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
+
+    They share the configuration, the photographs' shape and the ambient light.
+    """
     if scheduler is None or not shares:
-        for geometry, blocks in shares.items():
-            geometry_of(configuration, geometry)  # rendered here, not in the threads
-            yield from zip(blocks, ahead(partial(making, geometry), blocks), strict=True)
+        for share in shares.items():
+            yield from _blocks(*shared, *share, ahead)
         return
     with connect(scheduler) as client:
-        for (_, blocks), made in compute(client, _make_share, making, shares.items()):
-            yield from zip(blocks, made, strict=True)
+        for _, blocks in compute(client, _make_share, shared, shares.items()):
+            yield from blocks
 
 
-def _make_share(making: Callable[[int, int], Block], share: tuple[int, Any]) -> list[Block]:
-    return [making(share[0], block) for block in share[1]]
+def _make_share(shared: Any, share: tuple[int, Any]) -> list[tuple[int, Block]]:
+    return list(_blocks(*shared, *share, map))
+
+
+def _blocks(
+    settings: Configuration, shape: tuple[int, int], backgrounds: Backgrounds,
+    geometry: int, blocks: Sequence[int], calls: Callable[..., Iterator[tuple[int, Block]]],
+) -> Iterator[tuple[int, Block]]:  # fmt: skip
+    """Return the numbered blocks of one geometry, each made when `calls`, like `map`, calls."""
+    ready, size = render_geometry(settings, geometry), settings.samples_per_shard
+    _check_shape(geometry, ready.scenario, shape)
+
+    def make(block: int) -> tuple[int, Block]:
+        samples = block * size, (block + 1) * size
+        return block, make_samples(settings, ready, backgrounds, *samples)
+
+    return calls(make, blocks)
 
 
 def _labels(

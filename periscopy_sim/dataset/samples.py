@@ -9,7 +9,6 @@ import threading
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -289,7 +288,7 @@ def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
 Backgrounds = Mapping[int, NDArray[np.float32]]
 """By ambient source: (K, rows, columns, 3) light on a grey wall, in any unit."""
 
-_rendering = threading.RLock()
+_rendering = threading.Lock()
 """Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
 
 
@@ -313,21 +312,16 @@ def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
         raise ConfigurationError(f"{place}: {error}") from error
 
 
-def geometry_of(configuration: str, number: int) -> Geometry:
-    """Return a geometry, given the configuration as JSON; the last few are remembered."""
-    with _rendering:  # a thread that waits for a geometry finds it remembered
-        return _rendered(configuration, number)
-
-
-@lru_cache(maxsize=4)  # direct light takes 66 MB each at 36 x 29 patches and 126 x 126 pixels
-def _rendered(configuration: str, number: int) -> Geometry:
-    settings = Configuration.model_validate_json(configuration)
+def render_geometry(settings: Configuration, number: int) -> Geometry:
+    """Return a geometry with its A: 66 MB at 36 x 29 patches, 126 x 126 pixels, direct light."""
     draw, light = draw_geometry(settings, number), settings.light
     scenario = scenario_of(settings, draw)
-    # The seed is the data set's own: samples of A are no random draw of a sample.
-    A = render_transport(scenario, samples=light.samples, seed=settings.seed)
-    if isinstance(light, Bounced):
-        return Geometry(draw, scenario, add_bounces(scenario, A, light.bounces, seed=settings.seed))
+    with _rendering:
+        # The seed is the data set's own: samples of A are no random draw of a sample.
+        A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+        if isinstance(light, Bounced):
+            bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
+            return Geometry(draw, scenario, bounced)
     return Geometry(draw, scenario, A)
 
 
