@@ -76,13 +76,6 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     ----------
     norm
         Operator norm of A in physical units, backgrounds projected out.
-
-    Raises
-    ------
-    PeriscopyError
-        At import, if PyTorch or deepinv is not installed.
-    ValueError
-        If sizes do not fit, the SBR is not positive, or the SNR is not finite.
     """
 
     def __init__(

@@ -63,22 +63,14 @@ class Scenario:
         )
 
     def at(self, **values: str | float) -> "Scenario":
-        """Return the same scenario with other values for its file's ``<default>``s.
+        """Return the same scenario with other values for its file's ``<default>``s: `Scene.at`.
 
-        Values that are not named stay; see `Scene.at`. Where things merely move, and no shape comes
-        near the camera's view, this takes a few milliseconds.
-
-        Raises
-        ------
-        SceneError
-            If the file declares no such parameter, or there is no such scene, see `load_scenario`.
-        ValueError
-            If the scenario was made of arrays, not of a file.
+        Where things merely move, and no shape comes near the camera's view, this takes a few
+        milliseconds.
         """
         scene = self.scene.at(**values)
-        return Scenario(
-            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden_shape)
-        )
+        hidden = Hidden.of_scene(scene, self.hidden_shape)
+        return Scenario(self._seen(scene, self.view.across), hidden)
 
     def averaged(self, across: int) -> "Scenario":
         """Return the scenario with each pixel averaged over so many points along each side."""
