@@ -15,7 +15,6 @@ import numpy as np
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Image
 
@@ -103,11 +102,11 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
             b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)
         rng = torch.Generator(device).manual_seed(seed)
         super().__init__(
-            img_size=(len(light.gain), *light.hidden_shape),
+            img_size=(len(light.gain), *light.hidden.shape),
             noise_model=Measurement(snr, b, sbr, rng),
             sensor_model=self.reject_backgrounds,
         )
-        fit = Fit(light.A.numpy(), backgrounds, hidden=Hidden.of(light.hidden_shape))
+        fit = Fit(light.A.numpy(), backgrounds, hidden=light.hidden)
         Q = None if backgrounds is None else torch.as_tensor(fit.basis).to(light.A)
         strongest = np.linalg.eigvalsh(fit.operator.gram)[-1]
         self.norm = float(np.sqrt(strongest)) * float(light.gain.max())

@@ -133,6 +133,12 @@ class Hidden(Mapping[str, Surface]):
         return f"Hidden({self.sizes})"
 
     @property
+    def shape(self) -> Size:
+        """(R, C) of the only surface; a ValueError if there are several."""
+        (surface,) = self.values()
+        return surface.shape
+
+    @property
     def sizes(self) -> str:
         """The sizes for messages: 29x36, or of several surfaces monitor=29x36, card=15x10."""
         each = {name: "{}x{}".format(*surface.shape) for name, surface in self.items()}

@@ -120,8 +120,7 @@ class Scenario:
     @property
     def hidden_shape(self) -> Size:
         """(R, C) of the hidden image, of one surface."""
-        (surface,) = self.hidden.values()
-        return surface.shape
+        return self.hidden.shape
 
     @property
     def channel_gain(self) -> Array:

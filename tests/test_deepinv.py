@@ -7,7 +7,7 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.testing import adjoint_test
 
-SHAPES = {"photograph_shape": (8, 9), "hidden_shape": (3, 4)}
+SHAPES = {"photograph_shape": (8, 9), "hidden": (3, 4)}
 
 
 def test_without_deepinv_one_line_says_what_to_install(monkeypatch):

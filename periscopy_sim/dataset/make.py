@@ -148,40 +148,38 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
 
 
 def _made(
-    shared: Any,
-    shares: Mapping[int, Sequence[int]],
-    scheduler: str | None,
+    shared: "_Shared", shares: Mapping[int, Sequence[int]], scheduler: str | None
 ) -> Iterator[tuple[int, Block]]:
-    """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
-
-    They share the configuration, the photographs' shape and the ambient light.
-    """
+    """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
     if scheduler is None or not shares:
         for share in shares.items():
-            yield from _blocks(*shared, *share, ahead)
+            yield from _blocks(shared, share, ahead)
         return
     with connect(scheduler) as client:
         for _, blocks in compute(client, _make_share, shared, shares.items()):
             yield from blocks
 
 
-def _make_share(shared: Any, share: tuple[int, Any]) -> list[tuple[int, Block]]:
-    return list(_blocks(*shared, *share, map))
+_Shared = tuple[Configuration, tuple[int, int], Backgrounds]
+"""The configuration, the photographs' (rows, columns), and the ambient light."""
+
+
+def _make_share(shared: _Shared, share: tuple[int, Any]) -> list[tuple[int, Block]]:
+    return list(_blocks(shared, share, map))
 
 
 def _blocks(
-    settings: Configuration, shape: tuple[int, int], backgrounds: Backgrounds,
-    geometry: int, blocks: Sequence[int], calls: Callable[..., Iterator[tuple[int, Block]]],
-) -> Iterator[tuple[int, Block]]:  # fmt: skip
-    """Return the numbered blocks of one geometry, each made when `calls`, like `map`, calls."""
+    shared: _Shared, share: tuple[int, Sequence[int]], calls: Callable[..., Any]
+) -> Iterator[tuple[int, Block]]:
+    """Yield the numbered blocks of one geometry, each made when `calls`, like `map`, calls."""
+    (settings, shape, backgrounds), (geometry, blocks) = shared, share
     ready, size = render_geometry(settings, geometry), settings.samples_per_shard
     _check_shape(geometry, ready.scenario, shape)
 
-    def make(block: int) -> tuple[int, Block]:
-        samples = block * size, (block + 1) * size
-        return block, make_samples(settings, ready, backgrounds, *samples)
+    def make(block: int) -> Block:
+        return make_samples(settings, ready, backgrounds, block * size, (block + 1) * size)
 
-    return calls(make, blocks)
+    yield from zip(blocks, calls(make, blocks), strict=True)
 
 
 def _labels(

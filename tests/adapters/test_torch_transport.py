@@ -9,7 +9,7 @@ from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.testing import adjoint_test
 
-SHAPES = {"photograph_shape": (5, 6), "hidden_shape": (3, 4), "channel_gain": [1.2, 1.0, 0.8]}
+SHAPES = {"photograph_shape": (5, 6), "hidden": (3, 4), "channel_gain": [1.2, 1.0, 0.8]}
 
 
 @pytest.fixture(name="A")
