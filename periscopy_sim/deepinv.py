@@ -110,9 +110,9 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         Q = None if backgrounds is None else torch.as_tensor(fit.basis).to(light.A)
         strongest = np.linalg.eigvalsh(fit.operator.gram)[-1]
         self.norm = float(np.sqrt(strongest)) * float(light.gain.max())
-        light.A = light.A / self.norm
-        self._light = light
-        self.register_buffer("_A", light.A, persistent=False)
+        self._patches, self._pixels = light.hidden.shape, light.photograph_shape
+        self.register_buffer("_A", light.A / self.norm, persistent=False)
+        self.register_buffer("_gain", light.gain, persistent=False)
         self.register_buffer("_Q", Q, persistent=False)
         self.to(device)
 
@@ -122,25 +122,24 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         SBR and SNR are those of the photograph before the projection.
         """
         self.update(**parameters)
-        return self.sensor(self.noise(self._transport()(x), **parameters))
+        return self.sensor(self.noise(self._photographs(x), **parameters))
 
     def A(self, x: Any, **_: Any) -> Any:  # noqa: N802
         """Return the photographs of hidden images, backgrounds projected out, without noise."""
-        return self.reject_backgrounds(self._transport()(x))
+        return self.reject_backgrounds(self._photographs(x))
 
     def A_adjoint(self, y: Any, **_: Any) -> Any:  # noqa: N802
         """Return the adjoint's hidden images of photographs."""
-        return self._transport().adjoint(self.reject_backgrounds(y))
+        light = self.reject_backgrounds(y).flatten(-2) * self._gain
+        return (light @ self._A).unflatten(-1, self._patches)
 
     def reject_backgrounds(self, y: Any) -> Any:
         """Project the backgrounds out of photographs."""
         if self._Q is None:
             return y
-        planes = y.flatten(-2).reshape(-1, len(self._Q))
+        planes = y.flatten(-2)
         return (planes - (planes @ self._Q) @ self._Q.T).reshape(y.shape)
 
-    def _transport(self) -> TorchTransport:
-        if self._light.A is not self._A:  # moved with the module
-            self._light = self._light.to(self._A.device, self._A.dtype)
-            self._light.A = self._A
-        return self._light
+    def _photographs(self, x: Any) -> Any:
+        """Return the photographs, (B, C, r, c), of hidden images, (B, C, R, C')."""
+        return (self._gain * (x.flatten(-2) @ self._A.T)).unflatten(-1, self._pixels)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
-from periscopy_sim.dataset.reading import KIND, Layout
+from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
@@ -73,11 +73,6 @@ def make_dataset(
     rendering
         Called with each ambient condition that is rendered, gives the function that takes the
         fraction done.
-
-    Returns
-    -------
-    Made
-        Numbers of samples and of their geometries, and splits that stay empty.
 
     Raises
     ------
@@ -200,4 +195,4 @@ def _labels(
         except ValueError:
             variables[f"parameter_{name}"] = texts
     of_geometries = {name: ("geometries", values) for name, values in variables.items()}
-    return {**of_geometries, "channel": ("channel", ["red", "green", "blue"])}
+    return {**of_geometries, "channel": ("channel", [*CHANNELS])}

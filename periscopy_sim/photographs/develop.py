@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Mask
-from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import check_real, with_channels
 
 
@@ -24,7 +24,7 @@ class SensorImage:
     Bayer mosaic. Marks are in pixels of the sensor; masks may be.
     """
 
-    values: NDArray[np.float32]  # (rows, columns, 3)
+    values: NDArray[np.float32]  # (rows, columns, C)
     saturated: Mask  # (rows, columns), where a channel is saturated
     cell: int = 1
 
@@ -58,8 +58,6 @@ def sensor_image(
         light = array.astype(np.float32)
     if not light.size or not np.isfinite(light).all():
         raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
-    if white is not None and np.isnan(white):
-        raise PhotographError(f"{name}: the saturation value is NaN; give a number")
     if white is None:
         largest = int(array.max()) if array.dtype.kind in "iu" else 0
         # 2ⁿ - 1 has no bit in common with 2ⁿ.
@@ -115,8 +113,6 @@ def develop(
     if dark is not None and black:
         raise PhotographError("a dark frame holds the black level; give one of the two")
     darkness = None if dark is None else sensor_image(dark, "the dark frame")
-    if not abs(black) < LIGHT_RANGE[1]:
-        raise PhotographError(f"the black level is {black:g}; give a finite count")
     offset = black if darkness is None else darkness.values
 
     def exposures() -> Iterator[SensorImage]:
