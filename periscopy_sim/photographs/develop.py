@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Mask
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 from periscopy_sim.photograph import check_real, with_channels
 
 
@@ -112,6 +112,8 @@ def develop(
     """
     if dark is not None and black:
         raise PhotographError("a dark frame holds the black level; give one of the two")
+    if not abs(black) < LIGHT_RANGE[1]:
+        raise PhotographError(f"the black level is {black:g}; give a finite count")
     darkness = None if dark is None else sensor_image(dark, "the dark frame")
     offset = black if darkness is None else darkness.values
 
