@@ -69,7 +69,7 @@ class Scenario:
         milliseconds.
         """
         scene = self.scene.at(**values)
-        hidden = Hidden.of_scene(scene, self.hidden_shape)
+        hidden = Hidden.of_scene(scene, self.hidden.shape)
         return Scenario(self._seen(scene, self.view.across), hidden)
 
     def averaged(self, across: int) -> "Scenario":
