@@ -18,7 +18,7 @@ from periscopy_sim.scene import MONITOR, Scene
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
 
-EVEN = 1e-4
+EVENNESS = 1e-4
 """Relative difference of distances between patches, up to which they count as equal: rounding of
 single precision in a scene's coordinates leaves less."""
 
@@ -258,7 +258,7 @@ class Differences:
             elif size > 1:
                 steps = np.linalg.norm(np.diff(centers.reshape(*shape, 3), axis=axis), axis=-1)
                 ratios = steps.mean() / steps
-                is_even = np.allclose(ratios, 1, rtol=0, atol=EVEN)
+                is_even = np.allclose(ratios, 1, rtol=0, atol=EVENNESS)
                 weights[axis][inside] = 1 if is_even else ratios
             ends = np.bincount([0, size - 1], minlength=size)
             borders.append(np.broadcast_to(np.expand_dims(ends, 1 - axis), shape).ravel())

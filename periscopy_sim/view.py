@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.scene import Scene
 
-POINT = 1e-6
+POINT_SIDE = 1e-6
 """Side of a pixel that counts as a point, in metres."""
 
 LIFT = 1e-4
@@ -202,7 +202,7 @@ def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
     elif rows > 1:
         across = np.cross(normal, down)
     else:
-        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
+        across = POINT_SIDE * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
     if rows == 1:
         down = np.cross(normal, across)
     return np.stack([down, across], axis=2).reshape(-1, 2, 3)

@@ -134,7 +134,7 @@ def _panel(image: Image) -> Pixels:
     return srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def evenly_chosen(count: int, most: int) -> list[int]:
+def evenly_spaced(count: int, most: int) -> list[int]:
     """Return at most so many of the numbers below `count`, the first and the last among them."""
     return [int(k) for k in np.linspace(0, count - 1, min(count, most)).round()]
 
@@ -182,7 +182,7 @@ def white_of(frames: Image) -> float:
 
     It is the 99.5th percentile of up to 1000 frames, evenly chosen.
     """
-    return float(np.percentile(frames[evenly_chosen(len(frames), 1000)], 99.5))
+    return float(np.percentile(frames[evenly_spaced(len(frames), 1000)], 99.5))
 
 
 def draw_frames(
@@ -212,7 +212,7 @@ def draw_sheet(
 
     The frames' mean squared errors, `errors`, stand beneath.
     """
-    chosen = evenly_chosen(len(errors), 8)
+    chosen = evenly_spaced(len(errors), 8)
     white = white_of(photographs)
     rows = [
         ("photograph", [displayable(photographs[k], white) for k in chosen]),

@@ -20,7 +20,7 @@ PLATEAU = 5
 LEVELS = 16
 """Fewest levels of a channel below its top: with fewer, flat parts and plateaus look the same."""
 
-DETACHED = 1 / 8
+DETACHED_GAP = 1 / 8
 """Gap below the top level, as a fraction of a channel's range, that alone makes a plateau."""
 
 THRESHOLD = 7.0
@@ -30,7 +30,7 @@ White Gaussian noise exceeds them at a rate of 1.3e-12: once in 16 million photo
 pixels.
 """
 
-BRIGHTER = 0.1
+HOT_EXCESS = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
 
 
@@ -123,7 +123,7 @@ def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     levels, counts = np.unique(channel[valid], return_counts=True)
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:
         return np.zeros(channel.shape, bool)
-    is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
+    is_detached = levels[-1] - levels[-2] > DETACHED_GAP * (levels[-1] - levels[0])
     is_plateau = is_detached or counts[-1] > 1.5 * counts[-9:-1].sum()
     return np.asarray(valid & (channel == levels[-1]) & is_plateau)
 
@@ -158,7 +158,7 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
 
     # The second brightest of the eight beside: half as far above at most one of them may be.
     second = ndimage.rank_filter(light, -2, footprint=beside, mode="constant", cval=-np.inf)
-    hot = valid & (above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0)))
+    hot = valid & (above > np.maximum(THRESHOLD * noise, HOT_EXCESS * np.maximum(median, 0)))
     hot &= second <= median + above / 2
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
     lit_too, candidates = median + np.maximum(above / 4, THRESHOLD * noise), 0
