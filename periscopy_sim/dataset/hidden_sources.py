@@ -50,7 +50,7 @@ class Shapes(Source):
         heading = rng.uniform(0, 2 * np.pi, count)
         pace = np.array([speed.draw(rng) for _ in range(count)])
         velocity = pace[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        clip = np.empty((frames, *shape, 3))
+        clip = np.empty((frames, *shape, len(ground)))
         for t in range(frames):
             # Straight paths, folded into the image as if its edges were mirrors.
             places = np.abs((start + t * velocity + size) % (2 * size) - size)

@@ -168,8 +168,6 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     ------
     DatasetError
         If the path holds no data set, or one in the making unless `incomplete`.
-    PeriscopyError
-        If a package of the extra ``dataset`` is not installed.
     """
     require_all()
     import xarray as xr

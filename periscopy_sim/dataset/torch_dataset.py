@@ -32,8 +32,6 @@ class TorchDataset:
 
     Raises
     ------
-    PeriscopyError
-        If PyTorch is not installed.
     DatasetError
         If the path holds no finished data set, the split no samples, or a variable is not known.
     """

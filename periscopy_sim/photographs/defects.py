@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.photograph import Photograph, common_pixels
+from periscopy_sim.photograph import Photograph, common_pixels, with_channels
 
 PLATEAU = 5
 """Fewest values at the top of a channel that make a plateau."""
@@ -86,18 +86,12 @@ def defective_pixels(
     mask
         (rows, columns), True in the pixels to examine; None for all. Values that are not finite are
         left aside as well.
-
-    Raises
-    ------
-    ValueError
-        If the photograph has another number of dimensions, or the mask another shape.
     """
     if isinstance(photograph, Photograph):
         mask, photograph = common_pixels(mask, photograph.mask), photograph.values
-    values = np.asarray(photograph)
-    values = values[..., np.newaxis] if values.ndim == 2 else values
+    values = with_channels(np.asarray(photograph), "the photograph")
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
-    if values.ndim != 3 or used.shape != values.shape[:2]:
+    if used.shape != values.shape[:2]:
         raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
     saturated, dead, hot = kinds = np.zeros((3, *values.shape[:2]), bool)
     for light in np.moveaxis(values, -1, 0):
@@ -116,7 +110,7 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
     """
     everywhere = np.ones(photograph.shape[:2], bool)
     channels = [_saturated(each, everywhere) for each in np.moveaxis(photograph, -1, 0)]
-    return np.asarray(np.logical_or.reduce(channels))
+    return np.asarray(np.any(channels, axis=0))
 
 
 def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
