@@ -40,13 +40,12 @@ class ColourMatrix:
 
     def __post_init__(self) -> None:
         values = np.asarray(self.matrix)
-        if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        is_real = values.ndim == 2 and values.size and values.dtype.kind in "iuf"
+        if not is_real or not np.isfinite(values).all():
             raise ValueError(
-                "a colour matrix is (channels, primaries) real numbers, not of shape "
+                "a colour matrix is (channels, primaries) finite real numbers, not of shape "
                 f"{values.shape} and type {values.dtype}"
             )
-        if not np.isfinite(values).all():
-            raise ValueError("a colour matrix must be finite")
         channels, primaries = values.shape
         if channels < primaries or np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
@@ -232,13 +231,11 @@ def _checked(
         raise PhotographError(
             f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
         )
-    broken = np.argwhere(blackened(~np.isfinite(light), mask))
-    if len(broken):
-        counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
+    if len(broken := np.argwhere(blackened(~np.isfinite(light), mask))):
         row, column, channel = broken[0]
         raise PhotographError(
-            f"{name}: {counted} NaN or infinite, the first at row {row}, column {column}, channel "
-            f"{channel}; replace them, or leave them out by a mask"
+            f"{name}: NaN or infinite values: {len(broken)}, the first at row {row}, column "
+            f"{column}, channel {channel}; replace them, or leave them out by a mask"
         )
     used = light[... if mask is None else mask]
     if not (used > 0).any():

@@ -26,9 +26,6 @@ from periscopy_sim.storage.pictures import area_average
 
 Pixels = NDArray[np.uint8]
 
-HEIGHT = 240
-"""Rows of a panel, about."""
-
 ENCODINGS = {
     "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
     "webm": ("libvpx-vp9", {"crf": "20", "b": "0", "deadline": "good", "cpu-used": "4"}),
@@ -125,12 +122,12 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
 def _panel(image: Image) -> Pixels:
     """Return 8-bit sRGB pixels of an image, its patches square.
 
-    It has about `HEIGHT` rows, and at most twice as many columns unless patches are smaller.
+    It has about 240 rows, and at most twice as many columns unless patches are smaller.
     """
-    rows, columns, _ = image.shape
-    factor = max(1, min(round(HEIGHT / rows), 2 * HEIGHT // columns))
-    if rows > 1.5 * HEIGHT:
-        image = area_average(image, (HEIGHT, max(1, round(columns * HEIGHT / rows))))
+    (rows, columns, _), height = image.shape, 240
+    factor = max(1, min(round(height / rows), 2 * height // columns))
+    if rows > 1.5 * height:
+        image = area_average(image, (height, max(1, round(columns * height / rows))))
     return srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
 
 
