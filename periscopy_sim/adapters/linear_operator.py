@@ -1,5 +1,6 @@
 """The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -69,14 +70,7 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
         return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // len(gain))
 
 
-def transport_operator(
-    transport: Any,
-    *,
-    scene: Scenario | None = None,
-    hidden: Hidden | Size | None = None,
-    photograph_shape: Size | None = None,
-    channel_gain: ArrayLike | None = None,
-) -> ImageOperator:
+def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
     """Return the light transport as a SciPy linear operator over images.
 
     Parameters
@@ -85,13 +79,8 @@ def transport_operator(
         A scene, whose A is rendered; or A, (M, N) of float32 or float64, or what makes its rows
         anew in every pass (``row_blocks``, such as `RenderedTransport`).
     scene
-        The scene of A: its sizes and the colour of its wall are taken from it.
-    hidden
-        The hidden surfaces or (R, C); None for the scene's, or one row.
-    photograph_shape
-        (rows, columns); None for the scene's, or one row.
-    channel_gain
-        (C,) colour of the wall; None for the scene's, or grey in three channels.
+        The scene of A, or anything with its ``photograph_shape``, its ``hidden`` surfaces, or their
+        (R, C), and its ``channel_gain``, (C,); None for images of one row and a grey wall.
 
     Returns
     -------
@@ -101,7 +90,7 @@ def transport_operator(
     Raises
     ------
     ValueError
-        If the sizes or the colour do not fit A.
+        If the scene's sizes do not fit A.
     """
     if isinstance(transport, Scenario):
         from periscopy_sim.rendering.transport.plan import transport as transport_of
@@ -110,17 +99,9 @@ def transport_operator(
     A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
     if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
         raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
-    M, N = A.shape
-    photograph_shape = photograph_shape or (scene.photograph_shape if scene else (1, M))
-    hidden = Hidden.of(hidden or (scene.hidden if scene else (1, N)))
-    if (np.prod(photograph_shape), hidden.patches) != (M, N):
-        raise ValueError(
-            f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
-            f"of {hidden.sizes} have not as many"
-        )
-    if channel_gain is None:
-        channel_gain = scene.channel_gain if scene else np.ones(3)
-    gain = np.asarray(channel_gain)
-    if gain.ndim != 1 or not (np.isfinite(gain).all() and (gain >= 0).all()):
-        raise ValueError("the wall's colour is (C,) finite numbers that are not negative")
-    return ImageOperator(A, hidden, photograph_shape, gain)
+    if scene is None:
+        return ImageOperator(A, Hidden.of((1, A.shape[1])), (1, A.shape[0]), np.ones(3))
+    hidden, shape = Hidden.of(scene.hidden), scene.photograph_shape
+    if (math.prod(shape), hidden.patches) != A.shape:
+        raise ValueError(f"A is {A.shape}; photographs {shape} and hidden images {hidden.sizes}")
+    return ImageOperator(A, hidden, shape, np.asarray(scene.channel_gain))
