@@ -136,7 +136,7 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = fitted(shape, max(LONGEST, *scenario.hidden.shape))
+    coarse = fitted(shape, max(LONGEST, *scenario.hidden_shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-coarse[0] * coarse[1] // BAND)))
 

@@ -103,7 +103,7 @@ class CalibrationProblem:
 
     @property
     def _hidden(self) -> Size:
-        return fitted(self.scenario.hidden.shape, MOST_PATCHES)
+        return fitted(self.scenario.hidden_shape, MOST_PATCHES)
 
     @property
     def _smooth(self) -> SmoothImages:

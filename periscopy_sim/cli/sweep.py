@@ -142,7 +142,7 @@ def _scene_settings(session: Session, light: Light) -> dict[str, Any]:
     """Return the settings of the scene, its A and its B."""
     return {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
-        "hidden_shape": session.scenario.hidden.shape,
+        "hidden_shape": session.scenario.hidden_shape,
         "model": light.model and light.model.value,
         "samples": light.samples,
         **light.origin,

@@ -112,7 +112,7 @@ def write_view(out: Path, pictures: "LivePictures", photo: Path | None) -> str:
     record: dict[str, Any] = {
         **asdict(choice),
         "photograph": None if photo is None else str(photo),
-        "hidden_shape": scenario.hidden.shape,
+        "hidden_shape": scenario.hidden_shape,
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
         **({} if report.residual is None else report.residual.numbers()),

@@ -281,7 +281,7 @@ class Differencing(StillMethod[np.float64]):
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
         mean_entry = float(np.mean(np.asarray(self.fit.rows), dtype=np.float64))
         unit, white = PUBLISHED_ENTRY / mean_entry, float(np.abs(mean).mean())
-        first = start[:, channel].reshape(self.hidden.shape)
+        first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(
             self._gram, h[:, channel], first, weight, unit=unit, white=white / PUBLISHED_MEAN
         )

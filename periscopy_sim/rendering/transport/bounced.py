@@ -203,7 +203,7 @@ def render_bounced_light(
         for replica, one in enumerate(own):
             total[replica] += trace(one)
         with threadpool_limits(1):  # the last bits follow the number of threads
-            fit = best_fit(_of_blocks(total, scenario.hidden.shape) / done, sites, shape)
+            fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
