@@ -18,7 +18,7 @@ from periscopy_sim.scene import MONITOR, Scene
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
 
-EVENNESS = 1e-4
+EVEN = 1e-4
 """Relative difference of distances between patches, up to which they count as equal: rounding of
 single precision in a scene's coordinates leaves less."""
 
@@ -133,12 +133,6 @@ class Hidden(Mapping[str, Surface]):
         return f"Hidden({self.sizes})"
 
     @property
-    def shape(self) -> Size:
-        """(R, C) of the only surface; a ValueError if there are several."""
-        (surface,) = self.values()
-        return surface.shape
-
-    @property
     def sizes(self) -> str:
         """The sizes for messages: 29x36, or of several surfaces monitor=29x36, card=15x10."""
         each = {name: "{}x{}".format(*surface.shape) for name, surface in self.items()}
@@ -165,6 +159,12 @@ class Hidden(Mapping[str, Surface]):
     def up(self) -> Array:
         """(N, 3) edges of all patches along a viewer's up, in metres."""
         return np.concatenate([surface.up for surface in self.values()])
+
+    @property
+    def shape(self) -> Size:
+        """(R, C) of the only surface; a ValueError if there are several."""
+        (surface,) = self.values()
+        return surface.shape
 
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
@@ -258,7 +258,7 @@ class Differences:
             elif size > 1:
                 steps = np.linalg.norm(np.diff(centers.reshape(*shape, 3), axis=axis), axis=-1)
                 ratios = steps.mean() / steps
-                is_even = np.allclose(ratios, 1, rtol=0, atol=EVENNESS)
+                is_even = np.allclose(ratios, 1, rtol=0, atol=EVEN)
                 weights[axis][inside] = 1 if is_even else ratios
             ends = np.bincount([0, size - 1], minlength=size)
             borders.append(np.broadcast_to(np.expand_dims(ends, 1 - axis), shape).ravel())

@@ -69,8 +69,9 @@ class Scenario:
         milliseconds.
         """
         scene = self.scene.at(**values)
-        hidden = Hidden.of_scene(scene, self.hidden.shape)
-        return Scenario(self._seen(scene, self.view.across), hidden)
+        return Scenario(
+            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden_shape)
+        )
 
     def averaged(self, across: int) -> "Scenario":
         """Return the scenario with each pixel averaged over so many points along each side."""
