@@ -306,7 +306,7 @@ def with_channels(values: NDArray[Any], name: str) -> NDArray[Any]:
     return channels
 
 
-def in_channels(light: NDArray[Any], channels: int) -> NDArray[Any]:
+def seen_in(light: NDArray[Any], channels: int) -> NDArray[Any]:
     """Return rendered light, (..., C), as a camera of some channels sees it.
 
     A grey camera sees the mean of the C channels. Other numbers than C are a PhotographError.

@@ -6,7 +6,7 @@ import xarray as xr
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photograph import ColourMatrix, Photograph, in_channels, of_one_wall
+from periscopy_sim.photograph import ColourMatrix, Photograph, of_one_wall, seen_in
 
 SHAPE = (4, 5)
 LIGHT = np.random.default_rng(0).uniform(1, 2, (*SHAPE, 3))
@@ -96,10 +96,10 @@ def test_light_is_unmixed_and_seen_in_grey():
     (off,) = known.unmixed().monitor_off.values()
     np.testing.assert_allclose(off, 2 * LIGHT)
     assert known.unmixed().conditions != known.conditions and four.unmixed() is four
-    np.testing.assert_allclose(in_channels(LIGHT, 1)[..., 0], LIGHT.mean(axis=2))
-    assert in_channels(LIGHT, 3) is LIGHT
+    np.testing.assert_allclose(seen_in(LIGHT, 1)[..., 0], LIGHT.mean(axis=2))
+    assert seen_in(LIGHT, 3) is LIGHT
     with pytest.raises(PhotographError, match="4"):
-        in_channels(LIGHT, 4)
+        seen_in(LIGHT, 4)
 
 
 def test_functions_of_arrays_take_what_an_array_holds():

@@ -19,7 +19,7 @@ from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.photograph import Photograph, in_channels
+from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -115,7 +115,7 @@ def sweep(
         given |= ambient_photographs(
             missing, session.scenario, out / "ambient", session.seed, progress=progress
         )
-        lit = {name: in_channels(given[name], wall.channels) for name in lights}
+        lit = {name: seen_in(given[name], wall.channels) for name in lights}
         whole = sweeps.Sweep(
             signal=wall,
             truth=shown,
