@@ -15,7 +15,6 @@ import numpy as np
 
 from periscopy_sim.adapters.torch_transport import TorchTransport
 from periscopy_sim.extras import require
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Image
 
@@ -56,6 +55,8 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     ----------
     transport
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
+    scene
+        As of `transport_operator`.
     snr
         Signal-to-noise ratio of a photograph in dB, as of `add_noise`; None for no noise.
     ambient
@@ -69,25 +70,17 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         Seed of the noise.
     device
         Where A is kept.
-    **sizes
-        ``scene`` or the sizes and the colour of the wall, as of `transport_operator`.
 
     Attributes
     ----------
     norm
         Operator norm of A in physical units, backgrounds projected out.
-
-    Raises
-    ------
-    PeriscopyError
-        At import, if PyTorch or deepinv is not installed.
-    ValueError
-        If sizes do not fit, the SBR is not positive, or the SNR is not finite.
     """
 
     def __init__(
         self,
         transport: Any,
+        scene: Any = None,
         *,
         snr: float | None = 60.0,
         ambient: Image | None = None,
@@ -95,13 +88,12 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         backgrounds: Image | None = None,
         seed: int = 0,
         device: Any = "cpu",
-        **sizes: Any,
     ) -> None:
         if snr is not None and not np.isfinite(snr):
             raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
         if not (np.isfinite(sbr) and sbr > 0):
             raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
-        light = TorchTransport(transport, **sizes)
+        light = TorchTransport(transport, scene)
         b, shape = None, (*light.photograph_shape, len(light.gain))
         if ambient is not None:
             ambient = np.asarray(ambient)
@@ -110,17 +102,17 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
             b = torch.as_tensor(np.moveaxis(ambient, -1, 0).copy()).to(light.A)
         rng = torch.Generator(device).manual_seed(seed)
         super().__init__(
-            img_size=(len(light.gain), *light.hidden_shape),
+            img_size=(len(light.gain), *light.hidden.shape),
             noise_model=Measurement(snr, b, sbr, rng),
             sensor_model=self.reject_backgrounds,
         )
-        fit = Fit(light.A.numpy(), backgrounds, hidden=Hidden.of(light.hidden_shape))
+        fit = Fit(light.A.numpy(), backgrounds, hidden=light.hidden)
         Q = None if backgrounds is None else torch.as_tensor(fit.basis).to(light.A)
         strongest = np.linalg.eigvalsh(fit.operator.gram)[-1]
         self.norm = float(np.sqrt(strongest)) * float(light.gain.max())
-        light.A = light.A / self.norm
-        self._light = light
-        self.register_buffer("_A", light.A, persistent=False)
+        self._patches, self._pixels = light.hidden.shape, light.photograph_shape
+        self.register_buffer("_A", light.A / self.norm, persistent=False)
+        self.register_buffer("_gain", light.gain, persistent=False)
         self.register_buffer("_Q", Q, persistent=False)
         self.to(device)
 
@@ -130,25 +122,24 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         SBR and SNR are those of the photograph before the projection.
         """
         self.update(**parameters)
-        return self.sensor(self.noise(self._transport()(x), **parameters))
+        return self.sensor(self.noise(self._photographs(x), **parameters))
 
     def A(self, x: Any, **_: Any) -> Any:  # noqa: N802
         """Return the photographs of hidden images, backgrounds projected out, without noise."""
-        return self.reject_backgrounds(self._transport()(x))
+        return self.reject_backgrounds(self._photographs(x))
 
     def A_adjoint(self, y: Any, **_: Any) -> Any:  # noqa: N802
         """Return the adjoint's hidden images of photographs."""
-        return self._transport().adjoint(self.reject_backgrounds(y))
+        light = self.reject_backgrounds(y).flatten(-2) * self._gain
+        return (light @ self._A).unflatten(-1, self._patches)
 
     def reject_backgrounds(self, y: Any) -> Any:
         """Project the backgrounds out of photographs."""
         if self._Q is None:
             return y
-        planes = y.flatten(-2).reshape(-1, len(self._Q))
+        planes = y.flatten(-2)
         return (planes - (planes @ self._Q) @ self._Q.T).reshape(y.shape)
 
-    def _transport(self) -> TorchTransport:
-        if self._light.A is not self._A:  # moved with the module
-            self._light = self._light.to(self._A.device, self._A.dtype)
-            self._light.A = self._A
-        return self._light
+    def _photographs(self, x: Any) -> Any:
+        """Return the photographs, (B, C, r, c), of hidden images, (B, C, R, C')."""
+        return (self._gain * (x.flatten(-2) @ self._A.T)).unflatten(-1, self._pixels)

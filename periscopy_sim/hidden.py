@@ -160,6 +160,12 @@ class Hidden(Mapping[str, Surface]):
         """(N, 3) edges of all patches along a viewer's up, in metres."""
         return np.concatenate([surface.up for surface in self.values()])
 
+    @property
+    def shape(self) -> Size:
+        """(R, C) of the only surface; a ValueError if there are several."""
+        (surface,) = self.values()
+        return surface.shape
+
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
         if not self.keys() & motions.keys():
@@ -251,7 +257,9 @@ class Differences:
                 weights[axis][inside] = 1
             elif size > 1:
                 steps = np.linalg.norm(np.diff(centers.reshape(*shape, 3), axis=axis), axis=-1)
-                weights[axis][inside] = _even(steps.mean() / steps)
+                ratios = steps.mean() / steps
+                is_even = np.allclose(ratios, 1, rtol=0, atol=EVEN)
+                weights[axis][inside] = 1 if is_even else ratios
             ends = np.bincount([0, size - 1], minlength=size)
             borders.append(np.broadcast_to(np.expand_dims(ends, 1 - axis), shape).ravel())
         return cls(following.reshape(2, -1), weights.reshape(2, -1), np.stack(borders))
@@ -345,8 +353,3 @@ class Differences:
         ahead = (self.weights > 0).astype(np.float64)
         places = zip(ahead, self.following, strict=True)
         return [sparse.csr_array((each, (rows, next_)), (N, N)) for each, next_ in places]
-
-
-def _even(weights: Array) -> Array:
-    """Return weights, exactly 1 where all are equal but for rounding."""
-    return np.ones_like(weights) if np.allclose(weights, 1, rtol=0, atol=EVEN) else weights

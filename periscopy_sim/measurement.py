@@ -25,11 +25,6 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     -------
     ndarray
         (rows, columns, channels), scaled to a mean of 1.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, the SBR is not positive, or a photograph has not a positive mean.
     """
     signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     if signal.shape != background.shape:
@@ -53,11 +48,6 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
         Signal-to-noise ratio in dB. Its signal is the whole photograph, ambient light included.
     seed
         Seed of the noise.
-
-    Raises
-    ------
-    ValueError
-        If the SNR is not finite.
     """
     photograph = np.asarray(photograph)
     σ = noise_level(photograph, snr)
@@ -114,11 +104,6 @@ class Sensor:
     frames
         Exposures averaged, each with noise of its own; binning k sensor pixels to one value of the
         photograph does the same as k frames.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, the mean would saturate, or the read noise leaves no range.
     """
 
     electrons: float
@@ -128,22 +113,17 @@ class Sensor:
     frames: int = 1
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.full_well) and self.full_well > 0):
-            raise InputError(f"the full well must be positive, not {self.full_well} electrons")
-        if not 0 < self.electrons <= self.full_well:
-            raise InputError(
-                f"a mean of {self.electrons:g} electrons a frame is not above 0 and within the "
-                f"full well of {self.full_well:g}: expose less and average more frames"
-            )
-        if not 0 <= self.read_noise <= self.full_well / 12:
-            raise InputError(
-                f"a read noise of {self.read_noise:g} electrons is not within 0 and a twelfth of "
-                f"the full well of {self.full_well:g}"
-            )
-        if self.bit_depth not in range(4, 33):
-            raise InputError(f"the bit depth must be a whole number 4 to 32, not {self.bit_depth}")
-        if not (self.frames >= 1 and float(self.frames).is_integer()):
-            raise InputError(f"the frames must be a whole number above 0, not {self.frames}")
+        well, frames = self.full_well, float(self.frames)
+        valid = {
+            "full_well": (0 < well < math.inf, "a positive number"),
+            "electrons": (0 < self.electrons <= well, "up to the full well; average more frames"),
+            "read_noise": (0 <= self.read_noise <= well / 12, "0 to a twelfth of the full well"),
+            "bit_depth": (self.bit_depth in range(4, 33), "a whole number, 4 to 32"),
+            "frames": (frames >= 1 and frames.is_integer(), "a whole number above 0"),
+        }
+        for name, (is_valid, advice) in valid.items():
+            if not is_valid:
+                raise InputError(f"{name} of the sensor is {getattr(self, name)}: give {advice}")
 
     @property
     def top_code(self) -> int:
@@ -184,22 +164,12 @@ class Sensor:
         reference
             Light, in units of the photograph, that collects `electrons`: one for several
             photographs keeps their exposure the same. None for this photograph's mean.
-
-        Raises
-        ------
-        ValueError
-            If the photograph is of another form, is negative anywhere or not finite, or the
-            reference (or the mean) is not positive.
         """
         light = np.asarray(photograph, np.float64)
-        if light.ndim != 3:
+        if light.ndim != 3 or not (np.isfinite(light).all() and (light >= 0).all()):
             raise InputError(
-                f"a photograph is (rows, columns, channels), not of shape {light.shape}"
-            )
-        if not (np.isfinite(light).all() and (light >= 0).all()):
-            raise InputError(
-                "light to expose must be finite and not negative: give it without noise, black "
-                "level undone"
+                f"light to expose, of shape {light.shape}, is not (rows, columns, channels), "
+                "finite and nowhere negative: give it without noise, black level undone"
             )
         level = float(light.mean()) if reference is None else reference
         if not (np.isfinite(level) and level > 0):

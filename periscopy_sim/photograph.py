@@ -40,13 +40,12 @@ class ColourMatrix:
 
     def __post_init__(self) -> None:
         values = np.asarray(self.matrix)
-        if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        is_real = values.ndim == 2 and values.size and values.dtype.kind in "iuf"
+        if not is_real or not np.isfinite(values).all():
             raise ValueError(
-                "a colour matrix is (channels, primaries) real numbers, not of shape "
+                "a colour matrix is (channels, primaries) finite real numbers, not of shape "
                 f"{values.shape} and type {values.dtype}"
             )
-        if not np.isfinite(values).all():
-            raise ValueError("a colour matrix must be finite")
         channels, primaries = values.shape
         if channels < primaries or np.linalg.cond(values) > LARGEST_CONDITION:
             raise ValueError(
@@ -221,40 +220,29 @@ def _checked(
     values: ArrayLike, shape: tuple[int, int] | None, name: str, mask: Mask | None
 ) -> Array:
     """Return values as (rows, columns, C) float64; see `Photograph.of`."""
-    try:
-        array = plain_array(values, name)
-    except PhotographError:
-        raise
-    except ValueError as error:  # rows of different lengths
-        raise PhotographError(f"{name}: is no array of numbers ({error}); give one") from error
+    array = plain_array(values, name)
     check_real(array.dtype, name)
     array = with_channels(array, name)
     if shape is not None:
         check_size(array.shape[:2], shape, name)
     with np.errstate(over="ignore", invalid="ignore"):  # of longer floats, and signalling NaN
         light = np.array(array, dtype=np.float64, order="C")
-    if mask is not None:
-        if mask.shape != light.shape[:2] or mask.dtype != np.bool_:
-            raise PhotographError(
-                f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
-            )
-        if not mask.any():
-            raise PhotographError(
-                f"{name}: the mask leaves out every pixel; it is True where the wall is"
-            )
-    broken = np.argwhere(blackened(~np.isfinite(light), mask))
-    if len(broken):
-        counted = "1 value is" if len(broken) == 1 else f"{len(broken)} values are"
+    if mask is not None and (mask.shape != light.shape[:2] or mask.dtype != np.bool_):
+        raise PhotographError(
+            f"{name}: the mask is {mask.shape} of {mask.dtype}; give {light.shape[:2]} of bool"
+        )
+    if len(broken := np.argwhere(blackened(~np.isfinite(light), mask))):
         row, column, channel = broken[0]
         raise PhotographError(
-            f"{name}: {counted} NaN or infinite, the first at row {row}, column {column}, channel "
-            f"{channel}; replace them, or leave them out by a mask"
+            f"{name}: NaN or infinite values: {len(broken)}, the first at row {row}, column "
+            f"{column}, channel {channel}; replace them, or leave them out by a mask"
         )
     used = light[... if mask is None else mask]
-    if not used.any():
-        raise PhotographError(f"{name}: every value is zero; check the exposure or the export")
-    if used.max() <= 0:
-        raise PhotographError(f"{name}: no value is positive, as light is; check the dark frame")
+    if not (used > 0).any():
+        raise PhotographError(
+            f"{name}: no value inside the mask is positive; check the exposure, the dark frame and "
+            "the mask, True where the wall is"
+        )
     if not LIGHT_RANGE[0] <= (largest := np.abs(used).max()) <= LIGHT_RANGE[1]:
         raise PhotographError(f"{name}: its largest value is {largest:.3g}; scale it to about 1")
     return light

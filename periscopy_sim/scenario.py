@@ -63,17 +63,10 @@ class Scenario:
         )
 
     def at(self, **values: str | float) -> "Scenario":
-        """Return the same scenario with other values for its file's ``<default>``s.
+        """Return the same scenario with other values for its file's ``<default>``s: `Scene.at`.
 
-        Values that are not named stay; see `Scene.at`. Where things merely move, and no shape comes
-        near the camera's view, this takes a few milliseconds.
-
-        Raises
-        ------
-        SceneError
-            If the file declares no such parameter, or there is no such scene, see `load_scenario`.
-        ValueError
-            If the scenario was made of arrays, not of a file.
+        Where things merely move, and no shape comes near the camera's view, this takes a few
+        milliseconds.
         """
         scene = self.scene.at(**values)
         return Scenario(
@@ -128,8 +121,7 @@ class Scenario:
     @property
     def hidden_shape(self) -> Size:
         """(R, C) of the hidden image, of one surface."""
-        (surface,) = self.hidden.values()
-        return surface.shape
+        return self.hidden.shape
 
     @property
     def channel_gain(self) -> Array:

@@ -153,11 +153,9 @@ class Scene:
         ------
         SceneError
             If the file declares no such parameter, or there is no such scene, see `load_scenario`.
-        ValueError
-            If the scene was made of arrays, not of a file.
         """
         if self.source is None:
-            raise ValueError("this scene has no file to load at other values")
+            raise ValueError("this scene was made of arrays; only a file has parameters")
         given = {name: str(value) for name, value in values.items()}
         scene: Scene = self.source.at(self, {**self.parameters, **given})
         return scene

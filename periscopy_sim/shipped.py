@@ -21,13 +21,7 @@ ADVERSARIAL = ("stained_glass", "snow")
 
 
 def scenes_folder() -> Path:
-    """Find the folder of shipped scenes: inside an installed package, beside it in a checkout.
-
-    Raises
-    ------
-    SceneError
-        If neither exists.
-    """
+    """Return the folder of shipped scenes: inside an installed package, beside it in a checkout."""
     package = Path(__file__).parent
     for folder in (package / "scenes", package.parent / "scenes"):
         if (folder / "chair.xml").is_file():
@@ -36,34 +30,18 @@ def scenes_folder() -> Path:
 
 
 def find_scene(name: str | Path) -> Path:
-    """Resolve a scene: a path, or else the name of a shipped one.
+    """Return an existing scene file: a path, or else the name of a shipped scene.
 
-    Parameters
-    ----------
-    name
-        A path such as ``my/scene.xml``, or ``chair``, ``scenes/chair.xml``,
-        ``ambient/ceiling_panels``.
-
-    Returns
-    -------
-    Path
-        An existing file.
-
-    Raises
-    ------
-    SceneError
-        If there is no such file and no such shipped scene.
+    Names are ``chair``, ``scenes/chair.xml`` or ``ambient/ceiling_panels``. A SceneError lists what
+    there is.
     """
     return _find(Path(name), "", ".xml", "scene", SceneError)
 
 
 def find_image(name: str | Path) -> Path:
-    """Resolve a hidden image: a path, or else the name of a shipped one such as ``mushroom``.
+    """Return an existing picture: a path, or else the name of a shipped one, ``mushroom`` say.
 
-    Raises
-    ------
-    PhotographError
-        If there is no such file and no such shipped image.
+    A PhotographError lists what there is.
     """
     return _find(Path(name), "images", ".png", "image", PhotographError)
 
@@ -86,14 +64,10 @@ def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[Perisc
     named = path.suffix in ("", suffix) and ".." not in inside and not path.is_absolute()
     if named and shipped.is_file():
         return shipped
-    shipped_files = [*folder.glob(f"*{suffix}"), *folder.glob(f"ambient/*{suffix}")]
-    names = [
-        str(file.relative_to(folder).with_suffix(""))
-        for file in sorted(shipped_files, key=lambda file: (len(file.parts), file))
-    ]
+    files = *sorted(folder.glob(f"*{suffix}")), *sorted(folder.glob(f"ambient/*{suffix}"))
+    names = [str(file.relative_to(folder).with_suffix("")) for file in files]
     problem = "is a folder or no regular file" if path.exists() else "does not exist"
-    guess = did_you_mean(str(path), names)
     raise error(
-        f"{what} '{path}' {problem}; {f'{guess} ' if guess else ''}name a file or a shipped "
+        f"{what} '{path}' {problem}; {did_you_mean(str(path), names)} name a file or a shipped "
         f"{what}: {', '.join(names)}"
     )

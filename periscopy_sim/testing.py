@@ -4,7 +4,7 @@ Each check raises an AssertionError that says what is wrong and by how much, so 
 any test. Random numbers come from an explicit seed.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,10 +15,7 @@ from periscopy_sim.numerics import Array
 Map: TypeAlias = Callable[[Any], Any]
 
 NAMES = ("matvec", "rmatvec"), ("matmat", "rmatmat"), ("forward", "adjoint")
-"""Names of a product and of its adjoint, in the order in which they are looked for."""
-
-COLUMNS = 2
-"""Vectors that ``matmat`` and ``rmatmat`` get at once."""
+"""Names of a product and of its adjoint; ``matmat`` and ``rmatmat`` get two vectors at once."""
 
 
 def adjoint_test(
@@ -47,11 +44,6 @@ def adjoint_test(
     convert
         Turns the float64 arrays into what the operator takes, such as ``torch.from_numpy``.
 
-    Raises
-    ------
-    AssertionError
-        If the two products differ, or a product has another shape.
-
     Examples
     --------
     >>> import numpy as np
@@ -67,7 +59,7 @@ def adjoint_test(
         rows, columns = operator.shape
         shapes = (columns,), (rows,)
     for name, forward, backward in _products(operator):
-        more = (COLUMNS,) if name == "rmatmat" else ()
+        more = (2,) if name == "rmatmat" else ()
         x, y = (rng.standard_normal((*shape, *more)) for shape in shapes)
         there, back = (np.asarray(f(convert(v))) for f, v in ((forward, x), (backward, y)))
         for what, v, w in (("A x", there, y), ("A^T y", back, x)):
@@ -80,15 +72,13 @@ def adjoint_test(
         )
 
 
-def _products(operator: Any) -> Iterator[tuple[str, Map, Map]]:
-    """Yield the name of an adjoint, the product and the adjoint, of each pair to be checked."""
+def _products(operator: Any) -> list[tuple[str, Map, Map]]:
+    """Return the name of an adjoint, the product and the adjoint, of each pair to be checked."""
     if isinstance(operator, tuple):
-        yield ("adjoint", *operator)
-        return
+        return [("adjoint", *operator)]
     pairs = [pair for pair in NAMES if all(hasattr(operator, name) for name in pair)]
     assert pairs, f"{type(operator).__name__} has none of the pairs {NAMES}"
-    for name, adjoint in pairs:
-        yield adjoint, getattr(operator, name), getattr(operator, adjoint)
+    return [(back, getattr(operator, name), getattr(operator, back)) for name, back in pairs]
 
 
 def derivative_test(
@@ -118,13 +108,9 @@ def derivative_test(
     steps
         h: (P,), or one for all. Too small ones show rounding, too large ones the fifth derivative.
     rtol, atol
-        Largest error of a derivative: a fraction of its norm, and a number added to that.
-
-    Raises
-    ------
-    AssertionError
-        If a derivative is another. The message says how far the differences by h and by h/2 are
-        apart, as a fraction: where they are, other steps may be needed.
+        Largest error of a derivative: a fraction of its norm, and a number added to that. The
+        message says how far the differences by h and by h/2 are apart, as a fraction: where they
+        are, other steps may be needed.
 
     Examples
     --------
@@ -186,11 +172,6 @@ def prox_oracle(
         Of the random changes.
     rtol
         How much lower an objective may be, as a fraction of the solution's.
-
-    Raises
-    ------
-    AssertionError
-        If an image has a lower objective; the message says which.
 
     Examples
     --------

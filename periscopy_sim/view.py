@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.scene import Scene
 
-POINT = 1e-6
+POINT_SIDE = 1e-6
 """Side of a pixel that counts as a point, in metres."""
 
 LIFT = 1e-4
@@ -107,11 +107,8 @@ class View:
     @cached_property
     def frame(self) -> "WallFrame":
         """Axes of the field of view, by the photograph's own rows and columns."""
-        return wall_frame(self.centers, self.center_normals, self._grid)
-
-    @property
-    def _grid(self) -> tuple[int, int] | None:
-        return self.shape if self.pixels is None else None
+        shape = self.shape if self.pixels is None else None
+        return wall_frame(self.centers, self.center_normals, shape)
 
     @cached_property
     def edges(self) -> Array:
@@ -205,7 +202,7 @@ def pixel_edges(points: Array, normals: Array, shape: tuple[int, int]) -> Array:
     elif rows > 1:
         across = np.cross(normal, down)
     else:
-        across = POINT * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
+        across = POINT_SIDE * np.cross(normal, np.eye(3)[np.abs(normals[0]).argmin()])
     if rows == 1:
         down = np.cross(normal, across)
     return np.stack([down, across], axis=2).reshape(-1, 2, 3)
@@ -251,16 +248,13 @@ def wall_frame(
     center = points.mean(axis=0)
     normal = normals.mean(axis=0)
     normal /= np.linalg.norm(normal)
-    rows, columns = photograph_shape or (1, 1)
-    if columns > 1:
-        grid = points.reshape(rows, columns, 3)
+    if photograph_shape is not None and photograph_shape[1] > 1:
+        grid = points.reshape(*photograph_shape, 3)
         across = (grid[:, -1] - grid[:, 0]).mean(axis=0)
     else:
-        vertical = np.array([0.0, 0.0, 1.0])
-        across = np.cross(vertical, normal)
-        if np.linalg.norm(across) < 1e-6:
+        across = np.cross([0.0, 0.0, 1.0], normal)
+        if np.linalg.norm(across) < 1e-6:  # a floor or a ceiling
             across = np.array([1.0, 0.0, 0.0])
     across = across - (across @ normal) * normal
     across /= np.linalg.norm(across)
-    up = np.cross(across, -normal)
-    return WallFrame(center, across, normal, up)
+    return WallFrame(center, across, normal, up=np.cross(across, -normal))

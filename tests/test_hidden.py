@@ -72,12 +72,13 @@ def test_differences_of_surfaces_do_not_meet_and_follow_distances() -> None:
 
 def test_images_and_vectors() -> None:
     hidden = Hidden.of({"screen": (3, 4), "card": (2, 1)})
+    assert Hidden.of((3, 4)).shape == (3, 4)
+    with pytest.raises(ValueError, match="too many"):
+        _ = hidden.shape
     f = np.random.default_rng(2).normal(size=(hidden.patches, 3))
     images = hidden.image(f)
-    assert {name: each.shape for name, each in images.items()} == {
-        "screen": (3, 4, 3),
-        "card": (2, 1, 3),
-    }
+    shapes = {name: each.shape for name, each in images.items()}
+    assert shapes == {"screen": (3, 4, 3), "card": (2, 1, 3)}
     np.testing.assert_array_equal(hidden.vector(images), f)
     one = Hidden.of((3, 4))
     np.testing.assert_array_equal(one.vector(one.image(f[:12])), f[:12])

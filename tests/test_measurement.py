@@ -199,32 +199,28 @@ def test_seed_alone_decides_an_exposure_and_the_photograph_is_kept():
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "message"),
+    ("name", "values"),
     [
-        ("electrons", (0, -3, np.nan), "within the full well"),
-        ("electrons", (10_001,), "average more frames"),
-        ("full_well", (0, np.inf, np.nan), "full well must be positive"),
-        ("read_noise", (-1, np.nan, 900), "twelfth"),
-        ("bit_depth", (3, 33, 10.5), "4 to 32, not "),
-        ("frames", (0, 1.5, np.nan, np.inf), "whole number above 0"),
+        ("electrons", (0, -3, np.nan, 10_001)),
+        ("full_well", (0, np.inf, np.nan)),
+        ("read_noise", (-1, np.nan, 900)),
+        ("bit_depth", (3, 33, 10.5)),
+        ("frames", (0, 1.5, np.nan, np.inf)),
     ],
 )
-def test_sensor_that_cannot_be_is_refused(name, values, message):
+def test_sensor_that_cannot_be_is_rejected_by_name(name, values):
     for value in values:
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(ValueError, match=rf"^{name} of the sensor is {value}: give "):
             Sensor(**{"electrons": 100, name: value})
 
 
-@pytest.mark.parametrize(
-    ("photograph", "reference", "message"),
-    [
-        (np.ones((4, 4)), None, r"\(rows, columns, channels\), not of shape \(4, 4\)"),
-        (np.full(SHAPE, -1e-9), None, "not negative"),
-        (np.full(SHAPE, np.inf), 1.0, "finite"),
-        (np.zeros(SHAPE), None, "is the photograph black"),
-        *((np.ones(SHAPE), wrong, "must be positive, not") for wrong in (0.0, -1.0, np.nan)),
-    ],
-)
-def test_light_that_cannot_be_exposed_is_refused(photograph, reference, message):
-    with pytest.raises(ValueError, match=message):
-        Sensor(electrons=100).expose(photograph, 0, reference)
+@pytest.mark.parametrize("light", [np.ones((4, 4)), np.full(SHAPE, -1e-9), np.full(SHAPE, np.inf)])
+def test_light_that_cannot_be_exposed_is_rejected(light):
+    with pytest.raises(ValueError, match="light to expose"):
+        Sensor(electrons=100).expose(light, 0, 1.0)
+
+
+@pytest.mark.parametrize("reference", [None, 0.0, -1.0, np.nan])
+def test_exposure_by_no_light_is_rejected(reference):
+    with pytest.raises(ValueError, match="must be positive, not"):
+        Sensor(electrons=100).expose(np.zeros(SHAPE), 0, reference)

@@ -63,18 +63,17 @@ def test_a_name_that_no_file_can_have_is_refused(find):
     assert "a" * 100 in refusal(find, "a" * 5000)
 
 
+ELSEWHERE = (
+    "mine/chair.xml",
+    "../chair.xml",
+    "ambient/../chair",
+    "{}/chair.xml",
+    "{}/scenes/own.xml",
+)
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        *("", ".", "scenes", "images", "chair.obj", "chair.xml.bak"),
-        *(
-            "mine/chair.xml",
-            "../chair.xml",
-            "ambient/../chair",
-            "{}/chair.xml",
-            "{}/scenes/own.xml",
-        ),
-    ],
+    "name", ["", ".", "scenes", "images", "chair.obj", "chair.xml.bak", *ELSEWHERE]
 )
 def test_a_missing_file_is_not_taken_for_a_shipped_one(name, tmp_path):
     (tmp_path / "own.xml").write_text("<scene/>")

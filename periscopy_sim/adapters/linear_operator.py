@@ -1,46 +1,48 @@
 """The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
-from periscopy_sim.hidden import Size
+from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.transport_operator import Matrix, row_blocks
 from periscopy_sim.scenario import Scenario
 
 
 class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
-    """A over images: a vector is ``image.ravel()`` of a (rows, columns, 3) image.
+    """A over images: a vector is ``image.ravel()`` of a (rows, columns, C) image.
 
-    A product is one of BLAS, ``A @ x.reshape(N, 3)``, and nothing is copied. Products are of A's
+    A product is one of BLAS, ``A @ x.reshape(N, C)``, and nothing is copied. Products are of A's
     type: with a float32 A, vectors of float64 are rounded, A is never converted.
 
     Attributes
     ----------
-    hidden_shape, photograph_shape
-        (rows, columns, 3) of the images that vectors hold.
+    hidden
+        The hidden surfaces, whose patches are A's columns.
+    photograph_shape
+        (rows, columns).
     channel_gain
-        (3,) the wall's colour.
+        (C,) the wall's colour.
     """
 
     def __init__(
-        self, A: Matrix, hidden_shape: Size, photograph_shape: Size, channel_gain: ArrayLike
+        self, A: Matrix, hidden: Hidden, photograph_shape: Size, channel_gain: NDArray[Any]
     ) -> None:
-        (M, N), dtype = A.shape, np.dtype(getattr(A, "dtype", np.float32))
-        super().__init__(dtype, (3 * M, 3 * N))
-        self.A = A
-        self.hidden_shape, self.photograph_shape = (*hidden_shape, 3), (*photograph_shape, 3)
-        self.channel_gain = np.asarray(channel_gain, dtype)
+        (M, N), C = A.shape, len(channel_gain)
+        super().__init__(np.dtype(getattr(A, "dtype", np.float32)), (C * M, C * N))
+        self.A, self.hidden, self.photograph_shape = A, hidden, photograph_shape
+        self.channel_gain = channel_gain.astype(self.dtype)
 
-    def image(self, x: ArrayLike) -> NDArray[Any]:
-        """Return a vector as the hidden image that it holds, (rows, columns, 3)."""
-        return np.reshape(x, self.hidden_shape)
+    def image(self, x: ArrayLike) -> Any:
+        """Return a vector as the hidden image that it holds; see `Hidden.image`."""
+        return self.hidden.image(np.reshape(x, (self.hidden.patches, -1)))
 
     def photograph(self, y: ArrayLike) -> NDArray[Any]:
-        """Return a vector as the photograph that it holds, (rows, columns, 3)."""
-        return np.reshape(y, self.photograph_shape)
+        """Return a vector as the photograph that it holds, (rows, columns, C)."""
+        return np.reshape(y, (*self.photograph_shape, -1))
 
     def _matmat(self, X: NDArray[Any]) -> NDArray[Any]:
         f = self._planes(X)
@@ -60,22 +62,15 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
         return self._rmatmat(y.reshape(-1, 1)).ravel()
 
     def _planes(self, X: NDArray[Any]) -> NDArray[Any]:
-        """Return (3 n, K) as (n, 3 K), of A's type."""
-        return np.asarray(X, self.dtype).reshape(-1, 3 * X.shape[1])
+        """Return (C n, K) as (n, C K), of A's type."""
+        return np.asarray(X, self.dtype).reshape(-1, len(self.channel_gain) * X.shape[1])
 
     def _coloured(self, y: NDArray[Any]) -> NDArray[Any]:
         gain = self.channel_gain
-        return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // 3)
+        return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // len(gain))
 
 
-def transport_operator(
-    transport: Any,
-    *,
-    scene: Scenario | None = None,
-    hidden_shape: Size | None = None,
-    photograph_shape: Size | None = None,
-    channel_gain: ArrayLike | None = None,
-) -> ImageOperator:
+def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
     """Return the light transport as a SciPy linear operator over images.
 
     Parameters
@@ -84,21 +79,18 @@ def transport_operator(
         A scene, whose A is rendered; or A, (M, N) of float32 or float64, or what makes its rows
         anew in every pass (``row_blocks``, such as `RenderedTransport`).
     scene
-        The scene of A: its sizes and the colour of its wall are taken from it.
-    hidden_shape, photograph_shape
-        (rows, columns); without a scene and without these, one row.
-    channel_gain
-        (3,) colour of the wall; None for the scene's, or grey.
+        The scene of A, or anything with its ``photograph_shape``, its ``hidden`` surfaces, or their
+        (R, C), and its ``channel_gain``, (C,); None for images of one row and a grey wall.
 
     Returns
     -------
     ImageOperator
-        (3 M, 3 N): of ``image.ravel()`` to ``photograph.ravel()``.
+        (C M, C N): of ``image.ravel()`` to ``photograph.ravel()``.
 
     Raises
     ------
     ValueError
-        If the sizes or the colour do not fit A.
+        If the scene's sizes do not fit A.
     """
     if isinstance(transport, Scenario):
         from periscopy_sim.rendering.transport.plan import transport as transport_of
@@ -107,17 +99,9 @@ def transport_operator(
     A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
     if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
         raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
-    M, N = A.shape
-    photograph_shape = photograph_shape or (scene.photograph_shape if scene else (1, M))
-    hidden_shape = hidden_shape or (scene.hidden_shape if scene else (1, N))
-    if (np.prod(photograph_shape), np.prod(hidden_shape)) != (M, N):
-        raise ValueError(
-            f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
-            f"of {hidden_shape} have not as many"
-        )
-    if channel_gain is None:
-        channel_gain = scene.channel_gain if scene else np.ones(3)
-    gain = np.asarray(channel_gain)
-    if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
-        raise ValueError("the wall's colour is 3 finite numbers that are not negative")
-    return ImageOperator(A, hidden_shape, photograph_shape, gain)
+    if scene is None:
+        return ImageOperator(A, Hidden.of((1, A.shape[1])), (1, A.shape[0]), np.ones(3))
+    hidden, shape = Hidden.of(scene.hidden), scene.photograph_shape
+    if (math.prod(shape), hidden.patches) != A.shape:
+        raise ValueError(f"A is {A.shape}; photographs {shape} and hidden images {hidden.sizes}")
+    return ImageOperator(A, hidden, shape, np.asarray(scene.channel_gain))

@@ -4,12 +4,10 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from periscopy_sim.adapters.linear_operator import transport_operator
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import Size
-from periscopy_sim.scenario import Scenario
 
 
 class TorchTransport:
@@ -21,49 +19,38 @@ class TorchTransport:
     ----------
     transport
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
+    scene
+        As of `transport_operator`.
     device, dtype
         Where A is kept, and as what; None for the CPU and A's own type.
-    scene, hidden_shape, photograph_shape, channel_gain
-        As of `transport_operator`.
 
     Attributes
     ----------
     A
         (M, N) tensor.
-    hidden_shape, photograph_shape
-        (rows, columns).
+    hidden
+        The hidden surface, (R, C) patches.
+    photograph_shape
+        (r, c), rows and columns.
     gain
-        (3, 1) tensor, the wall's colour.
+        (channels, 1) tensor, the wall's colour.
 
     Raises
     ------
     PeriscopyError
         If PyTorch is not installed.
     ValueError
-        If A is not in memory, or the sizes or the colour do not fit it.
+        If A is not in memory, or the sizes do not fit it.
     """
 
     def __init__(
-        self,
-        transport: Any,
-        *,
-        device: Any = None,
-        dtype: Any = None,
-        scene: Scenario | None = None,
-        hidden_shape: Size | None = None,
-        photograph_shape: Size | None = None,
-        channel_gain: ArrayLike | None = None,
+        self, transport: Any, scene: Any = None, *, device: Any = None, dtype: Any = None
     ) -> None:
         torch = require("torch")
         if hasattr(transport, "row_blocks"):
             raise ValueError("tensors need A in memory: give what render_transport returns")
-        known = transport_operator(
-            transport, scene=scene, hidden_shape=hidden_shape, photograph_shape=photograph_shape,
-            channel_gain=channel_gain,
-        )  # fmt: skip
-        self.hidden_shape, self.photograph_shape = (
-            shape[:2] for shape in (known.hidden_shape, known.photograph_shape)
-        )
+        known = transport_operator(transport, scene)
+        self.hidden, self.photograph_shape = known.hidden, known.photograph_shape
         A = np.require(known.A, requirements=["C", "W"])
         self.A = torch.as_tensor(A, device=device, dtype=dtype)
         self.gain = torch.as_tensor(known.channel_gain).to(self.A)[:, None]
@@ -76,26 +63,24 @@ class TorchTransport:
         return moved
 
     def forward(self, image: Any) -> Any:
-        """Return the photographs, (..., 3, r, c), of hidden images, (..., 3, R, C)."""
-        f = self._planes(image, self.hidden_shape, "hidden images")
-        y = self._coloured(f @ self.A.T)
+        """Return photographs, (..., channels, r, c), of images, (..., channels, R, C)."""
+        y = self._coloured(self._planes(image, self.hidden.shape, "hidden images") @ self.A.T)
         return y.reshape(*image.shape[:-2], *self.photograph_shape)
 
     def adjoint(self, photograph: Any) -> Any:
-        """Return the adjoint's images, (..., 3, R, C), of photographs, (..., 3, r, c)."""
+        """Return the adjoint's images, (..., channels, R, C), of such photographs."""
         y = self._planes(photograph, self.photograph_shape, "photographs")
-        f = self._coloured(y) @ self.A
-        return f.reshape(*photograph.shape[:-2], *self.hidden_shape)
+        return (self._coloured(y) @ self.A).reshape(*photograph.shape[:-2], *self.hidden.shape)
 
     __call__ = forward
 
     def _coloured(self, y: Any) -> Any:
-        return (y.reshape(-1, 3, y.shape[-1]) * self.gain).reshape(y.shape)
+        return (y.reshape(-1, len(self.gain), y.shape[-1]) * self.gain).reshape(y.shape)
 
     def _planes(self, images: Any, shape: Size, what: str) -> Any:
-        """Return (..., 3, rows, columns) as (K, rows * columns)."""
-        if images.ndim < 3 or tuple(images.shape[-3:]) != (3, *shape):
-            raise ValueError(
-                f"{what} are (..., 3, {shape[0]}, {shape[1]}), not {tuple(images.shape)}"
-            )
+        """Return (..., channels, rows, columns) as (K, rows * columns)."""
+        expected = len(self.gain), *shape
+        if tuple(images.shape[-3:]) != expected:
+            sizes = ", ".join(map(str, expected))
+            raise ValueError(f"{what} are (..., {sizes}), not {tuple(images.shape)}")
         return images.reshape(-1, shape[0] * shape[1])

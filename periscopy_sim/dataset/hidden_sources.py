@@ -50,7 +50,7 @@ class Shapes(Source):
         heading = rng.uniform(0, 2 * np.pi, count)
         pace = np.array([speed.draw(rng) for _ in range(count)])
         velocity = pace[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        clip = np.empty((frames, *shape, 3))
+        clip = np.empty((frames, *shape, len(ground)))
         for t in range(frames):
             # Straight paths, folded into the image as if its edges were mirrors.
             places = np.abs((start + t * velocity + size) % (2 * size) - size)
@@ -101,7 +101,7 @@ class Gratings(Source):
         if rng.random() < self.square:
             wave = np.where(wave > 0, 1.0, -1.0)
         ground, ink = _contrasting(rng)
-        return ground + _averaged((1 + wave[..., None]) / 2, shape) * (ink - ground)
+        return ground + _patch_means((1 + wave[..., None]) / 2, shape) * (ink - ground)
 
 
 class Smooth(Source):
@@ -209,25 +209,25 @@ def _outline(rng: Rng) -> Array:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _averaged(image: Array, shape: tuple[int, int]) -> Array:
+def _patch_means(image: Array, shape: tuple[int, int]) -> Array:
     """Return the mean of an oversampled image over each patch: (R, C, channels)."""
     k = OVERSAMPLING
     return np.asarray(image.reshape(shape[0], k, shape[1], k, -1).mean(axis=(1, 3)))
 
 
-def _drawn(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
+def _coverage(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
     """Return the fraction of each patch that a drawing covers: (R, C, 1)."""
     from PIL import Image, ImageDraw
 
     mask = Image.new("L", (OVERSAMPLING * shape[1], OVERSAMPLING * shape[0]))
     draw(ImageDraw.Draw(mask))
-    return _averaged(np.asarray(mask, np.float64)[..., None] / 255, shape)
+    return _patch_means(np.asarray(mask, np.float64)[..., None] / 255, shape)
 
 
 def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
     """Return the fraction of each patch within a polygon given in image heights: (R, C, 1)."""
     places = (OVERSAMPLING * shape[0] * corners).ravel().tolist()
-    return _drawn(shape, lambda canvas: canvas.polygon(places, fill=255))
+    return _coverage(shape, lambda canvas: canvas.polygon(places, fill=255))
 
 
 def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -> Array:
@@ -239,7 +239,7 @@ def _lettering(text: str, height: float, place: Array, shape: tuple[int, int]) -
         font = _font(max(8, int(font.size * shrink)))
         box = np.reshape(font.getbbox(text), (2, 2))
     corner = place * (room - (box[1] - box[0])) - box[0]
-    return _drawn(shape, lambda canvas: canvas.text(tuple(corner), text, fill=255, font=font))
+    return _coverage(shape, lambda canvas: canvas.text(tuple(corner), text, fill=255, font=font))
 
 
 @lru_cache(maxsize=256)

@@ -3,21 +3,20 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
-from periscopy_sim.dataset.reading import KIND, Layout
+from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
     GeometryDraw,
     backgrounds_of,
     draw_geometry,
-    geometry_of,
     make_samples,
+    render_geometry,
     scenario_of,
 )
 from periscopy_sim.errors import ConfigurationError
@@ -75,11 +74,6 @@ def make_dataset(
         Called with each ambient condition that is rendered, gives the function that takes the
         fraction done.
 
-    Returns
-    -------
-    Made
-        Numbers of samples and of their geometries, and splits that stay empty.
-
     Raises
     ------
     PeriscopyError
@@ -128,10 +122,8 @@ def make_dataset(
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         made = sum(store.layout.size(n) for blocks in shares.values() for n in blocks)
         done = layout.count - made
-        # No sample depends on the count, and a geometry is remembered by this text.
-        text = settings.model_copy(update={"count": 1}).model_dump_json()
-        making = partial(make_block, text, layout.photograph_shape, backgrounds)
-        for block, values in _made(making, text, shares, scheduler):
+        shared = settings, layout.photograph_shape, backgrounds
+        for block, values in _made(shared, shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             store.write(block, values)
@@ -140,21 +132,6 @@ def make_dataset(
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
-
-
-def make_block(
-    configuration: str,
-    photograph_shape: tuple[int, int],
-    backgrounds: Backgrounds,
-    geometry: int,
-    block: int,
-) -> Block:
-    """Make a block of samples of a geometry, given the configuration as JSON."""
-    settings = Configuration.model_validate_json(configuration)
-    ready = geometry_of(configuration, geometry)
-    _check_shape(geometry, ready.scenario, photograph_shape)
-    start = block * settings.samples_per_shard
-    return make_samples(settings, ready, backgrounds, start, start + settings.samples_per_shard)
 
 
 def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -> None:
@@ -166,24 +143,38 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
 
 
 def _made(
-    making: Callable[[int, int], Block],
-    configuration: str,
-    shares: Mapping[int, Sequence[int]],
-    scheduler: str | None,
+    shared: "_Shared", shares: Mapping[int, Sequence[int]], scheduler: str | None
 ) -> Iterator[tuple[int, Block]]:
-    """Make blocks, geometry by geometry, each where a worker is free."""
+    """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
     if scheduler is None or not shares:
-        for geometry, blocks in shares.items():
-            geometry_of(configuration, geometry)  # rendered here, not in the threads
-            yield from zip(blocks, ahead(partial(making, geometry), blocks), strict=True)
+        for share in shares.items():
+            yield from _blocks(shared, share, ahead)
         return
     with connect(scheduler) as client:
-        for (_, blocks), made in compute(client, _make_share, making, shares.items()):
-            yield from zip(blocks, made, strict=True)
+        for _, blocks in compute(client, _make_share, shared, shares.items()):
+            yield from blocks
 
 
-def _make_share(making: Callable[[int, int], Block], share: tuple[int, Any]) -> list[Block]:
-    return [making(share[0], block) for block in share[1]]
+_Shared = tuple[Configuration, tuple[int, int], Backgrounds]
+"""The configuration, the photographs' (rows, columns), and the ambient light."""
+
+
+def _make_share(shared: _Shared, share: tuple[int, Any]) -> list[tuple[int, Block]]:
+    return list(_blocks(shared, share, map))
+
+
+def _blocks(
+    shared: _Shared, share: tuple[int, Sequence[int]], calls: Callable[..., Any]
+) -> Iterator[tuple[int, Block]]:
+    """Yield the numbered blocks of one geometry, each made when `calls`, like `map`, calls."""
+    (settings, shape, backgrounds), (geometry, blocks) = shared, share
+    ready, size = render_geometry(settings, geometry), settings.samples_per_shard
+    _check_shape(geometry, ready.scenario, shape)
+
+    def make(block: int) -> Block:
+        return make_samples(settings, ready, backgrounds, block * size, (block + 1) * size)
+
+    yield from zip(blocks, calls(make, blocks), strict=True)
 
 
 def _labels(
@@ -204,4 +195,4 @@ def _labels(
         except ValueError:
             variables[f"parameter_{name}"] = texts
     of_geometries = {name: ("geometries", values) for name, values in variables.items()}
-    return {**of_geometries, "channel": ("channel", ["red", "green", "blue"])}
+    return {**of_geometries, "channel": ("channel", [*CHANNELS])}

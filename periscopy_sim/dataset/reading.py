@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 KIND = "periscopy data set"
 
+CHANNELS = ("red", "green", "blue")
 PIXELS = ("row", "column", "channel")
 PATCHES = ("hidden_row", "hidden_column", "channel")
 
@@ -55,10 +56,8 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 `BOUNCED_ERROR` is there only if A has light that bounces.
 """
 
-
 MOST_SAMPLES = 10**8
 """Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
-
 
 Count = Annotated[int, Field(strict=True, ge=1)]
 Size = Annotated[Count, Field(le=MOST_SAMPLES)]
@@ -87,8 +86,11 @@ class Layout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
-        pixels = ((*self.photograph_shape, 3), PIXELS, self.photograph_type)
-        stacks = {"photograph": pixels, "hidden": ((*self.hidden_shape, 3), PATCHES, "float32")}
+        shape, patches = (
+            (*each, len(CHANNELS)) for each in (self.photograph_shape, self.hidden_shape)
+        )
+        pixels = (shape, PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels, "hidden": (patches, PATCHES, "float32")}
         stacks |= {"background": pixels} if self.keep_background else {}
         laid_out: dict[str, dict[str, Any]] = {}
         for name, (shape, dimensions, dtype) in stacks.items():
@@ -166,8 +168,6 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     ------
     DatasetError
         If the path holds no data set, or one in the making unless `incomplete`.
-    PeriscopyError
-        If a package of the extra ``dataset`` is not installed.
     """
     require_all()
     import xarray as xr

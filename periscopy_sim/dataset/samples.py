@@ -9,7 +9,6 @@ import threading
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -171,12 +170,10 @@ def make_samples(
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     hidden = np.concatenate([clip.hidden for clip in clips])
     signals = _signals(geometry, hidden)
-    photographs = np.empty((len(hidden), *scenario.photograph_shape, 3), np.float32)
+    photographs = np.empty(signals.shape, np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
-    scales = np.empty(len(hidden))
-
-    def mixed(light: Array) -> Array:
-        return light if configuration.colours is None else configuration.colours.mix(light)
+    scales, colours = np.empty(len(hidden)), configuration.colours
+    mixed = np.asarray if colours is None else colours.mix
 
     def expose(number: int) -> None:
         """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
@@ -224,34 +221,34 @@ def make_samples(
 def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
     """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
-    f = np.moveaxis(hidden.reshape(len(hidden), -1, 3), -1, 1)  # a row for each channel
+    frames, channels = hidden.shape[0], hidden.shape[-1]
+    f = np.moveaxis(hidden.reshape(frames, -1, channels), -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
     # One product with the channels' mean of A serves all frames and channels; bounced light alone
     # differs by channel, and is added as the small difference from that mean.
-    y = times_rows(rows, channels_mean(A)).reshape(len(hidden), 3, -1)
+    y = times_rows(rows, channels_mean(A)).reshape(frames, channels, -1)
     if isinstance(A, BouncedTransport):
         y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
     y *= scenario.channel_gain.astype(np.float32)[:, None]
-    return np.moveaxis(y, 1, -1).reshape(len(hidden), *scenario.photograph_shape, 3)
+    return np.moveaxis(y, 1, -1).reshape(frames, *scenario.photograph_shape, channels)
 
 
 def _background(
     ambient: AmbientDraw, scenario: Scenario, backgrounds: "Backgrounds"
 ) -> Array | None:
     """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
-    shape = (*scenario.photograph_shape, 3)
     if ambient.lamps is not None:
         (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
         light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
-        return (light * scenario.channel_gain).reshape(shape)
+        return (light * scenario.channel_gain).reshape(*scenario.photograph_shape, -1)
     if not ambient.mixture:
         return None
-    pictures = backgrounds[ambient.source]
-    total = np.zeros(shape)
+    total = 0.0
     for which, weight, down, across in ambient.mixture:
-        picture = pictures[which, :: -1 if down else 1, :: -1 if across else 1].astype(np.float64)
-        total += weight / picture.mean() * picture  # weights are of light, whatever the unit
+        turned = slice(None, None, -1 if down else 1), slice(None, None, -1 if across else 1)
+        picture = backgrounds[ambient.source][which][turned].astype(np.float64)
+        total = total + weight / picture.mean() * picture  # weights are of light, in any unit
     return total * scenario.channel_gain
 
 
@@ -289,7 +286,7 @@ def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
 Backgrounds = Mapping[int, NDArray[np.float32]]
 """By ambient source: (K, rows, columns, 3) light on a grey wall, in any unit."""
 
-_rendering = threading.RLock()
+_rendering = threading.Lock()
 """Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
 
 
@@ -313,21 +310,16 @@ def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
         raise ConfigurationError(f"{place}: {error}") from error
 
 
-def geometry_of(configuration: str, number: int) -> Geometry:
-    """Return a geometry, given the configuration as JSON; the last few are remembered."""
-    with _rendering:  # a thread that waits for a geometry finds it remembered
-        return _rendered(configuration, number)
-
-
-@lru_cache(maxsize=4)  # direct light takes 66 MB each at 36 x 29 patches and 126 x 126 pixels
-def _rendered(configuration: str, number: int) -> Geometry:
-    settings = Configuration.model_validate_json(configuration)
+def render_geometry(settings: Configuration, number: int) -> Geometry:
+    """Return a geometry with its A: 66 MB at 36 x 29 patches, 126 x 126 pixels, direct light."""
     draw, light = draw_geometry(settings, number), settings.light
     scenario = scenario_of(settings, draw)
-    # The seed is the data set's own: samples of A are no random draw of a sample.
-    A = render_transport(scenario, samples=light.samples, seed=settings.seed)
-    if isinstance(light, Bounced):
-        return Geometry(draw, scenario, add_bounces(scenario, A, light.bounces, seed=settings.seed))
+    with _rendering:
+        # The seed is the data set's own: samples of A are no random draw of a sample.
+        A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+        if isinstance(light, Bounced):
+            bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
+            return Geometry(draw, scenario, bounced)
     return Geometry(draw, scenario, A)
 
 

@@ -32,8 +32,6 @@ class TorchDataset:
 
     Raises
     ------
-    PeriscopyError
-        If PyTorch is not installed.
     DatasetError
         If the path holds no finished data set, the split no samples, or a variable is not known.
     """
@@ -65,7 +63,7 @@ class TorchDataset:
         return len(self.samples)
 
     def __getitem__(self, number: int) -> Any:
-        """Return a sample: its variables' tensors by name. Anything but one number is a TypeError.
+        """Return a sample: its variables' tensors by name.
 
         A `DataLoader` makes batches, and ``torch.utils.data.Subset`` is a part of the samples.
         """
@@ -79,10 +77,6 @@ class TorchDataset:
 
             self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
         group = self._opened[1]
-        for each in indices:
-            if getattr(each, "shape", ()) or not hasattr(each, "__index__"):
-                what = f"not {type(each).__name__}; a DataLoader makes batches"
-                raise TypeError(f"an index is one number, {what}")
         chosen = self.samples[np.array([*map(index, indices)], int)]
         wanted, places = np.unique(chosen, return_inverse=True)
         columns = {name: group[name].oindex[wanted][places] for name in self.variables}

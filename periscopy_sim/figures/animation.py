@@ -99,19 +99,16 @@ def _write_movie(path: Path, pictures: Iterator[Pixels], rate: float, text: dict
         container.mux(stream.encode(None))
 
 
-def side_by_side(
-    titles: Sequence[str], images: Sequence[Image], height: int = 240, gap: int = 8
-) -> Pixels:
+def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
     """Return panels of linear images on white, (rows, columns, 3), each centred under its title.
 
-    The images are (rows, columns, 3) in [0, 1]. A panel has about `height` rows, and at most twice
-    as many columns unless patches are smaller; a title stands in 4 gaps.
+    The images are (rows, columns, 3) in [0, 1].
     """
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    font = ImageFont.load_default(20)
-    panels = [Pillow.fromarray(_panel(image, height)) for image in images]
+    font, gap = ImageFont.load_default(20), 8
+    panels = [Pillow.fromarray(_panel(image)) for image in images]
     rows, columns = max(panel.height for panel in panels), []
     for title, panel in zip(titles, panels, strict=True):
         width = max(panel.width, int(np.ceil(font.getlength(title)))) + 2 * gap
@@ -122,16 +119,19 @@ def side_by_side(
     return np.hstack([np.asarray(column) for column in columns])
 
 
-def _panel(image: Image, height: int) -> Pixels:
-    """Return 8-bit sRGB pixels of an image at about a panel's height, its patches square."""
-    rows, columns, _ = image.shape
+def _panel(image: Image) -> Pixels:
+    """Return 8-bit sRGB pixels of an image, its patches square.
+
+    It has about 240 rows, and at most twice as many columns unless patches are smaller.
+    """
+    (rows, columns, _), height = image.shape, 240
     factor = max(1, min(round(height / rows), 2 * height // columns))
     if rows > 1.5 * height:
         image = area_average(image, (height, max(1, round(columns * height / rows))))
     return srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def evenly_chosen(count: int, most: int) -> list[int]:
+def evenly_spaced(count: int, most: int) -> list[int]:
     """Return at most so many of the numbers below `count`, the first and the last among them."""
     return [int(k) for k in np.linspace(0, count - 1, min(count, most)).round()]
 
@@ -174,12 +174,12 @@ def draw_contact_sheet(
                 below[-1].set_xlabel(notes[k], fontsize=fontsize)
 
 
-def white_of(frames: Image, most: int = 1000) -> float:
-    """Choose one white for a whole sequence, so that its brightness does not flicker.
+def white_of(frames: Image) -> float:
+    """Return one white for a whole sequence, whose brightness then does not flicker.
 
-    The 99.5th percentile; of a long sequence, that of `most` frames evenly chosen.
+    It is the 99.5th percentile of up to 1000 frames, evenly chosen.
     """
-    return float(np.percentile(frames[evenly_chosen(len(frames), most)], 99.5))
+    return float(np.percentile(frames[evenly_spaced(len(frames), 1000)], 99.5))
 
 
 def draw_frames(
@@ -204,13 +204,12 @@ def draw_sheet(
     images: Image,
     errors: Sequence[float],
     text: dict[str, str],
-    most: int = 8,
 ) -> None:
-    """Draw photograph, hidden image and gain-matched image of evenly chosen frames (Fig. 7).
+    """Draw photograph, hidden image and gain-matched image of 8 frames evenly chosen (Fig. 7).
 
     The frames' mean squared errors, `errors`, stand beneath.
     """
-    chosen = evenly_chosen(len(errors), most)
+    chosen = evenly_spaced(len(errors), 8)
     white = white_of(photographs)
     rows = [
         ("photograph", [displayable(photographs[k], white) for k in chosen]),

@@ -34,9 +34,9 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
     return np.broadcast_to(light, (*light.shape[:-1], 3))
 
 
-def write_enlarged(path: Path, image: Image, text: Mapping[str, str], width: int = 720) -> None:
-    """Write linear light by `write_png`, patches repeated to about `width` pixels in all."""
-    write_png(path, image, text, max(1, width // image.shape[1]))
+def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
+    """Write linear light by `write_png`, patches repeated to about 720 pixels across in all."""
+    write_png(path, image, text, max(1, 720 // image.shape[1]))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
@@ -205,18 +205,16 @@ def draw_residual(
         figure.supxlabel(caption)
 
 
-def residual_map(residual: "Residual", least: float = 4.0) -> tuple[Array, float, str]:
+def residual_map(residual: "Residual") -> tuple[Array, float, str]:
     """Return the map of a residual, (rows, columns), the bound of its colours, and its unit.
 
     The map is the mean over the channels, divided by the standard deviation of its noise, or, if
-    noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN. The
-    colours reach at least so many deviations: noise alone then looks pale.
+    noise is not known, in percent of the photograph's root mean square. Masked pixels are NaN.
     """
     level = float(np.sqrt(np.nanmean(residual.light**2))) / (residual.unexplained or 1) or 1.0
-    mean = residual.light.mean(axis=2) / level
-    if residual.noise_alone:
-        values = mean * np.sqrt(residual.light.shape[2]) / residual.noise_alone
-        unit = "standard deviations of noise"
+    values, unit, least = residual.light.mean(axis=2) / level, "standard deviations of noise", 4.0
+    if residual.noise_alone:  # at 4 deviations or more, noise alone looks pale
+        values *= np.sqrt(residual.light.shape[2]) / residual.noise_alone
     else:
-        values, unit, least = 100 * mean, "% of the photograph's root mean square", 0.0
+        values, unit, least = 100 * values, "% of the photograph's root mean square", 0.0
     return values, max(least, float(np.nanpercentile(np.abs(values), 99))) or 1.0, unit

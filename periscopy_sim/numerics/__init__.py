@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-SAMPLED = 64
+SAMPLED_ROWS = 64
 """Rows looked at, about: of numbers in double precision, one of 2^29 is exact in single."""
 
 
@@ -31,7 +31,7 @@ def precision_of(values: ArrayLike) -> float:
 @np.errstate(over="ignore")
 def cast_columns(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which columns of float64 are exact in single, not in half precision: cast from it."""
-    some = values[:: max(1, len(values) // SAMPLED)]
+    some = values[:: max(1, len(values) // SAMPLED_ROWS)]
     if values.dtype != np.float64:
         return np.zeros(some.shape[1:], bool)
     single, half = ((some == some.astype(t)).all(axis=0) for t in (np.float32, np.float16))

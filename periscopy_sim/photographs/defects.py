@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.photograph import Photograph, common_pixels
+from periscopy_sim.photograph import Photograph, common_pixels, with_channels
 
 PLATEAU = 5
 """Fewest values at the top of a channel that make a plateau."""
@@ -20,7 +20,7 @@ PLATEAU = 5
 LEVELS = 16
 """Fewest levels of a channel below its top: with fewer, flat parts and plateaus look the same."""
 
-DETACHED = 1 / 8
+DETACHED_GAP = 1 / 8
 """Gap below the top level, as a fraction of a channel's range, that alone makes a plateau."""
 
 THRESHOLD = 7.0
@@ -30,7 +30,7 @@ White Gaussian noise exceeds them at a rate of 1.3e-12: once in 16 million photo
 pixels.
 """
 
-BRIGHTER = 0.1
+HOT_EXCESS = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
 
 
@@ -86,18 +86,12 @@ def defective_pixels(
     mask
         (rows, columns), True in the pixels to examine; None for all. Values that are not finite are
         left aside as well.
-
-    Raises
-    ------
-    ValueError
-        If the photograph has another number of dimensions, or the mask another shape.
     """
     if isinstance(photograph, Photograph):
         mask, photograph = common_pixels(mask, photograph.mask), photograph.values
-    values = np.asarray(photograph)
-    values = values[..., np.newaxis] if values.ndim == 2 else values
+    values = with_channels(np.asarray(photograph), "the photograph")
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
-    if values.ndim != 3 or used.shape != values.shape[:2]:
+    if used.shape != values.shape[:2]:
         raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
     saturated, dead, hot = kinds = np.zeros((3, *values.shape[:2]), bool)
     for light in np.moveaxis(values, -1, 0):
@@ -116,14 +110,14 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
     """
     everywhere = np.ones(photograph.shape[:2], bool)
     channels = [_saturated(each, everywhere) for each in np.moveaxis(photograph, -1, 0)]
-    return np.asarray(np.logical_or.reduce(channels))
+    return np.asarray(np.any(channels, axis=0))
 
 
 def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     levels, counts = np.unique(channel[valid], return_counts=True)
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:
         return np.zeros(channel.shape, bool)
-    is_detached = levels[-1] - levels[-2] > DETACHED * (levels[-1] - levels[0])
+    is_detached = levels[-1] - levels[-2] > DETACHED_GAP * (levels[-1] - levels[0])
     is_plateau = is_detached or counts[-1] > 1.5 * counts[-9:-1].sum()
     return np.asarray(valid & (channel == levels[-1]) & is_plateau)
 
@@ -158,7 +152,7 @@ def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
 
     # The second brightest of the eight beside: half as far above at most one of them may be.
     second = ndimage.rank_filter(light, -2, footprint=beside, mode="constant", cval=-np.inf)
-    hot = valid & (above > np.maximum(THRESHOLD * noise, BRIGHTER * np.maximum(median, 0)))
+    hot = valid & (above > np.maximum(THRESHOLD * noise, HOT_EXCESS * np.maximum(median, 0)))
     hot &= second <= median + above / 2
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
     lit_too, candidates = median + np.maximum(above / 4, THRESHOLD * noise), 0

@@ -4,7 +4,7 @@ The black level or a dark frame is subtracted, photographs are averaged, and a f
 out.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ class SensorImage:
     Bayer mosaic. Marks are in pixels of the sensor; masks may be.
     """
 
-    values: NDArray[np.float32]  # (rows, columns, 3)
+    values: NDArray[np.float32]  # (rows, columns, C)
     saturated: Mask  # (rows, columns), where a channel is saturated
     cell: int = 1
 
@@ -58,8 +58,6 @@ def sensor_image(
         light = array.astype(np.float32)
     if not light.size or not np.isfinite(light).all():
         raise PhotographError(f"{name}: has no pixels, or NaN or infinite values; replace them")
-    if white is not None and np.isnan(white):
-        raise PhotographError(f"{name}: the saturation value is NaN; give a number")
     if white is None:
         largest = int(array.max()) if array.dtype.kind in "iu" else 0
         # 2ⁿ - 1 has no bit in common with 2ⁿ.
@@ -106,28 +104,19 @@ def develop(
     flat
         A photograph of an evenly lit white surface, to divide by. Pixels where it is dark or
         saturated count as saturated.
-
-    Raises
-    ------
-    PhotographError
-        If sizes differ, or a value is not finite.
     """
     if dark is not None and black:
         raise PhotographError("a dark frame holds the black level; give one of the two")
-    darkness = None if dark is None else sensor_image(dark, "the dark frame")
     if not abs(black) < LIGHT_RANGE[1]:
         raise PhotographError(f"the black level is {black:g}; give a finite count")
-    offset = black if darkness is None else darkness.values
-
-    def exposures() -> Iterator[SensorImage]:
-        for k, each in enumerate(photographs):
-            exposure = sensor_image(each, f"photograph {k}")
-            if darkness is not None:
-                check_same_size(darkness.size, exposure.size, "the dark frame")
-                exposure = replace(exposure, saturated=exposure.saturated | darkness.saturated)
-            yield replace(exposure, values=exposure.values - offset)
-
-    light = average(exposures(), "photographs")
+    exposures = (sensor_image(each, f"photograph {k}") for k, each in enumerate(photographs))
+    light, offset = average(exposures, "photographs"), np.asarray(black, np.float32)
+    if dark is not None:
+        darkness = sensor_image(dark, "the dark frame")
+        check_same_size(darkness.size, light.size, "the dark frame")
+        offset = darkness.values
+        light = replace(light, saturated=light.saturated | darkness.saturated)
+    light = replace(light, values=light.values - offset)
     if flat is not None:
         even = sensor_image(flat, "the flat field")
         check_same_size(even.size, light.size, "the flat field")

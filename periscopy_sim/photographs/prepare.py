@@ -16,7 +16,7 @@ from periscopy_sim.photographs.view_fit import FittedView, fit_view
 from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
 from periscopy_sim.scenario import Scenario
 
-PAPER = 1.5
+PAPER_SIDE = 1.5
 """Side of the paper around a tag over the tag's own; the film's pixels on it are not used."""
 
 OFF_WALL = 0.02
@@ -43,7 +43,7 @@ class PlacedFilm:
         hidden = np.zeros(self.plane.shape, bool)
         for tag in self.view.places if self.view.marks.are_tags else ():
             middle = tag.mean(axis=0)
-            on_film = project(np.linalg.inv(self.plane.film), middle + PAPER * (tag - middle))
+            on_film = project(np.linalg.inv(self.plane.film), middle + PAPER_SIDE * (tag - middle))
             left, top = np.maximum(np.floor(on_film.min(axis=0)).astype(int), 0)
             right, bottom = np.maximum(np.floor(on_film.max(axis=0)).astype(int) + 1, 0)
             hidden[top:bottom, left:right] = True
@@ -106,10 +106,10 @@ def _coverage(corners: Array) -> float:
     return float(np.median(np.abs(cross)) / 2)
 
 
-PLACED = 0.5
+LARGEST_PLACEMENT_ERROR = 0.5
 """Standard error, in pixels of the film, with which marks should place a photograph."""
 
-BELOW = 0.02
+NEGATIVE_FRACTION = 0.02
 """Fraction of pixels below the black level that causes a warning; well exposed ones have none."""
 
 
@@ -205,7 +205,7 @@ def prepare(
     if marks is not None:
         film = place_film(light, scenario, marks)
         warnings = [f"the photograph does not show tag {number}" for number in film.missing]
-        if film.placement > PLACED:
+        if film.placement > LARGEST_PLACEMENT_ERROR:
             warnings.append(
                 f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
                 "only, where it is worst; measure more of them, further apart"
@@ -237,7 +237,7 @@ def prepare(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
             "saturated or masked; check the marks and the exposure"
         )
-    if (below := float(np.mean(values[used].min(axis=1) < 0))) >= BELOW:
+    if (below := float(np.mean(values[used].min(axis=1) < 0))) >= NEGATIVE_FRACTION:
         warnings.append(
             f"{100 * below:.0f} % of the pixels are below the black level; check it, or the dark "
             "frame"

@@ -22,13 +22,13 @@ MOST_COEFFICIENTS = 2
 FEWEST_FREE = 4
 """Measurements beyond the unknowns that a fit with distortion must leave."""
 
-CLICK = 0.5
+CLICK_ERROR = 0.5
 """Error of a mark's coordinate in the photograph, in pixels, where no residual shows it."""
 
-ROUNDING = 1e-3
+COORDINATE_ROUNDING = 1e-3
 """Error of any coordinate in the photograph, in pixels: exact marks make no test certain."""
 
-LINE = 0.01
+LINE_WIDTH = 0.01
 """Width of marks over their length up to which they count as a line."""
 
 
@@ -49,12 +49,12 @@ class FittedView:
     @property
     def squares(self) -> float:
         """Sum of squared residuals, in pixels^2, and what rounding adds to it."""
-        return float(np.sum(self.residuals**2)) + ROUNDING**2 * self.residuals.size
+        return float(np.sum(self.residuals**2)) + COORDINATE_ROUNDING**2 * self.residuals.size
 
     @property
     def error(self) -> float:
-        """Standard deviation of a mark's coordinate, in pixels; `CLICK` without freedom."""
-        return float(np.sqrt(self.squares / self.freedom)) if self.freedom else CLICK
+        """Standard deviation of a mark's coordinate, in pixels; `CLICK_ERROR` without freedom."""
+        return float(np.sqrt(self.squares / self.freedom)) if self.freedom else CLICK_ERROR
 
     @property
     def rms(self) -> float:
@@ -185,9 +185,9 @@ def _start(marks: Marks) -> tuple[Array, Array]:
 
 
 def _on_a_line(points: Array) -> bool:
-    """Return whether three (n, 2) points or more lie on a line, within `LINE` of its length."""
+    """Return whether (n, 2) points, three or more, lie on a line, within `LINE_WIDTH` of it."""
     length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(width <= LINE * length)
+    return bool(width <= LINE_WIDTH * length)
 
 
 def _derivative(function: Callable[[Array], Array], at: Array) -> Array:

@@ -213,8 +213,7 @@ class StillMethod(Documented, ABC, Generic[Precision]):
     @property
     def hidden_shape(self) -> Size:
         """(R, C) of the hidden image, of one surface."""
-        (surface,) = self.hidden.values()
-        return surface.shape
+        return self.hidden.shape
 
     @classmethod
     def for_scene(cls, scene: Any, A: Any, B: Any = None, **settings: Any) -> Self:

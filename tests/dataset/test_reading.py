@@ -125,17 +125,8 @@ def test_torch_data_sets_take_one_number(monkeypatch, whole):
     for number in (1, np.int32(1), np.array(1), -45):
         np.testing.assert_array_equal(samples[number]["photograph"][2], photographs[1, ..., 2])
     assert len(samples.__getitems__(np.array([1, -1]))) == 2
-    for wrong in (
-        [0, 1],
-        np.array([0, 1]),
-        np.array([1]),
-        [-1],
-        [[1], [2, 3]],
-        (0,),
-        slice(2),
-        1.0,
-    ):
-        with pytest.raises(TypeError, match="one number"):
+    for wrong in ([0, 1], np.array([0, 1]), np.array([1]), [-1], (0,), slice(2), 1.0):
+        with pytest.raises(TypeError, match="integer"):
             samples[wrong]
     with pytest.raises(IndexError):
         samples[46]

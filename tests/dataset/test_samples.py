@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.dataset.distributions import Distribution
-from periscopy_sim.dataset.samples import draw_clip, geometry_of, lamp_light, make_samples
+from periscopy_sim.dataset.samples import draw_clip, lamp_light, make_samples, render_geometry
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.transport import bounced
 
@@ -14,7 +14,7 @@ INTERVAL = 4.9
 
 @pytest.fixture(scope="module")
 def geometry(configured):
-    return geometry_of(configured().model_dump_json(), 0)
+    return render_geometry(configured(), 0)
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +140,7 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light = {"kind": "bounced", "samples": 4}
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
-    geometry = geometry_of(configuration.model_dump_json(), 0)
+    geometry = render_geometry(configuration, 0)
     block = make_samples(configuration, geometry, {}, 0, 4)
     assert (block["bounced_error"] == geometry.transport.bounced.relative_error).all()
     for photograph, hidden in zip(block["photograph"], block["hidden"], strict=True):

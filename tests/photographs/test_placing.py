@@ -4,7 +4,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.photographs.develop import sensor_image
 from periscopy_sim.photographs.marks import Marks, WallPoints
-from periscopy_sim.photographs.prepare import PAPER, PlacedFilm, place_film
+from periscopy_sim.photographs.prepare import PAPER_SIDE, PlacedFilm, place_film
 from periscopy_sim.photographs.view_fit import fit_view
 from periscopy_sim.photographs.wall_view import wall_plane
 
@@ -64,10 +64,10 @@ def test_pixels_that_the_paper_of_a_tag_touches_are_beneath_it(scenario):
     touched = np.zeros_like(hidden)
     part = np.linspace(0, 1, 200)[:, np.newaxis]
     for square in squares:
-        paper = square.mean(axis=0) + PAPER * (square - square.mean(axis=0))
+        paper = square.mean(axis=0) + PAPER_SIDE * (square - square.mean(axis=0))
         edge = paper + part[..., np.newaxis] * (np.roll(paper, -1, axis=0) - paper)
         inside = np.floor(on_film(edge.reshape(-1, 2))).astype(int)
         inside = inside[((inside >= 0) & (inside < 24)).all(axis=1)]
         touched[inside[:, 1], inside[:, 0]] = True
     assert touched.any() and hidden[touched].all()
-    assert hidden.sum() < 3 * (PAPER * 0.03 * np.sqrt(2) / (0.401 / 24) + 2) ** 2
+    assert hidden.sum() < 3 * (PAPER_SIDE * 0.03 * np.sqrt(2) / (0.401 / 24) + 2) ** 2

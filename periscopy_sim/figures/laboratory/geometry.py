@@ -105,7 +105,7 @@ def facts(layout: RoomPlan) -> list[str]:
     if not survey.parallel:
         where = f"{in_words(away)} from the wall along its line of sight"
         aim = f" ({turn_and_tilt(-sight, -normal)})"
-    rows, columns = scenario.hidden_shape
+    rows, columns = scenario.hidden.shape
     across = columns * np.linalg.norm(scenario.hidden.across, axis=1).mean()
     up = rows * np.linalg.norm(scenario.hidden.up, axis=1).mean()
     before = float((scenario.hidden.centers.mean(axis=0) - layout.middle) @ normal)
