@@ -21,6 +21,7 @@ from .evaluation.metrics import (
     gain_matched,
     mean_squared_error,
     psnr,
+    psnr_gain_matched,
     registered,
 )
 from .evaluation.sweep import Sweep, flips, run_sweep
@@ -130,6 +131,7 @@ __all__ = [
     "prepare",
     "prox_total_variation",
     "psnr",
+    "psnr_gain_matched",
     "read_colour_matrix",
     "read_hidden_image",
     "read_mask",

@@ -1,7 +1,8 @@
 """How close a reconstruction is to the truth.
 
-Every metric uses the truth: for the gain of each channel or a matrix of colours, and where it says
-so for the shift. A grey estimate of a coloured truth is compared with the mean of its channels.
+Every metric but `psnr` uses the truth: for the gain of each channel or a matrix of colours, and
+where it says so for the shift. These compare a grey estimate of a coloured truth with the mean of
+its channels.
 """
 
 import math
@@ -68,6 +69,16 @@ def mean_squared_error(estimate: Image, truth: Image) -> float:
 
 
 def psnr(estimate: Image, truth: Image) -> float:
+    """Peak signal-to-noise ratio in dB of an image as it is, for a peak of 1, as scikit-image's.
+
+    Images of one shape, in the truth's unit; a ValueError if the shapes differ.
+    """
+    if np.shape(estimate) != np.shape(truth):
+        raise ValueError(f"{np.shape(estimate)} and {np.shape(truth)} differ in shape")
+    return _decibels(float(np.mean((np.asarray(estimate, np.float64) - truth) ** 2)))
+
+
+def psnr_gain_matched(estimate: Image, truth: Image) -> float:
     """Peak signal-to-noise ratio in dB for a peak of 1, after `gain_matched`."""
     return _decibels(mean_squared_error(estimate, truth))
 
@@ -121,9 +132,9 @@ def registered(
     shifts = [step * n for n in range(-limit, limit + 1)]
     # The nearest first: among equals, max takes the first.
     candidates = sorted(product(shifts, shifts), key=lambda shift: math.hypot(*shift))
-    best = max(candidates, key=lambda shift: psnr(shifted(estimate, *shift), truth))
+    best = max(candidates, key=lambda shift: psnr_gain_matched(shifted(estimate, *shift), truth))
     image, at_limit = shifted(estimate, *best), max(map(abs, best)) >= shifts[-1]
-    return Registration(psnr(image, truth), best, gain_matched(image, truth), at_limit)
+    return Registration(psnr_gain_matched(image, truth), best, gain_matched(image, truth), at_limit)
 
 
 def shifted(image: Image, down: float, right: float) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import MethodError, image_by, without_addresses
-from periscopy_sim.evaluation.metrics import mean_squared_error, psnr, registered
+from periscopy_sim.evaluation.metrics import mean_squared_error, psnr_gain_matched, registered
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import add_noise, composite
@@ -379,6 +379,6 @@ def _evaluate(sweep: Sweep, trial: Trial) -> list[Outcome]:
         values = (np.nan,) * len(METRICS)
         if not failure:
             best = registered(image, truth).psnr
-            values = mean_squared_error(image, truth), psnr(image, truth), best
+            values = mean_squared_error(image, truth), psnr_gain_matched(image, truth), best
         outcomes.append(Outcome(image, values, failure))
     return outcomes
