@@ -11,7 +11,11 @@ from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.numerics import Array, Image, precision_of
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.method import Report, StillMethod, of_all
-from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
+from periscopy_sim.reconstruction.preconditioned.still import (
+    Reconstruction,
+    check_settings,
+    denoise_and_repair,
+)
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):
@@ -60,6 +64,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         super().__init__(A, **scene)
         if not 0 < fraction <= 1:
             raise InputError(f"the fraction of singular values is in (0, 1], not {fraction}")
+        check_settings(tv_weight, repair_threshold)
         self.fraction = fraction
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
