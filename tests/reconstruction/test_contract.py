@@ -75,7 +75,9 @@ def test_options_have_the_defaults_of_the_class_within_their_bounds(name):
         module, _, kind = each.of.partition(":")
         made = getattr(import_module(f"periscopy_sim.reconstruction.{module}"), kind)
         assert issubclass(made, base)
-        parameters = inspect.signature(made).parameters
+        parameters = {}  # of the base, too: `rank_tolerance`
+        for part in reversed(made.__mro__[:-1]):
+            parameters |= inspect.signature(part).parameters
         for option in each.options:
             assert parameters[option.parameter or option.name].default == option.default
             assert option.least <= option.default <= option.most and option.help

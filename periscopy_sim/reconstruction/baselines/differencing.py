@@ -160,8 +160,6 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own: those of the noise-aware
     method, for D A in the place of A⊥, or those of the published code.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     B
@@ -178,6 +176,8 @@ class Differencing(StillMethod[np.float64]):
         D y best is taken to be 1/4.
     tolerance, max_iterations
         As of `NoiseAware`; only for ``"converged"``.
+    A, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------

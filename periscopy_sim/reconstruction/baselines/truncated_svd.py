@@ -30,8 +30,6 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     B
@@ -42,6 +40,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         λ in standard errors of the estimate, as above; 0 denoises nothing.
     repair_threshold
         κ as a part of the 99th percentile of the denoised magnitudes; infinity repairs nothing.
+    A, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------

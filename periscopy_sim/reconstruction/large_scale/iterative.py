@@ -69,8 +69,6 @@ class IterativePeriscope(StillMethod[np.float64]):
     there is much noise, up to 190 where there is little. λ follows a photograph's noise and units,
     and fits any grid: where patches are halved, ‖A⊥‖_F halves, and ‖f‖_TV of one image doubles.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     A
@@ -83,6 +81,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         norm. It was then within a tenth of that of the minimum, see `matrix_free`.
     max_iterations
         Stop after so many, with a warning.
+    B, **scene
+        As of `StillMethod`, whose other errors it raises, too.
     """
 
     def __init__(

@@ -71,8 +71,6 @@ class Periscope(StillMethod[np.floating[Any]]):
       from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
     - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     A
@@ -88,6 +86,8 @@ class Periscope(StillMethod[np.floating[Any]]):
         29 x 36 patches the images differ by 2e-5 of their root mean square where the SNR is 60 dB,
         and by 3e-3 at 100 dB, where the rounding adds to the noise. Without B, P is always
         factored.
+    B, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------
