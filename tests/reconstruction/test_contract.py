@@ -77,7 +77,7 @@ def test_options_have_the_defaults_of_the_class_within_their_bounds(name):
         assert issubclass(made, base)
         parameters = {}  # of the base, too: `rank_tolerance`
         for part in reversed(made.__mro__[:-1]):
-            parameters |= inspect.signature(part).parameters
+            parameters |= inspect.signature(part.__init__).parameters
         for option in each.options:
             assert parameters[option.parameter or option.name].default == option.default
             assert option.least <= option.default <= option.most and option.help
