@@ -120,7 +120,7 @@ class Weighed:
             proximal = solve_total_variation(
                 z - step * (Gz - data),
                 step * weight(f, Gf),
-                hidden=self.hidden,
+                self.hidden,
                 tolerance=tolerance**2 / 100,
                 max_iterations=PROXIMAL_ITERATIONS,
                 start=dual,

@@ -93,7 +93,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
             else:
                 images = np.stack([previous, g])
                 term["temporal_weight"] = self.temporal_weight
-        result = solve_total_variation(images, weight, hidden=hidden, **term)
+        result = solve_total_variation(images, weight, hidden, **term)
         result.warn_unless_converged()
         self._dual = result.dual
         denoised = result.image[1] if result.image.ndim == 3 else result.image
