@@ -37,7 +37,7 @@ from .photographs.marks import WallPoints, WallTags
 from .photographs.prepare import Prepared, prepare
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
-from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo

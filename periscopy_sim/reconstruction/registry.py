@@ -172,7 +172,7 @@ _ENTRIES = (
     MethodEntry(
         "iterative",
         "the paper's problem without P, for fine grids",
-        "large_scale.iterative:IterativePeriscope",
+        "iterative:IterativePeriscope",
         bytes_per_entry=14,
         options=(_tv_weight(0.015, "in σ ‖A⊥‖_F, above 0", "regularization", 1e-9), _RANK),
     ),

@@ -8,7 +8,7 @@ from periscopy_sim.model.fit import Fit
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import Differencing
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 

@@ -7,7 +7,7 @@ from scipy import linalg
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
+from periscopy_sim.reconstruction.iterative import Weighed
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.scenes.surfaces import alone, screen_and_column

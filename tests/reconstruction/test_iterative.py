@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.model.ambient import background_basis
-from periscopy_sim.reconstruction.large_scale.iterative import IterativePeriscope
+from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from tests.scenes.blocks import Blocks
 
