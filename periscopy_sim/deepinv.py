@@ -56,6 +56,8 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     ----------
     transport
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
+    scene
+        As of `transport_operator`.
     snr
         Signal-to-noise ratio of a photograph in dB, as of `add_noise`; None for no noise.
     ambient
@@ -69,8 +71,6 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         Seed of the noise.
     device
         Where A is kept.
-    **sizes
-        ``scene`` or the sizes and the colour of the wall, as of `transport_operator`.
 
     Attributes
     ----------
@@ -88,6 +88,7 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
     def __init__(
         self,
         transport: Any,
+        scene: Any = None,
         *,
         snr: float | None = 60.0,
         ambient: Image | None = None,
@@ -95,13 +96,12 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         backgrounds: Image | None = None,
         seed: int = 0,
         device: Any = "cpu",
-        **sizes: Any,
     ) -> None:
         if snr is not None and not np.isfinite(snr):
             raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
         if not (np.isfinite(sbr) and sbr > 0):
             raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
-        light = TorchTransport(transport, **sizes)
+        light = TorchTransport(transport, scene)
         b, shape = None, (*light.photograph_shape, len(light.gain))
         if ambient is not None:
             ambient = np.asarray(ambient)

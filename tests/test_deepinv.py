@@ -1,5 +1,6 @@
 import importlib
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.testing import adjoint_test
 
-SHAPES = {"photograph_shape": (8, 9), "hidden_shape": (3, 4)}
+SIZES = {"photograph_shape": (8, 9), "hidden_shape": (3, 4)}
 
 
 def test_without_deepinv_one_line_says_what_to_install(monkeypatch):
@@ -25,9 +26,12 @@ def making():
 
     rng = np.random.default_rng(0)
     A, B = rng.random((72, 12)), rng.random((72, 5))
-    return lambda **more: Periscopy(
-        more.pop("unit", 1) * A, backgrounds=B if more.pop("B", True) else None, **SHAPES, **more
-    )
+
+    def make(unit=1, B=B, gain=(1.0, 1.0, 1.0), **more):
+        scene = SimpleNamespace(**SIZES, channel_gain=gain)
+        return Periscopy(unit * A, scene, backgrounds=B, **more)
+
+    return make
 
 
 @pytest.mark.torch
@@ -45,11 +49,11 @@ def test_adjoint_is_that_of_the_product_and_backgrounds_leave_no_trace(make):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("B", [True, False])
-def test_operator_has_norm_1_whatever_the_unit_of_light(make, B):
+@pytest.mark.parametrize("more", [{}, {"B": None}], ids=["backgrounds", "none"])
+def test_operator_has_norm_1_whatever_the_unit_of_light(make, more):
     import torch
 
-    physics = make(B=B, unit=1e-3, channel_gain=[1.2, 1.0, 0.8], snr=None)
+    physics = make(unit=1e-3, gain=(1.2, 1.0, 0.8), snr=None, **more)
     x = torch.rand(1, 3, 3, 4).double()
     jacobian = torch.autograd.functional.jacobian(physics.A, x).reshape(3 * 72, 3 * 12)
     assert float(torch.linalg.matrix_norm(jacobian, 2)) == pytest.approx(1, rel=1e-6)

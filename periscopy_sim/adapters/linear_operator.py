@@ -1,5 +1,6 @@
 """The light transport as a SciPy linear operator over images: for SciPy, PyLops and the like."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -68,14 +69,7 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
         return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // 3)
 
 
-def transport_operator(
-    transport: Any,
-    *,
-    scene: Scenario | None = None,
-    hidden_shape: Size | None = None,
-    photograph_shape: Size | None = None,
-    channel_gain: ArrayLike | None = None,
-) -> ImageOperator:
+def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
     """Return the light transport as a SciPy linear operator over images.
 
     Parameters
@@ -84,11 +78,8 @@ def transport_operator(
         A scene, whose A is rendered; or A, (M, N) of float32 or float64, or what makes its rows
         anew in every pass (``row_blocks``, such as `RenderedTransport`).
     scene
-        The scene of A: its sizes and the colour of its wall are taken from it.
-    hidden_shape, photograph_shape
-        (rows, columns); without a scene and without these, one row.
-    channel_gain
-        (3,) colour of the wall; None for the scene's, or grey.
+        The scene of A, or anything with its ``photograph_shape``, ``hidden_shape`` and
+        ``channel_gain``; None for images of one row and a grey wall.
 
     Returns
     -------
@@ -107,17 +98,11 @@ def transport_operator(
     A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
     if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
         raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
-    M, N = A.shape
-    photograph_shape = photograph_shape or (scene.photograph_shape if scene else (1, M))
-    hidden_shape = hidden_shape or (scene.hidden_shape if scene else (1, N))
-    if (np.prod(photograph_shape), np.prod(hidden_shape)) != (M, N):
-        raise ValueError(
-            f"A has {M} rows and {N} columns; photographs of {photograph_shape} and hidden images "
-            f"of {hidden_shape} have not as many"
-        )
-    if channel_gain is None:
-        channel_gain = scene.channel_gain if scene else np.ones(3)
-    gain = np.asarray(channel_gain)
-    if gain.shape != (3,) or not (np.isfinite(gain).all() and (gain >= 0).all()):
-        raise ValueError("the wall's colour is 3 finite numbers that are not negative")
-    return ImageOperator(A, hidden_shape, photograph_shape, gain)
+    if scene is None:
+        return ImageOperator(A, (1, A.shape[1]), (1, A.shape[0]), np.ones(3))
+    sizes, gain = (scene.photograph_shape, scene.hidden_shape), np.asarray(scene.channel_gain)
+    if tuple(map(math.prod, sizes)) != A.shape:
+        raise ValueError(f"A is {A.shape}; photographs {sizes[0]} and hidden images {sizes[1]}")
+    if gain.shape != (3,):
+        raise ValueError(f"the wall's colour is {gain}: give a number for each of 3 channels")
+    return ImageOperator(A, scene.hidden_shape, scene.photograph_shape, gain)

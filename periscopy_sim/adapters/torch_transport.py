@@ -4,12 +4,10 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from periscopy_sim.adapters.linear_operator import transport_operator
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import Size
-from periscopy_sim.scenario import Scenario
 
 
 class TorchTransport:
@@ -21,10 +19,10 @@ class TorchTransport:
     ----------
     transport
         A scene, whose A is rendered; or A, (M, N) of float32 or float64.
+    scene
+        As of `transport_operator`.
     device, dtype
         Where A is kept, and as what; None for the CPU and A's own type.
-    scene, hidden_shape, photograph_shape, channel_gain
-        As of `transport_operator`.
 
     Attributes
     ----------
@@ -44,23 +42,12 @@ class TorchTransport:
     """
 
     def __init__(
-        self,
-        transport: Any,
-        *,
-        device: Any = None,
-        dtype: Any = None,
-        scene: Scenario | None = None,
-        hidden_shape: Size | None = None,
-        photograph_shape: Size | None = None,
-        channel_gain: ArrayLike | None = None,
+        self, transport: Any, scene: Any = None, *, device: Any = None, dtype: Any = None
     ) -> None:
         torch = require("torch")
         if hasattr(transport, "row_blocks"):
             raise ValueError("tensors need A in memory: give what render_transport returns")
-        known = transport_operator(
-            transport, scene=scene, hidden_shape=hidden_shape, photograph_shape=photograph_shape,
-            channel_gain=channel_gain,
-        )  # fmt: skip
+        known = transport_operator(transport, scene)
         self.hidden_shape, self.photograph_shape = (
             shape[:2] for shape in (known.hidden_shape, known.photograph_shape)
         )
