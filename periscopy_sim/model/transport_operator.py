@@ -31,7 +31,7 @@ CONVERTED = 2**16
 LARGEST_GRAM = 5e10
 """M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
 
-RIDGE = 1e-8
+RIDGE = float(np.sqrt(np.finfo(np.float64).eps))
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
 NOTHING_LEFT = "B explains all of A, as where no occluder casts a shadow, or pixels are few"

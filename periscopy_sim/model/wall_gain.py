@@ -39,15 +39,12 @@ from numpy.polynomial import legendre
 from scipy import optimize, special
 
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import PRECISION, Fit, FittedPhotograph
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 BOUNDS = 0.2, 5.0
 """Least and greatest gain that is accepted."""
-
-LEAST_UNEXPLAINED = 1e-5
-"""Norm of a polynomial's part outside [A, B] that counts as zero: single precision's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +90,8 @@ class WallGain:
         if gain.accepted:
             planes = photograph.planes - evidence.level * gain.added
             corrected = replace(photograph, planes=planes)
-            found = (each.evidence for each in (photograph, corrected))
-            before, after = (np.sum((each.level * each.noise) ** 2) for each in found)
+            both = (each.evidence for each in (photograph, corrected))
+            before, after = (np.sum((each.level * each.noise) ** 2) for each in both)
             # A gain in the place of wrong geometry leaves more unexplained than it explains.
             if after < before:
                 limits = [float(gain.field.min()), float(gain.field.max())]
@@ -160,7 +157,7 @@ class WallGain:
             rest = project_out(rest, others)
             norms = np.linalg.norm(rest, axis=1, keepdims=True)
             rest, sizes = rest / (norms + 1e-30), sizes * norms
-        kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
+        kept = rest[sizes[:, 0] > PRECISION]  # others lie in [A, B] but for errors of A
         _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
 

@@ -53,41 +53,11 @@ def spoilt():
     return Photograph.of(np.where(MASK[..., None], Y, garbage), mask=MASK)
 
 
-@pytest.mark.parametrize("method", FITTED)
-def test_masked_method_is_the_one_fitted_to_the_rows_used(method):
-    masked = FITTED[method](A, B)
-    by_hand = FITTED[method](A[USED], B[USED])
-    expected = by_hand.reconstruct(Y.reshape(M, 3)[USED])
-    image = masked.reconstruct(MASKED)
-    assert image.shape == (*HIDDEN, 3)
-    np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6)
-    assert np.abs(image - masked.reconstruct(Y)).max() > 1e-4  # and not of the whole
-
-
 def test_estimate_is_the_dense_pseudoinverse_of_the_rows_used():
     plain = {"tv_weight": 0, "repair_threshold": np.inf, "explicit": False}
     image = Periscope(A, B, hidden=HIDDEN, **plain).reconstruct(spoilt())
     P = np.linalg.pinv(np.hstack([A, B])[USED])[:N]
     np.testing.assert_allclose(image.reshape(N, 3), P @ Y.reshape(M, 3)[USED], rtol=1e-8)
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_whatever_lies_under_the_mask_changes_nothing(method):
-    fitted = ALL[method](A, B)
-    expected = fitted.reconstruct(MASKED)
-    assert np.isfinite(expected).all()
-    np.testing.assert_array_equal(fitted.reconstruct(spoilt()), expected)
-    rows = np.where(USED[:, None], A, np.nan), np.where(USED[:, None], B, np.inf)
-    again = ALL[method](*rows)
-    np.testing.assert_array_equal(again.reconstruct(spoilt()), expected)
-
-
-@pytest.mark.parametrize("method", ALL)
-def test_what_is_used_must_be_finite(method):
-    y = Y.copy()
-    y[tuple(np.argwhere(MASK)[7])] = np.nan
-    with pytest.raises(ValueError, match="must be finite"):
-        ALL[method](A, B).reconstruct(Photograph(y, mask=MASK))
 
 
 def fitted(photograph):

@@ -262,6 +262,9 @@ def test_what_lies_outside_the_mask_is_not_used(name):
     solution = method.solve(clean)
     assert np.isfinite(solution.image).all()
     np.testing.assert_array_equal(method.reconstruct(spoilt), solution.image)
+    used = MASK.ravel()[:, None]  # nor are the other rows of A and B
+    again = fitted(name, np.where(used, A, np.nan), np.where(used, B, np.inf))
+    np.testing.assert_array_equal(again.reconstruct(spoilt), solution.image)
     assert np.isnan(method.residual(clean, solution).light[~MASK]).all()
     numbers = [method.report(each, solution).numbers for each in (clean, spoilt)]
     np.testing.assert_equal(*numbers)
