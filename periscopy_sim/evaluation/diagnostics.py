@@ -83,10 +83,6 @@ def diagnose(
     rank_tolerance
         Relative tolerance on B's singular values.
 
-    Returns
-    -------
-    Diagnostics
-
     Raises
     ------
     ValueError

@@ -39,20 +39,7 @@ class Registration:
 def gain_matched(estimate: Image, truth: Image) -> Array:
     """Clip negatives, scale each channel by the factor that fits the truth best, clip to [0, 1].
 
-    Parameters
-    ----------
-    estimate, truth
-        (rows, columns, channels); the truth within [0, 1].
-
-    Returns
-    -------
-    ndarray
-        The matched estimate, same shape.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
+    Both are (rows, columns, channels), the truth within [0, 1]; a ValueError if the shapes differ.
     """
     truth = _seen_by(estimate, truth)
     if estimate.shape != truth.shape:
@@ -112,21 +99,9 @@ def registered(
     """Find the shift that agrees best with the truth.
 
     The monitor's position is often known only to about a patch; this separates that error from
-    the image's own. Shifts are tried over a grid, by linear interpolation with zeros outside.
-
-    Parameters
-    ----------
-    estimate, truth
-        (rows, columns, channels).
-    reach
-        Largest shift in patches, in each direction.
-    step
-        Grid step in patches.
-
-    Returns
-    -------
-    Registration
-        The best over the grid; among equals, the smallest shift.
+    the image's own. Shifts of (rows, columns, channels) up to the reach are tried over a grid of
+    the step, both in patches, by linear interpolation with zeros outside. Among equals, the
+    smallest shift is the best.
     """
     limit = int(reach / step + 1e-9)
     shifts = [step * n for n in range(-limit, limit + 1)]

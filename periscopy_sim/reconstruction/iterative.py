@@ -43,7 +43,7 @@ import numpy as np
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.model.transport_operator import Eigenvectors, Matrix, TransportOperator
+from periscopy_sim.model.transport_operator import Matrix, TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError, check_stopping, warn_unconverged
 from periscopy_sim.reconstruction.method import Solution, StillMethod, of_all
@@ -86,40 +86,37 @@ class Weighed:
     """The quadratic ‖W A⊥ f‖², to be minimized with total variation."""
 
     transport: TransportOperator  # A⊥
-    eigenvectors: Eigenvectors  # the k strongest of A⊥ᵀA⊥
     hidden: Hidden  # the surfaces that a column of f is on
+    strengths: Array  # (k,) the largest eigenvalues of A⊥ᵀA⊥, in falling order
+    V: Array  # (N, k) their eigenvectors
 
     @property
     def lipschitz(self) -> float:
         """The energy of the k-th, with a margin for its error."""
-        return 1.001 * float(self.eigenvectors.energy[-1])
+        return 1.001 * float(self.strengths[-1])
 
     @property
     def _excess(self) -> Array:
         """I − s² Σ⁻², (k, 1): the fraction of each direction's energy that W takes."""
-        energy = self.eigenvectors.energy[:, None]
-        return np.asarray(1 - energy[-1] / energy)
+        return np.asarray(1 - self.strengths[-1] / self.strengths)[:, None]
 
     def product(self, f: Array) -> Array:
         """Multiply (N, K) by A⊥ᵀW²A⊥, in one pass."""
-        V, energy = self.eigenvectors.V, self.eigenvectors.energy[:, None]
-        return np.asarray(self.transport.gram_product(f) - V @ (energy * self._excess * (V.T @ f)))
+        less = self.strengths[:, None] * self._excess * (self.V.T @ f)
+        return np.asarray(self.transport.gram_product(f) - self.V @ less)
 
     def data(self, h: Array) -> Array:
         """Return A⊥ᵀW² y⊥ from h = A⊥ᵀy⊥, (N, K)."""
-        V = self.eigenvectors.V
-        return np.asarray(h - V @ (self._excess * (V.T @ h)))
+        return np.asarray(h - self.V @ (self._excess * (self.V.T @ h)))
 
     def energy(self, y: Array, h: Array) -> Array:
         """Return ‖W y⊥‖², (K,), from y⊥ and h = A⊥ᵀy⊥."""
-        V, energy = self.eigenvectors.V, self.eigenvectors.energy[:, None]
-        less = self._excess * (V.T @ h) ** 2 / energy
+        less = self._excess * (self.V.T @ h) ** 2 / self.strengths[:, None]
         return np.asarray(np.sum(y**2, axis=0) - np.sum(less, axis=0))
 
     def start(self, h: Array) -> Array:
         """Return the least squares among the eigenvectors, for h = A⊥ᵀy⊥."""
-        V, energy = self.eigenvectors.V, self.eigenvectors.energy[:, None]
-        return np.asarray(V @ ((V.T @ h) / energy))
+        return np.asarray(self.V @ ((self.V.T @ h) / self.strengths[:, None]))
 
     def minimize(
         self,
@@ -249,11 +246,11 @@ class IterativePeriscope(StillMethod[np.float64]):
         self.prepare()
         transport = self.fit.operator
         y = transport.project_out(self.fit.vectors(photograph))
-        problem = Weighed(transport, self.eigenvectors, self.hidden)
+        problem = Weighed(transport, self.hidden, *self.eigenvectors)
         h = transport.rmatmat(y)
         data, energy = problem.data(h), problem.energy(y, h)
         pixels, rank = transport.Q.shape
-        freedom = pixels - rank - len(problem.eigenvectors.energy)
+        freedom = pixels - rank - len(problem.strengths)
 
         def noise_of(f: Array, product: Array) -> Array:
             return residual_noise(energy, np.sum(f * (2 * data - product), axis=0), freedom)
@@ -271,8 +268,8 @@ class IterativePeriscope(StillMethod[np.float64]):
         return IterativeReconstruction(image, noise, self._weight(noise), *state)
 
     @cached_property
-    def eigenvectors(self) -> Eigenvectors:
-        """The strongest eigenvectors of A⊥ᵀA⊥."""
+    def eigenvectors(self) -> tuple[Array, Array]:
+        """The strongest eigenvalues and eigenvectors of A⊥ᵀA⊥."""
         count = max(min(EIGENVECTORS, self.hidden.patches // 8), 1)
         return self.fit.operator.strongest_eigenvectors(count)
 

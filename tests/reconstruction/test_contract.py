@@ -91,7 +91,7 @@ def test_options_reach_their_parameters_from_the_least_to_the_most(name):
             method = METHODS[name](Scene(), A, B, **{option.name: value})
             if option.name != "rank_tolerance":  # not kept
                 assert getattr(method, option.parameter or option.name) == value
-        for wrong in (-1, np.nan):
+        for wrong in (-1, np.nan, *([0] if option.least else [])):
             with pytest.raises(ValueError, match=r"negative|tolerance|regularization|threshold"):
                 method = METHODS[name](Scene(), A, B, **{option.name: wrong})
                 assert option.name == "rank_tolerance"  # every other at once

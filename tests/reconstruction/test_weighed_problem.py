@@ -30,7 +30,7 @@ def operator(A, B):
 
 
 def weighed(transport, count=3):
-    return Weighed(transport, transport.strongest_eigenvectors(count), Hidden.of(SHAPE))
+    return Weighed(transport, Hidden.of(SHAPE), *transport.strongest_eigenvectors(count))
 
 
 def with_total_variation(transport, y, weight, count=3, **stop):
@@ -77,7 +77,7 @@ def test_surfaces_that_light_other_pixels_are_recovered_as_each_alone():
 
     def solved(A, y, hidden):
         transport = TransportOperator(A)
-        problem = Weighed(transport, transport.strongest_eigenvectors(3), hidden)
+        problem = Weighed(transport, hidden, *transport.strongest_eigenvectors(3))
         return problem.minimize(A.T @ y, lambda *_: weight, **stop).f
 
     both = hidden.split(solved(linalg.block_diag(*parts), y, hidden))

@@ -240,11 +240,8 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
 
     Raises
     ------
-    TypeError
-        The image or the previous frame is not of a real floating-point type.
-    ValueError
-        The image is empty, not finite or of another dimension, the previous frame is not finite or
-        of another shape, or the threshold is negative or NaN.
+    TypeError, ValueError
+        An argument is not as above.
     """
     values = checked_image(image)
     if values.ndim != 3 or values.size == 0:

@@ -89,12 +89,8 @@ def prox_total_variation(
 
     Raises
     ------
-    TypeError
-        The image is not of a real floating-point type.
-    ValueError
-        The image is empty, not finite, of another dimension or not on the surfaces; a weight is
-        negative, NaN or of another shape; the tolerance is not between 0 and 1, or max_iterations
-        below 1.
+    TypeError, ValueError
+        An argument is not as above.
 
     Warns
     -----
