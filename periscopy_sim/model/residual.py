@@ -40,7 +40,7 @@ EXCESS = 2.0
 chair scene has 1.5 at most (63 x 63 pixels, noise of all kinds), with an A of 16 rays a patch 1.2
 (29 x 36 patches) to 5.6 (9 x 11), the real chair photograph 35."""
 
-LARGE = 0.03, 3.0
+LARGE_UNEXPLAINED = 0.03, 3.0
 """Unexplained light, over the photograph and over what noise alone would leave, above which an
 image is reported as unreliable whatever the cause. Of the true chair scene (SBR 0.5, 40 to 80 dB)
 methods leave 2 % at most, but for `truncated-svd`, which leaves 5 to 20 %."""
@@ -96,7 +96,7 @@ class Residual:
     @property
     def is_large(self) -> bool:
         """Whether the image leaves much more of the photograph than noise would."""
-        over_photograph, over_noise = LARGE
+        over_photograph, over_noise = LARGE_UNEXPLAINED
         return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property

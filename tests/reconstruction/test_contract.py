@@ -318,6 +318,19 @@ def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
 
 
 @every_method
+@pytest.mark.parametrize("channels", [1, 2, 4])
+def test_an_image_has_the_channels_of_the_photograph(name, channels):
+    method = fitted(name, scene=Scene(channel_gain=None))
+    y = (Y / GAIN)[..., [1, 0, 2, 1][:channels]]
+    image = method.reconstruct(y)
+    assert image.shape == (*HIDDEN, channels)
+    if channels == 1:  # also on a coloured wall, and as two channels alike
+        np.testing.assert_array_equal(fitted(name).reconstruct(y), image)
+        twice = method.reconstruct(np.repeat(y, 2, axis=2))
+        assert distance(twice, np.repeat(image, 2, axis=2)) < 0.02
+
+
+@every_method
 @pytest.mark.parametrize("mask", [None, MASK], ids=["whole", "masked"])
 def test_residual_is_the_photograph_less_image_and_ambient_light(name, mask):
     method, photograph = METHODS[name](Scene(), A, B), Photograph.of(Y, mask=mask)
