@@ -16,24 +16,12 @@ from periscopy_sim.numerics import Array, Image, precision_of
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """The best agreement over small shifts.
+    """The best agreement over small shifts."""
 
-    Attributes
-    ----------
-    psnr
-        Peak signal-to-noise ratio in dB after gain and shift.
-    shift
-        (down, right) in patches that the estimate was moved by.
-    image
-        (rows, columns, channels) shifted and gain-matched estimate.
-    at_limit
-        Whether the shift is at the limit of the search, down or right: the best may lie beyond.
-    """
-
-    psnr: float
-    shift: tuple[float, float]
-    image: Array
-    at_limit: bool
+    psnr: float  # peak signal-to-noise ratio in dB after gain and shift
+    shift: tuple[float, float]  # (down, right) in patches that the estimate was moved by
+    image: Array  # (rows, columns, channels) shifted and gain-matched estimate
+    at_limit: bool  # whether the shift is at the limit of the search: the best may lie beyond
 
 
 def gain_matched(estimate: Image, truth: Image) -> Array:
