@@ -39,12 +39,16 @@ from numpy.polynomial import legendre
 from scipy import optimize, special
 
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import PRECISION, Fit, FittedPhotograph
+from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
 BOUNDS = 0.2, 5.0
 """Least and greatest gain that is accepted."""
+
+LEAST_UNEXPLAINED = 1e-5
+"""Norm of a polynomial's part outside [A, B] that counts as zero: single precision's. At 3e-5 the
+image of a real photograph changes by 0.9 %, and one of a painted wall by 6.6 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +161,7 @@ class WallGain:
             rest = project_out(rest, others)
             norms = np.linalg.norm(rest, axis=1, keepdims=True)
             rest, sizes = rest / (norms + 1e-30), sizes * norms
-        kept = rest[sizes[:, 0] > PRECISION]  # others lie in [A, B] but for errors of A
+        kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
         _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
 
