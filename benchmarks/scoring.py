@@ -39,7 +39,7 @@ def scores(image: Any, truth: NDArray[np.floating[Any]]) -> dict[str, float]:
     matched = ps.gain_matched(estimate, truth)
     similarity = structural_similarity(matched, truth, data_range=1.0, channel_axis=2)
     return {
-        "psnr": ps.psnr(estimate, truth),
+        "psnr": ps.psnr_gain_matched(estimate, truth),
         "registered": ps.registered(estimate, truth).psnr,
         "ssim": float(similarity),
     }

@@ -130,7 +130,8 @@ def draw_real(path: Path, capture: Path) -> None:
         given = ps.Photograph.of(photograph, colour_matrix=colours)
         image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(given)
         shifted = ps.registered(image, truth)
-        print(f"{ps.psnr(image, truth):.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")
+        unshifted = ps.psnr_gain_matched(image, truth)
+        print(f"{unshifted:.1f} dB, {shifted.psnr:.1f} dB shifted by {shifted.shift}")
         pictures[title] = image / np.percentile(image, 99.5)
     panels = [(title, np.clip(each, 0, 1)) for title, each in pictures.items()]
     draw_panels(path, panels, caption=CREDIT)

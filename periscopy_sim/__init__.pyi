@@ -21,6 +21,7 @@ from .evaluation.metrics import (
     gain_matched,
     mean_squared_error,
     psnr,
+    psnr_gain_matched,
     registered,
 )
 from .evaluation.sweep import Sweep, flips, run_sweep
@@ -36,7 +37,7 @@ from .photographs.marks import WallPoints, WallTags
 from .photographs.prepare import Prepared, prepare
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
-from .reconstruction.large_scale.iterative import IterativePeriscope, IterativeReconstruction
+from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
 from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
@@ -130,6 +131,7 @@ __all__ = [
     "prepare",
     "prox_total_variation",
     "psnr",
+    "psnr_gain_matched",
     "read_colour_matrix",
     "read_hidden_image",
     "read_mask",

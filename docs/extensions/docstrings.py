@@ -6,7 +6,6 @@ without a mark that `help` should not have to show.
 
 from __future__ import annotations
 
-import inspect
 import re
 from typing import Any
 
@@ -27,18 +26,12 @@ def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: li
 
 
 def check(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
-    """Warn of a page whose first sentence or whose constructor's parameters say nothing."""
+    """Warn of a page whose first sentence says nothing."""
     if what not in ("class", "function"):
         return
     first = " ".join(lines[: lines.index("")] if "" in lines else lines)
     if len(first.split()) < FEWEST_WORDS or not first.endswith((".", ":")):
         logger.warning("%s: its first line is no whole sentence: %s", name, first)
-    kinds = {each.kind for each in inspect.signature(item).parameters.values()}
-    if what == "class" and kinds & {
-        inspect.Parameter.VAR_POSITIONAL,
-        inspect.Parameter.VAR_KEYWORD,
-    }:
-        logger.warning("%s: its signature does not name its parameters", name)
 
 
 def by_last_name(app: Any, env: Any, node: Any, content: Any) -> Any:

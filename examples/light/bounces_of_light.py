@@ -62,7 +62,7 @@ found = {
     name: method.reconstruct(ps.add_noise(light, snr=50, seed=0))
     for name, light in [("direct light alone", direct), ("all bounces", all_bounces)]
 }
-scores = {name: ps.psnr(f, image) for name, f in found.items()}
+scores = {name: ps.psnr_gain_matched(f, image) for name, f in found.items()}
 ps.show(
     image,
     *(ps.gain_matched(f, image) for f in found.values()),

@@ -46,7 +46,7 @@ photograph = ps.add_noise(ps.composite(signal, sky, sbr=0.5), snr=60, seed=0)
 
 method = ps.NoiseAware.for_scene(scene, A, B)
 found = method.solve(photograph)
-score = ps.psnr(found.image, truth)
+score = ps.psnr_gain_matched(found.image, truth)
 ps.show(
     photograph,
     ps.gain_matched(found.image, truth),

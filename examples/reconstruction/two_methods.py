@@ -44,7 +44,9 @@ images = {
 figure, axes = plt.subplots(1, 5, figsize=(7.2, 1.75))
 for ax, (name, image) in zip(axes, images.items(), strict=True):
     ax.imshow(ps.to_srgb(ps.gain_matched(image, truth), 1))
-    ax.set_title(name if name == "hidden" else f"{name}\n{ps.psnr(image, truth):.1f} dB")
+    ax.set_title(
+        name if name == "hidden" else f"{name}\n{ps.psnr_gain_matched(image, truth):.1f} dB"
+    )
     ax.set_axis_off()
 
 # %%
@@ -69,5 +71,5 @@ figure.colorbar(shown, ax=axes[1], shrink=0.8)
 for ax in axes:
     ax.set_axis_off()
 
-assert ps.psnr(noise_aware.image, truth) > ps.psnr(step.image, truth) + 2
+assert ps.psnr_gain_matched(noise_aware.image, truth) > ps.psnr_gain_matched(step.image, truth) + 2
 # sphinx_gallery_thumbnail_number = 1

@@ -71,7 +71,7 @@ truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
 signal = ps.render_photograph(scene, truth, samples=1024, bounces=1)
 photograph = ps.add_noise(signal, snr=60, seed=0)
 image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(photograph)
-score = ps.psnr(image, truth)
+score = ps.psnr_gain_matched(image, truth)
 ps.show(
     photograph,
     ps.gain_matched(image, truth),

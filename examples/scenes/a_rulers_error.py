@@ -62,12 +62,12 @@ axes[1, 0].imshow(ps.to_srgb(photograph))
 axes[1, 0].set_title("the wall")
 for (above, below), (name, (image, residual)) in zip(axes.T[1:], results.items(), strict=True):
     above.imshow(ps.to_srgb(ps.gain_matched(image, truth), 1))
-    above.set_title(f"{name}\n{ps.psnr(image, truth):.1f} dB")
+    above.set_title(f"{name}\n{ps.psnr_gain_matched(image, truth):.1f} dB")
     left = 100 * residual.light.mean(axis=2) / np.sqrt(np.mean(photograph**2))
     below.imshow(left, cmap="RdBu_r", vmin=-1, vmax=1)
     below.set_title(f"unexplained: {100 * residual.unexplained:.2f} %")
 for ax in axes.flat:
     ax.set_axis_off()
 
-before, after, best = (ps.psnr(image, truth) for image, _ in results.values())
+before, after, best = (ps.psnr_gain_matched(image, truth) for image, _ in results.values())
 assert after > before + 1 and after > best - 2

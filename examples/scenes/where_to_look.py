@@ -64,7 +64,7 @@ for place in ((row, column), worst):
     light = (A @ truth.reshape(-1, 3)).reshape(32, 32, 3)
     method = ps.NoiseAware.for_scene(scene, A, B)
     images.append(method.reconstruct(ps.add_noise(light, snr=60, seed=0)))
-    scores.append(ps.psnr(images[-1], truth))
+    scores.append(ps.psnr_gain_matched(images[-1], truth))
 ps.show(
     truth,
     *(ps.gain_matched(image, truth) for image in images),

@@ -41,7 +41,7 @@ def stills(_: Setting) -> Section:
     estimate = periscope.estimate(y[None])
     g, weight = estimate.preconditioned[0], estimate.weight[0]
     hidden = periscope.hidden
-    denoise = partial(solve_total_variation, g, weight, hidden=hidden)
+    denoise = partial(solve_total_variation, g, weight, hidden)
     denoised = denoise().image
     stages = {
         "P y and the noise": median_seconds(partial(periscope.estimate, y[None]), 51),

@@ -155,6 +155,7 @@ def _draw_images(
                     best = ps.registered(image, truth)
                     matched, error = best.image, best.psnr
                 else:
-                    matched, error = ps.gain_matched(image, truth), ps.psnr(image, truth)
+                    matched = ps.gain_matched(image, truth)
+                    error = ps.psnr_gain_matched(image, truth)
                 show_light(ax, matched, 1)
                 ax.set_title(f"SBR {sbr:g}: {error:.1f} dB")

@@ -149,7 +149,7 @@ def _table(folder: str, stills: Sequence[Still]) -> Table:
 
 def psnrs(image: Array, truth: Array) -> str:
     """Return a PSNR unshifted and after the best shift, in dB, as text."""
-    return f"{ps.psnr(image, truth):.1f} / {ps.registered(image, truth).psnr:.1f}"
+    return f"{ps.psnr_gain_matched(image, truth):.1f} / {ps.registered(image, truth).psnr:.1f}"
 
 
 _CAPTION = (

@@ -113,7 +113,7 @@ class Laboratory:
 
     def _psnr(self, method: ps.NoiseAware, photograph: Array, shift: bool) -> float:
         image, truth = method.reconstruct(photograph), self.first.truth
-        return ps.registered(image, truth).psnr if shift else ps.psnr(image, truth)
+        return ps.registered(image, truth).psnr if shift else ps.psnr_gain_matched(image, truth)
 
 
 def row(cases: Sequence[dict[str, Any]]) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.timing import median_seconds
 from periscopy_sim.evaluation.diagnostics import residual_background
-from periscopy_sim.reconstruction.total_variation.prox import total_variation
+from periscopy_sim.hidden import Hidden
 
 Array = NDArray[np.float64]
 HIDDEN = (29, 36)
@@ -75,8 +75,11 @@ def check_prox() -> dict[str, Any]:
         ).x
     exact = ps.prox_total_variation(small, weight, tolerance=1e-10)
 
+    differences = Hidden.of(small.shape).differences
+
     def objective(image: Array) -> float:
-        return float(((image - small) ** 2).sum()) + weight * total_variation(image)
+        variation = differences.norms(image.ravel()).sum()
+        return float(((image - small) ** 2).sum() + weight * variation)
 
     large = rng.random((29, 36))
     ours = ps.prox_total_variation(large, weight, tolerance=1e-8)

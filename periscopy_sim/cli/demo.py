@@ -58,7 +58,7 @@ def demo(
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)
-        pictures.append((f"{title}: {ps.psnr(recovered, truth):.1f} dB", matched))
+        pictures.append((f"{title}: {ps.psnr_gain_matched(recovered, truth):.1f} dB", matched))
     caption = f"chair scene, SBR 0.5, SNR {min(snr, 60):.0f} dB; PSNR after one gain per channel"
     with staged_file(out / "demo.png") as file:
         panels.draw_panels(file, pictures, caption=caption, metadata=scene.metadata)

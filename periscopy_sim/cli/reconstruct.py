@@ -138,7 +138,7 @@ def _compare(
     folder: Path, image: Array, truth: Array, photograph: Array, session: Session
 ) -> dict[str, Any]:
     """Return metrics against the truth; draw both beside the photograph."""
-    psnr, best = metrics.psnr(image, truth), metrics.registered(image, truth)
+    psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)
     panels.draw_panels(
         folder / "comparison.png",
         [

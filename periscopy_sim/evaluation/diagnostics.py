@@ -19,41 +19,20 @@ from periscopy_sim.reconstruction.preconditioned.preconditioner import (
 
 @dataclass(frozen=True, eq=False)
 class Diagnostics:
-    """The paper's figures of a scene (Sec. 2 and 3.3).
+    """The paper's figures of a scene (Sec. 2 and 3.3)."""
 
-    Attributes
-    ----------
-    condition_A
-        cond(A).
-    condition_DA
-        cond(D A), with D the differences of neighbouring entries of the photograph.
-    background_rank
-        Dimension kept of range(B).
-    largest_angle, smallest_angle
-        Principal angles between range(A) and the range kept of B, in degrees. The largest is what
-        MATLAB's `subspace` gives; the smallest says how much information the background costs.
-    identity_error
-        Largest entry of |P A − I|.
-    residual_background
-        Mean over B's columns of 100 ‖P B_i‖ / (‖P‖ ‖B_i‖), in percent.
-    bound_ratio
-        Summed Cramér-Rao bounds with A alone over those with [A, B]; at most 1.
-    bounds
-        (R, C) Cramér-Rao bound on each patch's standard deviation for unit noise in each pixel.
-    bounds_without_background
-        (R, C) the same with A alone.
-    """
-
-    condition_A: float
-    condition_DA: float
-    background_rank: int
+    condition_A: float  # cond(A)
+    condition_DA: float  # cond(D A), D the differences of neighbouring entries of the photograph
+    background_rank: int  # dimension kept of range(B)
+    # Principal angles between range(A) and the range kept of B, in degrees. The largest is what
+    # MATLAB's `subspace` gives; the smallest says how much information the background costs.
     largest_angle: float
     smallest_angle: float
-    identity_error: float
-    residual_background: float
-    bound_ratio: float
-    bounds: Array
-    bounds_without_background: Array
+    identity_error: float  # largest entry of |P A − I|
+    residual_background: float  # mean over B's columns of 100 ‖P B_i‖ / (‖P‖ ‖B_i‖), in percent
+    bound_ratio: float  # summed Cramér-Rao bounds with A alone over those with [A, B]; at most 1
+    bounds: Array  # (R, C) Cramér-Rao bound on a patch's standard deviation for unit pixel noise
+    bounds_without_background: Array  # (R, C) the same with A alone
 
 
 def diagnose(
@@ -82,10 +61,6 @@ def diagnose(
         further columns of B. None for everywhere and none.
     rank_tolerance
         Relative tolerance on B's singular values.
-
-    Returns
-    -------
-    Diagnostics
 
     Raises
     ------

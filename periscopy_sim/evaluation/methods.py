@@ -54,24 +54,12 @@ class OwnEntry:
 
 
 def find_method(name: str) -> MethodEntry | OwnEntry:
-    """Look up a method: one of `METHODS`, or a user's own.
+    """Return a method, one of `METHODS` or a user's own: of (scenario, A, B), a `StillMethod`.
 
-    Parameters
-    ----------
-    name
-        A name; or ``module:callable`` or ``path/to/file.py:callable``, where the callable (a class,
-        say) takes (scenario, A, B), and the keyword ``mask`` if it likes, and returns an object
-        with ``reconstruct(photograph) -> image``. Modules of the working folder are found too.
-
-    Returns
-    -------
-    callable
-        Of (scenario, A, B): returns a `StillMethod`.
-
-    Raises
-    ------
-    PeriscopyError
-        If there is no such method, module, file or callable.
+    A user's own is ``module:callable`` or ``path/to/file.py:callable``, where the callable (a
+    class, say) takes (scenario, A, B), and the keyword ``mask`` if it likes, and returns an object
+    with ``reconstruct(photograph) -> image``. Modules of the working folder are found too. A
+    PeriscopyError says that there is no such method, module, file or callable.
     """
     if name in METHODS:
         return METHODS[name]
@@ -285,12 +273,9 @@ def _definitions(name: str) -> dict[str, Any]:
     """
     place = _place(name)
     path = Path(place).resolve()
-    is_file = path.suffix == ".py"
-    if is_file and path.exists() and not path.is_file():  # a pipe could be waited for without end
-        raise PeriscopyError(f"method '{name}': {path.name} is no regular file; name a file")
     sys.path.insert(0, str(path.parent))
     try:
-        if is_file:
+        if path.suffix == ".py":
             return runpy.run_path(place, run_name=f"{path.stem} of {path}")
         return vars(import_module(place))
     except MethodError as error:  # whatever the user's own code raises

@@ -1,7 +1,8 @@
 """How close a reconstruction is to the truth.
 
-Every metric uses the truth: for the gain of each channel or a matrix of colours, and where it says
-so for the shift. A grey estimate of a coloured truth is compared with the mean of its channels.
+Every metric but `psnr` uses the truth: for the gain of each channel or a matrix of colours, and
+where it says so for the shift. These compare a grey estimate of a coloured truth with the mean of
+its channels.
 """
 
 import math
@@ -15,43 +16,18 @@ from periscopy_sim.numerics import Array, Image, precision_of
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """The best agreement over small shifts.
+    """The best agreement over small shifts."""
 
-    Attributes
-    ----------
-    psnr
-        Peak signal-to-noise ratio in dB after gain and shift.
-    shift
-        (down, right) in patches that the estimate was moved by.
-    image
-        (rows, columns, channels) shifted and gain-matched estimate.
-    at_limit
-        Whether the shift is at the limit of the search, down or right: the best may lie beyond.
-    """
-
-    psnr: float
-    shift: tuple[float, float]
-    image: Array
-    at_limit: bool
+    psnr: float  # peak signal-to-noise ratio in dB after gain and shift
+    shift: tuple[float, float]  # (down, right) in patches that the estimate was moved by
+    image: Array  # (rows, columns, channels) shifted and gain-matched estimate
+    at_limit: bool  # whether the shift is at the limit of the search: the best may lie beyond
 
 
 def gain_matched(estimate: Image, truth: Image) -> Array:
     """Clip negatives, scale each channel by the factor that fits the truth best, clip to [0, 1].
 
-    Parameters
-    ----------
-    estimate, truth
-        (rows, columns, channels); the truth within [0, 1].
-
-    Returns
-    -------
-    ndarray
-        The matched estimate, same shape.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
+    Both are (rows, columns, channels), the truth within [0, 1]; a ValueError if the shapes differ.
     """
     truth = _seen_by(estimate, truth)
     if estimate.shape != truth.shape:
@@ -68,6 +44,16 @@ def mean_squared_error(estimate: Image, truth: Image) -> float:
 
 
 def psnr(estimate: Image, truth: Image) -> float:
+    """Peak signal-to-noise ratio in dB of an image as it is, for a peak of 1, as scikit-image's.
+
+    Images of one shape, in the truth's unit; a ValueError if the shapes differ.
+    """
+    if np.shape(estimate) != np.shape(truth):
+        raise ValueError(f"{np.shape(estimate)} and {np.shape(truth)} differ in shape")
+    return _decibels(float(np.mean((np.asarray(estimate, np.float64) - truth) ** 2)))
+
+
+def psnr_gain_matched(estimate: Image, truth: Image) -> float:
     """Peak signal-to-noise ratio in dB for a peak of 1, after `gain_matched`."""
     return _decibels(mean_squared_error(estimate, truth))
 
@@ -101,29 +87,17 @@ def registered(
     """Find the shift that agrees best with the truth.
 
     The monitor's position is often known only to about a patch; this separates that error from
-    the image's own. Shifts are tried over a grid, by linear interpolation with zeros outside.
-
-    Parameters
-    ----------
-    estimate, truth
-        (rows, columns, channels).
-    reach
-        Largest shift in patches, in each direction.
-    step
-        Grid step in patches.
-
-    Returns
-    -------
-    Registration
-        The best over the grid; among equals, the smallest shift.
+    the image's own. Shifts of (rows, columns, channels) up to the reach are tried over a grid of
+    the step, both in patches, by linear interpolation with zeros outside. Among equals, the
+    smallest shift is the best.
     """
     limit = int(reach / step + 1e-9)
     shifts = [step * n for n in range(-limit, limit + 1)]
     # The nearest first: among equals, max takes the first.
     candidates = sorted(product(shifts, shifts), key=lambda shift: math.hypot(*shift))
-    best = max(candidates, key=lambda shift: psnr(shifted(estimate, *shift), truth))
+    best = max(candidates, key=lambda shift: psnr_gain_matched(shifted(estimate, *shift), truth))
     image, at_limit = shifted(estimate, *best), max(map(abs, best)) >= shifts[-1]
-    return Registration(psnr(image, truth), best, gain_matched(image, truth), at_limit)
+    return Registration(psnr_gain_matched(image, truth), best, gain_matched(image, truth), at_limit)
 
 
 def shifted(image: Image, down: float, right: float) -> Array:

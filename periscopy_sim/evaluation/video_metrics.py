@@ -44,7 +44,7 @@ def compare(records: Sequence[Record], images: Image, known: Image) -> None:
     """Add each frame's metrics against the truth to its record."""
     for record, image, truth in zip(records, images, known, strict=True):
         record["mean_squared_error"] = metrics.mean_squared_error(image, truth)
-        record["psnr"] = metrics.psnr(image, truth)
+        record["psnr"] = metrics.psnr_gain_matched(image, truth)
 
 
 def medians_of(records: Sequence[Record]) -> dict[str, float]:

@@ -82,16 +82,16 @@ def check_scheduler(scheduler: str | None) -> None:
     try:
         # In another thread: a notebook's own has a loop of events already.
         with _silence(), config.set(scheduler=None):
-            there = ThreadPoolExecutor(1).submit(asyncio.run, ask()).result()
+            versions = ThreadPoolExecutor(1).submit(asyncio.run, ask()).result()
     except Exception as error:  # of whatever listens there
         raise PeriscopyError(
             f"no Dask scheduler with its workers answers at '{scheduler}'; start one by `dask "
             "scheduler`, and give the address that it prints, such as tcp://host:8786"
         ) from error
-    if not there or any(each != _versions() for each in there.values()):
+    if not versions or any(each != _versions() for each in versions.values()):
         raise PeriscopyError(
             f"the Dask scheduler at '{scheduler}' has no workers of {_versions()} alone, but "
-            f"{there}; start some by `dask worker {scheduler}`"
+            f"{versions}; start some by `dask worker {scheduler}`"
         )
 
 
@@ -115,13 +115,13 @@ def compute(
     waiting = iter(items)
     try:
         try:
-            held = client.scatter(_Parcel(shared), broadcast=True, hash=False)
+            parcel = client.scatter(_Parcel(shared), broadcast=True, hash=False)
         except TypeError as error:
             raise PeriscopyError(
                 "a method of yours cannot travel to the workers, because pickle rejects it; keep "
                 "locks, threads and open files out of its object"
             ) from error
-        submit = partial(client.submit, _on_one_thread, task, held, pure=False)
+        submit = partial(client.submit, _on_one_thread, task, parcel, pure=False)
         running = as_completed([submit(item) for item in islice(waiting, IN_FLIGHT)])
         for future in running:
             yield future.result()

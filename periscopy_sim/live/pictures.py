@@ -13,7 +13,7 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.moving_scene import limit_size
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, own_errors
-from periscopy_sim.evaluation.metrics import psnr
+from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.numerics import Array
@@ -145,7 +145,7 @@ class SizedLaboratory:
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, truth, photograph, image,
-            None if truth is None else psnr(image, truth),
+            None if truth is None else psnr_gain_matched(image, truth),
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 

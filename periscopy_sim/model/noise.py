@@ -16,7 +16,7 @@ from periscopy_sim.photograph import Photograph
 FEWEST = 25
 """Pixels with all their neighbours, below which the noise is unknown."""
 
-ROUNDING = 1e-7
+SINGLE_ROUNDING = float(np.finfo(np.float32).eps)
 """Noise over a photograph's size that rounding in single precision makes."""
 
 
@@ -27,7 +27,7 @@ def residual_noise(energy: Array, explained: Array, freedom: int) -> Array:
     photograph's channels, `explained` is ‖A⊥ f̂‖², and the freedom counts the pixels less the
     dimensions of ambient light and f̂.
     """
-    rest = np.maximum(energy - explained, ROUNDING**2 * energy)
+    rest = np.maximum(energy - explained, SINGLE_ROUNDING**2 * energy)
     return np.asarray(np.sqrt(rest / max(freedom, 1)))
 
 

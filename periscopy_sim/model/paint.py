@@ -37,7 +37,7 @@ from periscopy_sim.numerics import Array, Mask
 DARK = 0.05
 """Fraction of the smooth light's mean below which a background photograph shows no paint."""
 
-LARGEST = 0.5
+LARGEST_UNEVENNESS = 0.5
 """Largest unevenness that counts as paint; larger values remain uncorrected."""
 
 WORTH = 0.05
@@ -98,7 +98,7 @@ class Paint:
         ratio = (energy / terms) / (by_chance / terms_by_chance + 1e-30)
         is_paint = special.fdtrc(terms, terms_by_chance, ratio) < ERROR_RATE
         matters = energy > WORTH * rest.size
-        believed = np.abs(even - 1).max() < LARGEST
+        believed = np.abs(even - 1).max() < LARGEST_UNEVENNESS
         return even if is_paint and matters and believed else np.ones(planes.shape)
 
 
@@ -107,7 +107,7 @@ def fine_structure(row: Array, smooth: Array) -> Array:
     light = smooth @ (smooth.T @ row)
     lit = (light > DARK * light.mean()) & (row > 0)
     d = 1 - np.divide(light, row, out=np.ones_like(row), where=lit)
-    return np.where(np.abs(d) < LARGEST, d, 0)
+    return np.where(np.abs(d) < LARGEST_UNEVENNESS, d, 0)
 
 
 def _fit_fields(terms: Array, rest: Array) -> tuple[Array, float, int]:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg, ndimage
 
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.noise import FEWEST, ROUNDING, second_differences
+from periscopy_sim.model.noise import FEWEST, SINGLE_ROUNDING, second_differences
 from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 from periscopy_sim.numerics import Array
 
@@ -40,7 +40,7 @@ EXCESS = 2.0
 chair scene has 1.5 at most (63 x 63 pixels, noise of all kinds), with an A of 16 rays a patch 1.2
 (29 x 36 patches) to 5.6 (9 x 11), the real chair photograph 35."""
 
-LARGE = 0.03, 3.0
+LARGE_UNEXPLAINED = 0.03, 3.0
 """Unexplained light, over the photograph and over what noise alone would leave, above which an
 image is reported as unreliable whatever the cause. Of the true chair scene (SBR 0.5, 40 to 80 dB)
 methods leave 2 % at most, but for `truncated-svd`, which leaves 5 to 20 %."""
@@ -96,7 +96,7 @@ class Residual:
     @property
     def is_large(self) -> bool:
         """Whether the image leaves much more of the photograph than noise would."""
-        over_photograph, over_noise = LARGE
+        over_photograph, over_noise = LARGE_UNEXPLAINED
         return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property
@@ -135,7 +135,7 @@ def residual_of(y: Array, signal: Array, fit: Fit) -> Residual:
     if np.count_nonzero(np.isfinite(differences[0])) < FEWEST or not np.nanmax(np.abs(differences)):
         return Residual(light, unexplained, None, None, None, "unknown")
     noise = _sizes(differences) / _sizes(second_differences(white)).mean()
-    lit = noise > ROUNDING * noise.max()  # not a channel that is black
+    lit = noise > SINGLE_ROUNDING * noise.max()  # not a channel that is black
     excess = _blurred_energy(rest[lit] / noise[lit, None, None]) / _blurred_energy(white)
     own = np.sqrt(1 - _shared(differences[lit]))
     alone = float(own * np.sqrt(np.mean(noise**2))) / level
@@ -145,7 +145,7 @@ def residual_of(y: Array, signal: Array, fit: Fit) -> Residual:
     sigma = float(np.sqrt(np.mean(noise**2))) if shared else alone * level
     cost = _cost(rest, white, transport, transport.project_out(signal), sigma, excess)
     is_noise = shared and excess <= EXCESS if cost is None else cost <= COSTLY
-    diagnosis: Diagnosis = "fits" if by_any <= 10 * ROUNDING or is_noise else "does_not_fit"
+    diagnosis: Diagnosis = "fits" if by_any <= 10 * SINGLE_ROUNDING or is_noise else "does_not_fit"
     return Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
 
 
@@ -174,9 +174,9 @@ def _cost(
         moved = np.mean((inverse @ A.rmatmat(light)) ** 2, axis=0)
         return np.asarray(moved.reshape(SURROGATES, -1).mean(axis=0))
 
-    alone, found = sigma**2 * errors(white), errors(rest)
-    more = float(found.mean() - alone.mean())
-    if excess <= EXCESS and more <= CHANCE * float(alone.std()) / np.sqrt(len(found)):
+    by_noise, by_misfit = sigma**2 * errors(white), errors(rest)
+    more = float(by_misfit.mean() - by_noise.mean())
+    if excess <= EXCESS and more <= CHANCE * float(by_noise.std()) / np.sqrt(len(by_misfit)):
         return 0.0
     return float(np.sqrt(max(more, 0.0) * N / np.trace(inverse)))
 

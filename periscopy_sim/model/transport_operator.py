@@ -8,7 +8,6 @@ blocks of rows that are made anew in every pass. The number of threads does not 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Protocol, TypeAlias
@@ -31,7 +30,7 @@ CONVERTED = 2**16
 LARGEST_GRAM = 5e10
 """M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
 
-RIDGE = 1e-8
+RIDGE = float(np.sqrt(np.finfo(np.float64).eps))
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
 
 NOTHING_LEFT = "B explains all of A, as where no occluder casts a shadow, or pixels are few"
@@ -62,14 +61,6 @@ def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
 def used_rows(A: Matrix, mask: Mask) -> Image:
     """Return a copy of the rows of A, (M, N), where the mask, (M,), is True."""
     return np.concatenate([block[mask[rows]] for rows, block in row_blocks(A)])
-
-
-@dataclass(frozen=True, eq=False)
-class Eigenvectors:
-    """Eigenvectors of A⊥ᵀA⊥: hidden images of norm 1, and the energy with which each is seen."""
-
-    energy: Array  # (k,) eigenvalues, the largest first: the squares of A⊥'s singular values
-    V: Array  # (N, k)
 
 
 class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
@@ -155,9 +146,10 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             gram += rest.T @ rest
         return gram
 
-    def strongest_eigenvectors(self, count: int) -> Eigenvectors:
+    def strongest_eigenvectors(self, count: int) -> tuple[Array, Array]:
         """Return the hidden images that the photograph shows best, by Lanczos iterations.
 
+        They are the eigenvalues of A⊥ᵀA⊥, (k,), the largest first, and its eigenvectors, (N, k).
         Each of the `count`, at most N, takes some two passes.
         """
         N = self.shape[1]
@@ -169,7 +161,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             )
             start = np.random.default_rng(0).standard_normal(N)
             energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 2 * count + 1), tol=1e-6)
-        return Eigenvectors(energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count]))
+        return energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count])
 
     def light(self, f: Array) -> Array:
         """Return A f, (M, K), backgrounds and all, of f, (N, K)."""

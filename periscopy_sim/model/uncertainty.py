@@ -2,7 +2,7 @@
 
 About f̂ the total variation is replaced by the quadratic function that touches it there, its
 gradients rounded off: λΣ‖∇f‖ by λΣ‖∇f‖²/(2√(‖∇f̂‖² + ε²)) = fᵀP f, but for a constant, with
-ε = 2 `ROUNDING`/λ. With noise n in the photograph and H = A⊥ᵀA⊥/σ² + P the estimate errs by
+ε = 2 `SMOOTHING`/λ. With noise n in the photograph and H = A⊥ᵀA⊥/σ² + P the estimate errs by
 
     f̂ − f ≈ H⁻¹ (A⊥ᵀn/σ² − P f),
 
@@ -38,7 +38,7 @@ from scipy import linalg, sparse
 from periscopy_sim.hidden import Differences, Hidden
 from periscopy_sim.numerics import Array, Image, Mask
 
-ROUNDING = 0.5
+SMOOTHING = 0.5
 """Where gradients are rounded off, over the prior's scale: of the values tried (0.5 to 4) the one
 whose map agreed best with actual errors, in size and in place."""
 
@@ -130,7 +130,7 @@ def contrast(misfit: float, pulled: float, squared: float) -> float:
 def curvature_of_total_variation(differences: Differences, f: Array, weight: float) -> Any:
     """Return the sparse P of the module, (N, N), of images f, (N, C)."""
     D = differences.matrix
-    precision = weight / 2 / np.hypot(differences.norms(f), 2 * ROUNDING / weight)
+    precision = weight / 2 / np.hypot(differences.norms(f), 2 * SMOOTHING / weight)
     return (D.T @ sparse.diags_array(np.tile(precision, 2)) @ D).tocsr()
 
 

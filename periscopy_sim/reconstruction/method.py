@@ -18,7 +18,6 @@ from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.inherited import Documented
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
 Result = TypeVar("Result")
@@ -65,7 +64,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Documented, Generic[Precision]):
+class Solution(Generic[Precision]):
     """A hidden image and how it came about.
 
     Attributes
@@ -114,7 +113,7 @@ def of_all(function: Callable[..., Result]) -> Callable[..., Result]:
     return accepting
 
 
-class StillMethod(Documented, ABC, Generic[Precision]):
+class StillMethod(ABC, Generic[Precision]):
     """A method for one scene; it recovers the hidden image of each photograph separately.
 
     `solve` returns the image and its numbers, `report` everything else that the method knows of

@@ -7,7 +7,7 @@ line, the sweeps and their help follow from the entry.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -116,8 +116,12 @@ def _parameters(options: tuple[Option, ...], given: Mapping[str, float]) -> dict
 # -- the methods ---------------------------------------------------------------------------------
 
 
-def _tv_weight(default: float, unit: str, parameter: str = "", least: float = 0) -> Option:
-    return Option("tv_weight", default, "Weight of total variation.", least, 1e9, unit, parameter)
+def _tv_weight(unit: str, default: float = 1.0) -> Option:
+    return Option("tv_weight", default, "Weight of total variation.", unit=unit)
+
+
+def _regularization(unit: str, default: float) -> Option:
+    return replace(_tv_weight(f"{unit}, above 0", default), least=1e-9, parameter="regularization")
 
 
 def _l1_weight(default: float) -> Option:
@@ -125,8 +129,8 @@ def _l1_weight(default: float) -> Option:
     return Option("l1_weight", default, f"Of the coupling l1: {words}.", coupling="l1")
 
 
-_IN_ERRORS = _tv_weight(1.0, "in standard errors of the estimate; 0: none")
-_IN_NOISE = _tv_weight(1.0, "in standard deviations of the noise; 0: none")
+_IN_ERRORS = _tv_weight("in standard errors of the estimate; 0: none")
+_IN_NOISE = _tv_weight("in standard deviations of the noise; 0: none")
 _REPAIR = Option(
     "repair_threshold",
     0.1,
@@ -136,23 +140,22 @@ _REPAIR = Option(
 _RANK = Option(
     "rank_tolerance", 1e-10, "Singular values of B that are kept, over the largest.", 1e-15, 0.5
 )
-_TEMPORAL_WEIGHT = Option(
-    "temporal_weight",
-    1.0,
-    "Of the coupling total-variation: weight of differences in time within it.",
-    coupling="total-variation",
-)
+
+
+def _by_name(*entries: MethodEntry) -> dict[str, MethodEntry]:
+    return {entry.name: entry for entry in entries}
+
 
 DEFAULT = "noise-aware"
 """Its error is less than `preconditioned`'s in each realistic light of `beyond.noise_aware`."""
 
-_ENTRIES = (
+METHODS: Mapping[str, MethodEntry] = _by_name(
     MethodEntry(
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
         bytes_per_entry=25,
-        options=(_tv_weight(0.02, "in ‖A⊥‖_F / σ, above 0", "regularization", 1e-9), _RANK),
+        options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
         uncertain=True,
         video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
@@ -166,15 +169,23 @@ _ENTRIES = (
         video=VideoEntry(
             "preconditioned.video:Video",
             ("l1", "total-variation", "none"),
-            (_TEMPORAL_WEIGHT, _l1_weight(0.4)),
+            (
+                Option(
+                    "temporal_weight",
+                    1.0,
+                    "Of the coupling total-variation: weight of differences in time within it.",
+                    coupling="total-variation",
+                ),
+                _l1_weight(0.4),
+            ),
         ),
     ),
     MethodEntry(
         "iterative",
         "the paper's problem without P, for fine grids",
-        "large_scale.iterative:IterativePeriscope",
+        "iterative:IterativePeriscope",
         bytes_per_entry=14,
-        options=(_tv_weight(0.015, "in σ ‖A⊥‖_F, above 0", "regularization", 1e-9), _RANK),
+        options=(_regularization("in σ ‖A⊥‖_F", 0.015), _RANK),
     ),
     MethodEntry(
         "differencing",
@@ -214,6 +225,4 @@ _ENTRIES = (
         hidden=(29, 36),
     ),
 )
-
-METHODS: Mapping[str, MethodEntry] = {entry.name: entry for entry in _ENTRIES}
 """The methods of the package, by name."""

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import check_weight
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.inherited import Documented
 from periscopy_sim.reconstruction.method import Precision, Series, Solution, StillMethod
 
 FrameSolution = TypeVar("FrameSolution", bound=Solution[Any])
 
 
-class FrameByFrame(Documented, ABC, Generic[FrameSolution, Precision]):
+class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
     """A method for video, fitted to one scene: frames one at a time, or many at once.
 
     Parameters

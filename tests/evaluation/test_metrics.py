@@ -4,11 +4,13 @@ import math
 import numpy as np
 import pytest
 from scipy import optimize
+from skimage.metrics import peak_signal_noise_ratio
 
 from periscopy_sim.evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
     psnr,
+    psnr_gain_matched,
     registered,
     shifted,
 )
@@ -23,10 +25,19 @@ def images(seed=0, shape=SHAPE):
     return 40 * (truth - 0.2 + 0.2 * rng.normal(size=shape)), truth
 
 
+def test_psnr_is_that_of_scikit_image_and_of_no_other_shape():
+    estimate, truth = images()
+    assert psnr(estimate, truth) == pytest.approx(
+        peak_signal_noise_ratio(truth, estimate, data_range=1)
+    )
+    with pytest.raises(ValueError, match="shape"):
+        psnr(estimate[..., :1], truth)
+
+
 def test_colour_matched_psnr_forgives_any_mixture_of_colours():
     _, truth = images()
     mixed = truth @ np.array([[0.7, 0.2, 0], [0.25, 1, 0.3], [0.05, 0.3, 1.2]])
-    assert colour_matched_psnr(mixed, truth) > 200 > psnr(mixed, truth)
+    assert colour_matched_psnr(mixed, truth) > 200 > psnr_gain_matched(mixed, truth)
     noisy = truth + 0.1 * np.random.default_rng(1).normal(size=truth.shape)
     assert colour_matched_psnr(noisy @ np.diag([1, 2, 3]), truth) == pytest.approx(
         colour_matched_psnr(noisy, truth)

@@ -19,7 +19,7 @@ def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     pictures = level().pictures(choice, never)
     assert pictures.photograph.shape == (24, 24)
     assert pictures.image.shape == pictures.report.standard_errors.shape == (6, 8, 3)
-    assert pictures.psnr == ps.psnr(pictures.image, pictures.truth) > 20
+    assert pictures.psnr == ps.psnr_gain_matched(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
     there = level().pictures(moved, never)
     before, after = (each.scenario.scene.occluders[0].vertices for each in (pictures, there))

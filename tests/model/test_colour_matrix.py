@@ -12,45 +12,19 @@ HIDDEN, PHOTOGRAPH = (4, 5), (14, 15)
 RNG = np.random.default_rng(0)
 A, B = RNG.random((210, 20)) ** 3 + 0.1, RNG.random((210, 3))
 M = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
-GAIN = np.array([1.2, 1.0, 0.8])
 TRUTH = RNG.uniform(0.2, 1, (20, 3))
-LIGHT = (A @ TRUTH + B @ RNG.random((3, 3))).reshape(*PHOTOGRAPH, 3) * GAIN
-NOISE = 1e-3 * RNG.standard_normal(LIGHT.shape)
+LIGHT = (A @ TRUTH + B @ RNG.random((3, 3))).reshape(*PHOTOGRAPH, 3)
 STILLS = [name for name, entry in METHODS.items() if not entry.needs]
-
-
-class SCENE:
-    photograph_shape, hidden, channel_gain = PHOTOGRAPH, HIDDEN, GAIN
-
-
-@pytest.mark.parametrize("name", STILLS)
-def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
-    colours = ColourMatrix(M)
-    off = {"off": RNG.random(LIGHT.shape)}
-    images, residuals = [], []
-    for matrix, y, dark in (
-        (None, LIGHT + NOISE, off),
-        (colours, colours.mix(LIGHT + NOISE), {"off": colours.mix(off["off"])}),
-    ):
-        method = METHODS[name](SCENE, A, B)
-        whole = Photograph.of(y, monitor_off=dark, colour_matrix=matrix)
-        solution = method.solve(whole)
-        images.append(solution.image)
-        residuals.append(method.report(whole, solution).residual)
-    scale = np.sqrt(np.mean(images[0] ** 2))
-    np.testing.assert_allclose(images[1], images[0], atol=0.03 * scale)
-    assert residuals[1].unexplained == pytest.approx(residuals[0].unexplained, rel=0.5)
 
 
 @pytest.mark.parametrize("name", STILLS)
 @pytest.mark.parametrize("shape", [(4, 3), (3, 1), (2, 1)])
 def test_cameras_may_have_more_channels_than_the_monitor_primaries(name, shape):
     colours = ColourMatrix(np.random.default_rng(3).uniform(0.2, 1, shape))
-    grey = {"photograph_shape": PHOTOGRAPH, "hidden": HIDDEN, "channel_gain": None}
-    y = LIGHT[..., : shape[1]] / GAIN[: shape[1]]
+    y = LIGHT[..., : shape[1]]
     noise = np.random.default_rng(1).standard_normal((*PHOTOGRAPH, shape[0]))
     given = Photograph.of(colours.mix(y) + 1e-3 * noise, colour_matrix=colours)
-    scene = SimpleNamespace(**grey)
+    scene = SimpleNamespace(photograph_shape=PHOTOGRAPH, hidden=HIDDEN, channel_gain=None)
     found = METHODS[name](scene, A, B).reconstruct(given)
     expected = METHODS[name](scene, A, B).reconstruct(y)
     assert found.shape == (*HIDDEN, shape[1])

@@ -12,8 +12,8 @@ from periscopy_sim.model.spectral_basis import (
     InverseLaplacian,
     Solver,
     SpectralBasis,
+    dense_inverse,
     inverse_by_axes,
-    inverse_by_factors,
     laplacian,
 )
 from tests.scenes.surfaces import alone, screen_and_column
@@ -82,7 +82,7 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
         g = images[:, : one.patches].astype(np.float32)
         for each in (
             inverse_by_axes(one.differences, surface.shape),
-            inverse_by_factors(one.differences),
+            dense_inverse(one.differences),
         ):
             np.testing.assert_allclose(each(g), expected, atol=1e-5)
     copied = pickle.loads(pickle.dumps(inverse))

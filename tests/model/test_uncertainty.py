@@ -6,7 +6,7 @@ from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import (
-    ROUNDING,
+    SMOOTHING,
     UncertainTransport,
     contrast,
     curvature_of_total_variation,
@@ -47,7 +47,7 @@ def curvature_by_loops(image, weight):
         for j in range(columns):
             steps = [(i + 1, j)] * (i + 1 < rows) + [(i, j + 1)] * (j + 1 < columns)
             squared = sum(((image[step] - image[i, j]) ** 2).sum() for step in steps)
-            precision = weight / 2 / np.sqrt(squared + (2 * ROUNDING / weight) ** 2)
+            precision = weight / 2 / np.sqrt(squared + (2 * SMOOTHING / weight) ** 2)
             for step in steps:
                 d = np.zeros((rows, columns))
                 d[step], d[i, j] = 1, -1

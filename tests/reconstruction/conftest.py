@@ -1,7 +1,12 @@
 """Images that the tests of total variation denoise, and what minimizes without the package."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
 
 @pytest.fixture(scope="session")
@@ -12,6 +17,24 @@ def random_image():
         return np.random.default_rng(seed).normal(size=shape)
 
     return draw
+
+
+@pytest.fixture(scope="session")
+def solved():
+    """`solve_total_variation` of ([frames, ]R, C[, channels]) images; frames where w is given."""
+
+    def solve(g, weight, w=None, p=None, **options):
+        axes = slice(0, 2) if w is None else slice(1, 3)
+
+        def vectors(each):
+            frames, patches = each.shape[: axes.start], np.prod(each.shape[axes])
+            return each.reshape(*frames, patches, *(each.shape[axes.stop :] or (1,)))
+
+        options |= {"temporal_weight": w or 0.0, "previous": None if p is None else vectors(p)}
+        found = solve_total_variation(vectors(g), weight, Hidden.of(g.shape[axes]), **options)
+        return replace(found, image=found.image.reshape(g.shape))
+
+    return solve
 
 
 @pytest.fixture(scope="session")

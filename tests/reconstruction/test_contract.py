@@ -75,7 +75,9 @@ def test_options_have_the_defaults_of_the_class_within_their_bounds(name):
         module, _, kind = each.of.partition(":")
         made = getattr(import_module(f"periscopy_sim.reconstruction.{module}"), kind)
         assert issubclass(made, base)
-        parameters = inspect.signature(made).parameters
+        parameters = {}  # of the base, too: `rank_tolerance`
+        for part in reversed(made.__mro__[:-1]):
+            parameters |= inspect.signature(part.__init__).parameters
         for option in each.options:
             assert parameters[option.parameter or option.name].default == option.default
             assert option.least <= option.default <= option.most and option.help
@@ -89,9 +91,11 @@ def test_options_reach_their_parameters_from_the_least_to_the_most(name):
             method = METHODS[name](Scene(), A, B, **{option.name: value})
             if option.name != "rank_tolerance":  # not kept
                 assert getattr(method, option.parameter or option.name) == value
-        for wrong in (-1, np.nan):
+        for wrong in (-1, np.nan, *([0] if option.least else [])):
             with pytest.raises(ValueError, match=r"negative|tolerance|regularization|threshold"):
-                METHODS[name](Scene(), A, B, **{option.name: wrong}).reconstruct(Y)
+                method = METHODS[name](Scene(), A, B, **{option.name: wrong})
+                assert option.name == "rank_tolerance"  # every other at once
+                method.reconstruct(Y)
     with pytest.raises(KeyError):
         METHODS[name](Scene(), A, B, unknown=1.0)
 
@@ -142,12 +146,10 @@ def test_units_and_orders_do_not_matter(name, seed):
     plain = Scene(photograph_shape=SHAPE if name in NEIGHBOURS else None)
     scene = replace(plain, channel_gain=tuple(GAIN[channels]))
     turned = np.asarray(unit * A[pixels], order=rng.choice(["C", "F"]))
-    # Without B single precision's rounding is more than the noise, and is taken for it.
-    options = {} if METHODS[name].backgrounds else {"tv_weight": 0}
-    other = fitted(name, turned, ambient * B[pixels][:, columns], scene, **options)
+    other = fitted(name, turned, ambient * B[pixels][:, columns], scene)
     y = Y.reshape(M, 3)[pixels][:, channels]
     image = unit * other.reconstruct(y)[..., np.argsort(channels)]
-    assert distance(image, fitted(name, scene=plain, **options).reconstruct(Y)) < 3e-4
+    assert distance(image, fitted(name, scene=plain).reconstruct(Y)) < 3e-4
 
 
 @pytest.mark.parametrize("name", ["noise-aware", "preconditioned", "iterative"])
@@ -260,6 +262,9 @@ def test_what_lies_outside_the_mask_is_not_used(name):
     solution = method.solve(clean)
     assert np.isfinite(solution.image).all()
     np.testing.assert_array_equal(method.reconstruct(spoilt), solution.image)
+    used = MASK.ravel()[:, None]  # nor are the other rows of A and B
+    again = fitted(name, np.where(used, A, np.nan), np.where(used, B, np.inf))
+    np.testing.assert_array_equal(again.reconstruct(spoilt), solution.image)
     assert np.isnan(method.residual(clean, solution).light[~MASK]).all()
     numbers = [method.report(each, solution).numbers for each in (clean, spoilt)]
     np.testing.assert_equal(*numbers)
@@ -310,6 +315,19 @@ def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
         plain.report(Photograph.of(y, monitor_off={"off": OFF}), expected).residual,
     ]
     assert residuals[0].unexplained == pytest.approx(residuals[1].unexplained, rel=0.5)
+
+
+@every_method
+@pytest.mark.parametrize("channels", [1, 2, 4])
+def test_an_image_has_the_channels_of_the_photograph(name, channels):
+    method = fitted(name, scene=Scene(channel_gain=None))
+    y = (Y / GAIN)[..., [1, 0, 2, 1][:channels]]
+    image = method.reconstruct(y)
+    assert image.shape == (*HIDDEN, channels)
+    if channels == 1:  # also on a coloured wall, and as two channels alike
+        np.testing.assert_array_equal(fitted(name).reconstruct(y), image)
+        twice = method.reconstruct(np.repeat(y, 2, axis=2))
+        assert distance(twice, np.repeat(image, 2, axis=2)) < 0.02
 
 
 @every_method

@@ -112,7 +112,9 @@ class Outcome:
     @cached_property
     def psnr(self) -> dict[str, float]:
         """Of each picture, unshifted, in dB."""
-        return {n: ps.psnr(f, self.truth) for n, f in zip(SCENES, self.images, strict=True)}
+        return {
+            n: ps.psnr_gain_matched(f, self.truth) for n, f in zip(SCENES, self.images, strict=True)
+        }
 
     @cached_property
     def registered(self) -> dict[str, float]:

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.numerics import Array, Image, Mask
@@ -102,12 +103,14 @@ def descend_as_published(
         return (gram @ f.ravel()).reshape(f.shape)
 
     def denoised(f: Array) -> Array:
-        return solve_total_variation(f, threshold, tolerance=1e-6).image
+        flat = solve_total_variation(f.reshape(-1, 1), threshold, hidden, tolerance=1e-6)
+        return flat.image.reshape(f.shape)
 
     def is_majorized(change: Array) -> bool:  # ½‖K f − b‖², whose linear part cancels
         return float(np.sum(change * product(change))) <= _spectral_norm(change) ** 2 / step
 
-    f = z = start
+    hidden, f = Hidden.of(start.shape), start
+    z = f
     step = 1e-5 * unit**2
     t, threshold = 1.0, weight * step
     for iteration in range(1, most + 1):
@@ -160,8 +163,6 @@ class Differencing(StillMethod[np.float64]):
     Each channel is a problem of its own, with steps and an end of its own: those of the noise-aware
     method, for D A in the place of A⊥, or those of the published code.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     B
@@ -178,6 +179,8 @@ class Differencing(StillMethod[np.float64]):
         D y best is taken to be 1/4.
     tolerance, max_iterations
         As of `NoiseAware`; only for ``"converged"``.
+    A, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------

@@ -11,7 +11,11 @@ from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.numerics import Array, Image, precision_of
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.method import Report, StillMethod, of_all
-from periscopy_sim.reconstruction.preconditioned.still import Reconstruction, denoise_and_repair
+from periscopy_sim.reconstruction.preconditioned.still import (
+    Reconstruction,
+    check_settings,
+    denoise_and_repair,
+)
 
 
 class TruncatedSVD(StillMethod[np.floating[Any]]):
@@ -26,8 +30,6 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     The singular vectors are those of AᵀA, so that Σ_k⁻¹ U_kᵀ = Σ_k⁻² V_kᵀAᵀ; with a condition
     number of c among the kept, that costs c² rounding errors.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     B
@@ -38,6 +40,8 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         λ in standard errors of the estimate, as above; 0 denoises nothing.
     repair_threshold
         κ as a part of the 99th percentile of the denoised magnitudes; infinity repairs nothing.
+    A, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------
@@ -60,6 +64,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         super().__init__(A, **scene)
         if not 0 < fraction <= 1:
             raise InputError(f"the fraction of singular values is in (0, 1], not {fraction}")
+        check_settings(tv_weight, repair_threshold)
         self.fraction = fraction
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold

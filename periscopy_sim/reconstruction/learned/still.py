@@ -80,13 +80,13 @@ class Learned(NoiseAware):
 
     It needs PyTorch. docs/results/learned.md measures its gain.
 
-    Other errors are those of `NoiseAware`.
-
     Parameters
     ----------
     weights
         Of the network: ``"unrolled"``, which ship with the package, or a file that
         `experiments.learned.train` wrote.
+    A, B, **settings
+        As of `NoiseAware`, whose other errors it raises, too.
 
     Raises
     ------

@@ -93,8 +93,6 @@ class NoiseAware(StillMethod[np.float64]):
 
     λ follows the photograph's noise and units, see the module.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     regularization
@@ -112,6 +110,8 @@ class NoiseAware(StillMethod[np.float64]):
     uncertain
         Effect of the scene's parameter errors on light, which standard errors then include. None if
         the scene is right.
+    A, B, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------

@@ -40,7 +40,7 @@ RELAXATION = 1.8
 AXES = 2
 """Directions of differences; the compiler unrolls a loop over a constant."""
 
-BISECTIONS = 24
+BISECTIONS = -int(np.finfo(np.float32).negep)
 """Halvings after which single precision has no more digits."""
 
 

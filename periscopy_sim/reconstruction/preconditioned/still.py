@@ -11,7 +11,12 @@ from scipy import ndimage
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.products import times_rows
-from periscopy_sim.numerics.validation import checked_companion, checked_image, plain_array
+from periscopy_sim.numerics.validation import (
+    InputError,
+    checked_companion,
+    checked_image,
+    plain_array,
+)
 from periscopy_sim.reconstruction.method import Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
@@ -66,8 +71,6 @@ class Periscope(StillMethod[np.floating[Any]]):
       from the part of it that [A, B] cannot explain, times the root mean square of √(P Pᵀ)_jj.
     - κ is `repair_threshold` times the 99th percentile of the denoised magnitudes.
 
-    Other errors are those of `StillMethod`.
-
     Parameters
     ----------
     A
@@ -81,7 +84,10 @@ class Periscope(StillMethod[np.floating[Any]]):
         Form P in float32 once, for speed; otherwise apply it in factored float64, which takes half
         of the memory. The background is projected out in float64 either way. Of the chair's
         29 x 36 patches the images differ by 2e-5 of their root mean square where the SNR is 60 dB,
-        and by 3e-3 at 100 dB, where the rounding adds to the noise.
+        and by 3e-3 at 100 dB, where the rounding adds to the noise. Without B, P is always
+        factored.
+    B, **scene
+        As of `StillMethod`, whose other errors it raises, too.
 
     Raises
     ------
@@ -102,13 +108,10 @@ class Periscope(StillMethod[np.floating[Any]]):
         **scene: Any,
     ) -> None:
         super().__init__(A, B, **scene)
-        if not (tv_weight >= 0 and repair_threshold >= 0):
-            raise ValueError(
-                f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that "
-                "are not negative"
-            )
-        self.explicit = explicit
-        self.precision = np.float32 if explicit else np.float64
+        check_settings(tv_weight, repair_threshold)
+        # Without B, single precision would round ambient light to more than the noise.
+        self.explicit = explicit and B is not None
+        self.precision = np.float32 if self.explicit else np.float64
         self.tv_weight = tv_weight
         self.repair_threshold = repair_threshold
 
@@ -163,6 +166,15 @@ class Periscope(StillMethod[np.floating[Any]]):
         images = np.moveaxis(f.reshape(*planes.shape[:2], -1), 1, -1)
         weight = self.tv_weight * float(np.sqrt(P.noise_gain.mean())) * noise
         return Estimate(images.astype(self.precision), noise, weight)
+
+
+def check_settings(tv_weight: float, repair_threshold: float) -> None:
+    """Reject settings of total variation and repair that are negative or NaN."""
+    if not (tv_weight >= 0 and repair_threshold >= 0):
+        raise InputError(
+            f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that are "
+            "not negative"
+        )
 
 
 def denoise_and_repair(
@@ -228,11 +240,8 @@ def repair(image: ArrayLike, threshold: float, previous: ArrayLike | None = None
 
     Raises
     ------
-    TypeError
-        The image or the previous frame is not of a real floating-point type.
-    ValueError
-        The image is empty, not finite or of another dimension, the previous frame is not finite or
-        of another shape, or the threshold is negative or NaN.
+    TypeError, ValueError
+        An argument is not as above.
     """
     values = checked_image(image)
     if values.ndim != 3 or values.size == 0:

@@ -37,14 +37,14 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
     Repair follows, its window widened to the previous frame (not with ``"none"``). Each frame's
     dual problem starts from the solution of the one before, which saves a third of the iterations.
 
-    Other errors are those of `FrameByFrame`.
-
     Parameters
     ----------
     still
         The method for stills, whose P, λ and κ serve every frame.
     temporal_weight
         Weight of the difference in time within three-dimensional total variation; the paper's is 1.
+    coupling, l1_weight
+        As of `FrameByFrame`, whose other errors it raises, too.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
             else:
                 images = np.stack([previous, g])
                 term["temporal_weight"] = self.temporal_weight
-        result = solve_total_variation(images, weight, hidden=hidden, **term)
+        result = solve_total_variation(images, weight, hidden, **term)
         result.warn_unless_converged()
         self._dual = result.dual
         denoised = result.image[1] if result.image.ndim == 3 else result.image

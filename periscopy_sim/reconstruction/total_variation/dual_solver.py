@@ -167,16 +167,13 @@ def _minimize(
 def _apply_dual(g: Array, p: Array, τ2: float, q: Array, neighbours: Neighbours, f: Array) -> None:
     """Set f = g + div q − s."""
     (strides, weights), margin = neighbours, q.shape[1] - len(g)
+    f[: len(g)] = g
     for axis in range(len(strides)):
         before = margin - strides[axis]
         ahead, behind = q[axis, margin:], q[axis, before:]
         w_ahead, w_behind = weights[axis, margin:], weights[axis, before:]
-        if axis == 0:
-            for n in range(len(g)):
-                f[n] = g[n] + (w_ahead[n] * ahead[n] - w_behind[n] * behind[n])
-        else:
-            for n in range(len(g)):
-                f[n] += w_ahead[n] * ahead[n] - w_behind[n] * behind[n]
+        for n in range(len(g)):
+            f[n] += w_ahead[n] * ahead[n] - w_behind[n] * behind[n]
     if τ2 > 0:
         for n in range(len(g)):
             distance = f[n] - p[n]
@@ -190,17 +187,13 @@ def _climb(
     """Set `moved` to r + step · ∇f, and `shrink` to what brings its length down to τ."""
     (strides, weights), (axes, size) = neighbours, moved.shape
     margin = r.shape[1] - size
+    shrink[:] = 0
     for axis in range(axes):
         following, before, new = f[strides[axis] :], r[axis, margin:], moved[axis]
         w = weights[axis, margin:]
-        if axis == 0:
-            for n in range(size):
-                new[n] = before[n] + step * (w[n] * (following[n] - f[n]))
-                shrink[n] = new[n] * new[n]
-        else:
-            for n in range(size):
-                new[n] = before[n] + step * (w[n] * (following[n] - f[n]))
-                shrink[n] += new[n] * new[n]
+        for n in range(size):
+            new[n] = before[n] + step * (w[n] * (following[n] - f[n]))
+            shrink[n] += new[n] * new[n]
     for n in range(size):
         shrink[n] = τ / max(τ, math.sqrt(shrink[n]))
 

@@ -49,11 +49,12 @@ def test_piecewise_constant_image_is_recovered_from_a_noiseless_photograph(expli
 
 
 @explicit_or_factored
-def test_noise_is_estimated_within_its_statistical_error(explicit):
+@pytest.mark.parametrize("B", [B, None], ids=["backgrounds", "pseudoinverse"])
+def test_noise_is_estimated_within_its_statistical_error(explicit, B):
     periscope = Periscope(A, B, hidden=HIDDEN, explicit=explicit)
-    freedom = M - projected_pseudoinverse()[1]
+    freedom = M - (N if B is None else projected_pseudoinverse()[1])
     σ = np.array([0.01, 0.03, 0.002])
-    clean = photograph_of(penumbrae.two_halves(HIDDEN), background=1.0)
+    clean = photograph_of(penumbrae.two_halves(HIDDEN), background=B is not None)
     rng = np.random.default_rng(4)
     variances = np.array(
         [

@@ -3,10 +3,7 @@ import pytest
 
 from periscopy_sim.reconstruction.preconditioned.still import Periscope, repair
 from periscopy_sim.reconstruction.preconditioned.video import Video
-from periscopy_sim.reconstruction.total_variation.prox import (
-    prox_total_variation,
-    solve_total_variation,
-)
+from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 
 HIDDEN = (5, 6)
 RNG = np.random.default_rng(0)
@@ -25,7 +22,9 @@ def periscope(request):
     return Periscope(A, B, hidden=HIDDEN, explicit=request.param)
 
 
-def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(periscope):
+def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previous(
+    periscope, solved
+):
     video = Video(periscope, coupling="total-variation")
     previous = video.next_frame(PHOTOGRAPHS[0])
     found = video.solve_next(PHOTOGRAPHS[1])
@@ -33,7 +32,7 @@ def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previ
     np.testing.assert_allclose(found.preconditioned, still.preconditioned, rtol=1e-6)
     np.testing.assert_allclose(found.weight, still.weight, rtol=1e-6)
     pair = np.stack([previous, found.preconditioned])
-    denoised = prox_total_variation(pair, found.weight, temporal_weight=1.0)[1]
+    denoised = solved(pair, found.weight, 1.0).image[1]
     np.testing.assert_array_equal(found.denoised, denoised)
     percentile = np.percentile(np.linalg.norm(denoised, axis=2), 99)
     assert found.threshold == pytest.approx(0.1 * percentile, rel=1e-6)
@@ -43,7 +42,7 @@ def test_later_frame_is_denoised_in_three_dimensions_and_repaired_with_the_previ
 
 
 @pytest.mark.parametrize("coupling", ["total-variation", "l1"])
-def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope, coupling):
+def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope, coupling, solved):
     video = Video(periscope, coupling=coupling, l1_weight=3.0, temporal_weight=2.0)
     video.next_frame(PHOTOGRAPHS[0])
     for photograph in PHOTOGRAPHS[1:]:
@@ -51,12 +50,10 @@ def test_every_frame_is_its_problems_minimizer_wherever_it_starts_from(periscope
         found = video.solve_next(photograph)
         g, weight = found.preconditioned.astype(np.float64), found.weight
         if coupling == "l1":
-            exact = solve_total_variation(
-                g, weight, previous=previous, l1_weight=3 * weight, tolerance=1e-9
-            ).image
+            exact = solved(g, weight, None, previous, l1_weight=3 * weight, tolerance=1e-9).image
         else:
             pair = np.stack([previous, g])
-            exact = prox_total_variation(pair, weight, temporal_weight=2.0, tolerance=1e-9)[1]
+            exact = solved(pair, weight, 2.0, tolerance=1e-9).image[1]
         still = prox_total_variation(g, weight, tolerance=1e-9)
         assert np.linalg.norm(found.denoised - exact) < 0.1 * np.linalg.norm(still - exact)
 

@@ -7,7 +7,7 @@ from scipy import linalg
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import background_basis
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.reconstruction.large_scale.matrix_free import Weighed
+from periscopy_sim.reconstruction.iterative import Weighed
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 from periscopy_sim.reconstruction.total_variation.prox import prox_total_variation
 from tests.scenes.surfaces import alone, screen_and_column
@@ -30,7 +30,7 @@ def operator(A, B):
 
 
 def weighed(transport, count=3):
-    return Weighed(transport, transport.strongest_eigenvectors(count), Hidden.of(SHAPE))
+    return Weighed(transport, Hidden.of(SHAPE), *transport.strongest_eigenvectors(count))
 
 
 def with_total_variation(transport, y, weight, count=3, **stop):
@@ -77,7 +77,7 @@ def test_surfaces_that_light_other_pixels_are_recovered_as_each_alone():
 
     def solved(A, y, hidden):
         transport = TransportOperator(A)
-        problem = Weighed(transport, transport.strongest_eigenvectors(3), hidden)
+        problem = Weighed(transport, hidden, *transport.strongest_eigenvectors(3))
         return problem.minimize(A.T @ y, lambda *_: weight, **stop).f
 
     both = hidden.split(solved(linalg.block_diag(*parts), y, hidden))
