@@ -36,8 +36,8 @@ ROUNDS = 8
 Numbers = Callable[[Any], Any]
 """Maps a dimension, a Dr.Jit integer, to each path's number in [0, 1)."""
 
-Deposit = Callable[[Any, Any, Any, Any], Any]
-"""Adds radiance, from UV coordinates of an emitter, to the light so far, where active."""
+Deposit = Callable[[Any, Any, Any, Any, Any], Any]
+"""Adds radiance, from an emitter at UV coordinates of its shape, to the light so far, if active."""
 
 
 class PathNumbers:
@@ -116,7 +116,7 @@ def trace_paths(
     # A BSDF without these scatters alike in all directions; Delta lets light pass straight, too.
     other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
 
-    def added(light: Any, _: Any, radiance: Any, active: Any) -> Any:
+    def added(light: Any, _: Any, __: Any, radiance: Any, active: Any) -> Any:
         return light + dr.select(active, radiance, 0)
 
     add = deposit or added
@@ -149,7 +149,7 @@ def trace_paths(
         there = mi.DirectionSample3f(scene, si, origin)
         sampled = scene.pdf_emitter_direction(origin, there, met & ~delta)
         weight = balance(delta, pdf, sampled)
-        light = add(light, si.uv, throughput * emitter.eval(si, met) * weight, met)
+        light = add(light, emitter, si.uv, throughput * emitter.eval(si, met) * weight, met)
         active &= si.is_valid() & (surface < most)
         # A point of an emitter, sampled.
         bsdf = si.bsdf()
@@ -160,7 +160,7 @@ def trace_paths(
         lit = active & (toward.pdf > 0) & (dr.max(value * radiance) > 0)
         lit &= ~scene.ray_test(si.spawn_ray_to(toward.p), lit)
         weight = balance(toward.delta, toward.pdf, bsdf_pdf)
-        light = add(light, toward.uv, throughput * value * radiance * weight, lit)
+        light = add(light, toward.emitter, toward.uv, throughput * value * radiance * weight, lit)
         facing = si.n * dr.sign(-dr.dot(si.n, ray.d))
         here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), (bsdf.flags() & other) == 0)
         first = tuple(dr.select(surface == 1, a, b) for a, b in zip(here, first, strict=True))
