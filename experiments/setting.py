@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.rendering.photograph import path_trace
+from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.refusals import check_media
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.ambient_library import ambient_photographs

@@ -21,10 +21,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel, ranges
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
-from periscopy_sim.view import View, WallFrame
-
-RELIEF = 1e-4
-"""Of the field of view's width: how far the wall may stand out of its plane anywhere."""
+from periscopy_sim.view import LIFT, View, WallFrame
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
@@ -55,7 +52,7 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    blocks = [_seen(scenario, name).light() for name in scenario.hidden]
+    blocks = [_local_scene(scenario, name).light() for name in scenario.hidden]
     return np.hstack(blocks) if len(blocks) > 1 else blocks[0]
 
 
@@ -84,7 +81,7 @@ def has_areas(scenario: Scenario) -> bool:
 def require_areas(scenario: Scenario) -> None:
     """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
     for name in scenario.hidden:
-        _seen(scenario, name)
+        _local_scene(scenario, name)
 
 
 def area_derivatives(
@@ -118,21 +115,24 @@ def area_derivatives(
     """
     blocks = []
     for name, part in scenario.hidden.slices.items():
-        seen = _seen(scenario, name)
-        moved = [_moved(_seen(b, name), _seen(a, name), apart) for a, b, apart in sides]
-        changes = np.empty((len(sides), len(seen.points), part.stop - part.start), np.float32)
-        _fill_changes(changes, seen, moved)
-        changes *= seen.scale
-        for change, by in zip(changes, moved, strict=True):
+        local = _local_scene(scenario, name)
+        slopes = [
+            _slope(_local_scene(b, name), _local_scene(a, name), distance)
+            for a, b, distance in sides
+        ]
+        changes = np.empty((len(sides), len(local.points), part.stop - part.start), np.float32)
+        _fill_changes(changes, local, slopes)
+        changes *= local.scale
+        for change, by in zip(changes, slopes, strict=True):
             if by.scale:
                 A = area_transport(scenario) if A is None else A
-                change += by.scale / seen.scale * A[:, part]
+                change += by.scale / local.scale * A[:, part]
         blocks.append(changes)
     return np.concatenate(blocks, axis=2) if len(blocks) > 1 else blocks[0]
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _LocalScene:
     """A scene as `light_rows` takes it."""
 
     points: Array  # (M, K, 3)
@@ -170,21 +170,21 @@ class _Seen:
         return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
 
-def _seen(scenario: Scenario, name: str) -> _Seen:
+def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
     view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
     emission = scene.emission[name]
     if view.reflectance is None:
-        raise refusal(scene, "wall", "is not diffuse; give it a diffuse bsdf")
+        raise no_closed_form(scene, "wall", "is not diffuse; give it a diffuse bsdf")
     if emission is None:
         reason = "has no closed angular profile; give it an area or lcd emitter"
-        raise refusal(scene, name, reason)
+        raise no_closed_form(scene, name, reason)
     wall = wall_plane(view)
-    if view.relief > RELIEF * np.ptp(view.points @ wall.across):
-        raise refusal(scene, "wall", "has parts that stand out of the plane that is seen")
+    if view.relief > LIFT * np.ptp(view.points @ wall.across):
+        raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
     axes = surface_axes(scene, name, surface)
     if abs(axes[0] @ axes[1]) > FLATNESS:
-        raise refusal(scene, name, "has patches that are not rectangular")
+        raise no_closed_form(scene, name, "has patches that are not rectangular")
     width, height = (float(np.linalg.norm(edge[0])) for edge in (surface.across, surface.up))
     first = surface.centers[0] - surface.across[0] / 2 + surface.up[0] / 2
     turned = np.stack([axes[0], -axes[1], axes[2]]).T
@@ -194,11 +194,11 @@ def _seen(scenario: Scenario, name: str) -> _Seen:
     unit = np.array([*cells, 1.0])
     points, normals = (view.points - first) @ turned / unit, view.normals @ turned
     if points[..., 2].min() <= 0:
-        raise refusal(scene, name, "does not face all of the wall that the camera sees")
+        raise no_closed_form(scene, name, "does not face all of the wall that the camera sees")
     meshes = []
     for occluder in scene.before(name):
         if occluder.vertices is None or occluder.faces is None:
-            raise refusal(scene, occluder.name, "has no triangles; replace it by a mesh")
+            raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
         above = vertices[:, 2] / points[..., 2].min()
         if above.max() <= FLATNESS:  # behind the surface, it hides nothing of it
@@ -206,44 +206,48 @@ def _seen(scenario: Scenario, name: str) -> _Seen:
         meshes.append((vertices, occluder.faces))
         if above.min() <= FLATNESS or above.max() >= 1 - FLATNESS:
             end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
-            raise refusal(scene, occluder.name, f"reaches the {end}; move it between the two")
+            raise no_closed_form(
+                scene, occluder.name, f"reaches the {end}; move it between the two"
+            )
     exponents = np.array([emission.vertical, emission.horizontal])
     scale = float(view.reflectance.mean()) / np.pi * width * height
-    return _Seen(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
+    return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _moved(there: _Seen, here: _Seen, apart: float) -> _Seen:
-    """Return the derivative of what is seen, from two of it."""
-    if len(there.meshes) != len(here.meshes) or any(
+def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
+    """Return the derivative of a scene's arrays, from those on either side."""
+    if len(after.meshes) != len(before.meshes) or any(
         len(a) != len(b) or not np.array_equal(f, g)
-        for (a, f), (b, g) in zip(there.meshes, here.meshes, strict=True)
+        for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
     ):
         raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
     slopes = {
-        name: (getattr(there, name) - getattr(here, name)) / apart
+        name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
     }
     meshes = [(slopes.pop("vertices"), np.empty((0, 3), np.int64))]
-    return replace(here, meshes=meshes, **slopes)
+    return replace(before, meshes=meshes, **slopes)
 
 
-def _fill_changes(changes: NDArray[np.float32], seen: _Seen, moved: Sequence[_Seen]) -> None:
+def _fill_changes(
+    changes: NDArray[np.float32], local: _LocalScene, slopes: Sequence[_LocalScene]
+) -> None:
     from periscopy_sim.analytic.border_motion import light_derivatives
     from periscopy_sim.analytic.patch_light import Lighting
 
     points, normals, cells, exponents = stacked = [
-        np.array([getattr(by, name) for by in moved])
+        np.array([getattr(by, name) for by in slopes])
         for name in ("points", "normals", "cells", "exponents")
     ]
-    vertices = np.array([by.vertices[seen.borders.sources] for by in moved])
-    shines = np.any([each.reshape(len(moved), -1).any(axis=1) for each in stacked], axis=0)
+    vertices = np.array([by.vertices[local.borders.sources] for by in slopes])
+    shines = np.any([each.reshape(len(slopes), -1).any(axis=1) for each in stacked], axis=0)
 
     def part(some: tuple[int, int]) -> None:
         at = slice(*some)
-        lit = Lighting(seen.points[at], seen.normals[at], seen.cells, seen.exponents)
+        lit = Lighting(local.points[at], local.normals[at], local.cells, local.exponents)
         by = Lighting(points[:, at], normals[:, at], cells, exponents)
         out = changes[:, at]
-        light_derivatives(lit, by, vertices, shines, seen.borders, seen.shape, seen.cut, out)
+        light_derivatives(lit, by, vertices, shines, local.borders, local.shape, local.cut, out)
 
     in_parallel(part, ranges(changes.shape[1]))
 
@@ -254,7 +258,7 @@ def wall_plane(view: View) -> WallFrame:
     deviation = np.abs((points - wall.center) @ wall.normal).max()
     if deviation > tolerance(points) or np.abs(normals - wall.normal).max() > FLATNESS:
         reason = f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it"
-        raise refusal(view.scene, "wall", reason)
+        raise no_closed_form(view.scene, "wall", reason)
     return wall
 
 
@@ -272,7 +276,7 @@ def surface_axes(scene: Scene, name: str, surface: Surface) -> Array:
     corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
     if deviation > tolerance(corners) or np.abs(normals - normal).max() > FLATNESS:
         reason = f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m)"
-        raise refusal(scene, name, f"{reason}; use a rectangle")
+        raise no_closed_form(scene, name, f"{reason}; use a rectangle")
     axes = np.stack([across[0], up[0], normal])
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
@@ -284,7 +288,7 @@ def tolerance(points: Array) -> float:
     return float(FLATNESS * extent + rounding * np.abs(points).max())
 
 
-def refusal(scene: Scene, shape: str, reason: str) -> ClosedFormError:
+def no_closed_form(scene: Scene, shape: str, reason: str) -> ClosedFormError:
     """Return the error that says why a shape has no closed form."""
     return ClosedFormError(
         f"scene '{scene.path}': for the analytic model, shape '{shape}' {reason}; the rendered "

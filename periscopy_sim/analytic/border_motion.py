@@ -18,7 +18,7 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
-from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, shadow_within
+from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
 
@@ -76,7 +76,7 @@ def light_derivatives(
                 for row in range(rows):
                     for column in range(columns):
                         changes[row, column, q] += (near[row, column] - still[row, column]) / PART
-        _gather(changes, cut, 1 / lit.points.shape[1], out[:, i])
+        gather(changes, cut, 1 / lit.points.shape[1], out[:, i])
 
 
 @compiled
@@ -88,6 +88,7 @@ def _motion(
     for e in range(len(between)):
         for end in range(2):
             vertex = vertices[between[e, end]]
+            # The end of an edge is p + stretch (vertex - p), where the line from p meets h = 0.
             above = p[2] - vertex[2]
             stretch = p[2] / above
             for q in range(len(moved_p)):
@@ -126,18 +127,6 @@ def _move_border(
         for q in range(len(cell)):
             du, dv = du0[q] + t * (du1[q] - du0[q]), dv0[q] + t * (dv1[q] - dv0[q])
             cell[q] += down * du - across * dv
-
-
-@compiled
-def _gather(changes: Array, cut: Indices, scale: float, out: NDArray[np.float32]) -> None:
-    """Fill `out`, (P, N), with the mean of each patch's cells, times a number."""
-    rows, columns, _ = changes.shape
-    out[:] = 0
-    for row in range(rows):
-        for column in range(columns):
-            j = row // cut[0] * (columns // cut[1]) + column // cut[1]
-            for q in range(len(out)):
-                out[q, j] += changes[row, column, q] * scale / (cut[0] * cut[1])
 
 
 @compiled

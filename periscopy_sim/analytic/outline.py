@@ -88,7 +88,7 @@ Piece: TypeAlias = tuple[int, float, float, int]
 Segment: TypeAlias = tuple[int, int, int, int, float, float, float, float]
 """An edge, 1 or -1 as in `Piece`, row and column of a cell, and (u, v) where it enters, leaves."""
 
-SHEAR = 1e-8
+SHEAR = float(np.sqrt(np.finfo(np.float64).eps))
 """Rows per column by which v is askew: edges that are built along the rows then begin and end."""
 
 

@@ -28,7 +28,7 @@ from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, check_size, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.survey import LEAST, hidden_fraction, shadow_doubt
+from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scene import Scene
 
 
@@ -108,9 +108,9 @@ def calibrate(
     centers = ruled_values(document, names)
     held = uncertain_parameters(document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
-    if hidden_fraction(scenario) < LEAST:
+    if doubt := shadow_doubt(scenario):
         raise SceneError(
-            f"scene '{scenario.path}': {shadow_doubt(scenario)}; calibration starts from shadows: "
+            f"scene '{scenario.path}': {doubt}; calibration starts from shadows: "
             "add an occluder, or move one into the view"
         )
     for each in photographs:

@@ -13,7 +13,7 @@ from periscopy_sim.numerics.machine import available_memory
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
-million, 3.2 GB in double precision. Of much larger textures Mitsuba ends the process."""
+million, 3.2 GB in double precision."""
 
 PIXEL_BYTES = 48
 """Memory that a pixel takes while it is decoded: three colours in double precision, and a copy."""

@@ -82,16 +82,8 @@ class PathNumbers:
         return at
 
 
-def survivors(surface: Any, throughput: Any, number: Any, active: Any) -> tuple[Any, Any]:
-    """Return the throughput of paths that survive Russian roulette, and which they are.
-
-    `surface` is how many surfaces a path has met, the number is uniform in (0, 1). From five
-    surfaces on the largest chance to go on is 0.95, as in Mitsuba's path tracer.
-    """
-    strongest = dr.max(throughput)
-    chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
-    active &= (strongest > 0) & (number < chance)
-    return throughput * dr.rcp(dr.select(active, chance, 1)), active
+def _add(light: Any, _: Any, __: Any, radiance: Any, active: Any) -> Any:
+    return light + dr.select(active, radiance, 0)
 
 
 def trace_paths(
@@ -102,30 +94,23 @@ def trace_paths(
     *,
     throughput: Any = 1.0,
     active: Any = True,
-    most: int = 0xFFFFFFFF,
-    deposit: Deposit | None = None,
+    most: int | None = None,
+    deposit: Deposit = _add,
 ) -> tuple[Any, tuple[Any, ...]]:
     """Return the radiance that paths bring which begin with the rays, and what these meet.
 
     All are Dr.Jit arrays. Emission that the rays themselves meet is left out. Paths draw `numbers`
-    of the dimensions from `first_number` on, and meet at most so many surfaces that reflect or emit
-    light. Of what the rays meet, the arrays hold positions, normals towards the rays' origins,
-    whether there is a surface at all, and whether it scatters alike in all directions.
+    of the dimensions from `first_number` on, and meet `most` surfaces that reflect or emit light at
+    most; None for any number. Of what the rays meet, the arrays hold positions, normals towards the
+    rays' origins, whether there is a surface, and whether it scatters alike in all directions.
     """
     context = mi.BSDFContext()
     # A BSDF without these scatters alike in all directions; Delta lets light pass straight, too.
     other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
-
-    def added(light: Any, _: Any, __: Any, radiance: Any, active: Any) -> Any:
-        return light + dr.select(active, radiance, 0)
-
-    add = deposit or added
+    last = min(most or 0xFFFFFFFF, 0xFFFFFFFF)  # of 32 bits
 
     def balance(alone: Any, pdf: Any, other: Any) -> Any:
-        """Return the weight of what was sampled with a density, and might have been with another.
-
-        It is 1 where the other could not.
-        """
+        """Return the weight of a sample of a density beside another's; 1 where it is `alone`."""
         weight = pdf / dr.maximum(pdf + other, dr.smallest(mi.Float))
         return dr.select(alone, 1, dr.select(dr.isfinite(weight), weight, 0))
 
@@ -149,8 +134,8 @@ def trace_paths(
         there = mi.DirectionSample3f(scene, si, origin)
         sampled = scene.pdf_emitter_direction(origin, there, met & ~delta)
         weight = balance(delta, pdf, sampled)
-        light = add(light, emitter, si.uv, throughput * emitter.eval(si, met) * weight, met)
-        active &= si.is_valid() & (surface < most)
+        light = deposit(light, emitter, si.uv, throughput * emitter.eval(si, met) * weight, met)
+        active &= si.is_valid() & (surface < last)
         # A point of an emitter, sampled.
         bsdf = si.bsdf()
         toward, radiance = scene.sample_emitter_direction(si, pair(0), False, active)
@@ -160,14 +145,20 @@ def trace_paths(
         lit = active & (toward.pdf > 0) & (dr.max(value * radiance) > 0)
         lit &= ~scene.ray_test(si.spawn_ray_to(toward.p), lit)
         weight = balance(toward.delta, toward.pdf, bsdf_pdf)
-        light = add(light, toward.emitter, toward.uv, throughput * value * radiance * weight, lit)
+        gain = throughput * value * weight
+        light = deposit(light, toward.emitter, toward.uv, gain * radiance, lit)
         facing = si.n * dr.sign(-dr.dot(si.n, ray.d))
         here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), (bsdf.flags() & other) == 0)
         first = tuple(dr.select(surface == 1, a, b) for a, b in zip(here, first, strict=True))
         # The next direction.
         lobe, ends = pair(2)
         sample, gain = bsdf.sample(context, si, lobe, pair(1), active)
-        throughput, active = survivors(surface, throughput * gain, ends, active)
+        throughput *= gain
+        # Russian roulette, as in Mitsuba's path tracer: from five surfaces on.
+        strongest = dr.max(throughput)
+        chance = dr.select(surface >= 5, dr.minimum(strongest, 0.95), 1)
+        active &= (strongest > 0) & (ends < chance)
+        throughput *= dr.rcp(dr.select(active, chance, 1))
         ray = si.spawn_ray(si.to_world(sample.wo))
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         return surface + 1, ray, throughput, sample.pdf, delta, light, first, active

@@ -53,20 +53,12 @@ def render_photograph(
     -------
     ndarray
         (rows, columns, 3) float64 radiance.
-
-    Raises
-    ------
-    ValueError
-        If an image is missing, not (R, C, 3), not finite or negative, or samples or bounces is
-        below 1.
     """
     require_vectorized("a photograph")
     images = scenario.hidden.images(image)
     for each in images.values():
-        if each.ndim != 3 or each.shape[2] != 3:
-            raise InputError(f"the hidden image must be (rows, columns, 3), not {each.shape}")
-        if not np.isfinite(each).all() or each.min() < 0:
-            raise InputError("the hidden image's radiance must be finite and not negative")
+        if each.ndim != 3 or each.shape[2] != 3 or not (0 <= each.min() <= each.max() < np.inf):
+            raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if samples < 1 or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")
     scene = build_scene(scenario.scene, scenario.hidden, images, only_hidden=only_monitor)

@@ -1,5 +1,6 @@
 """A scene as a surveyor sees it: where the camera's rays run, what hides the monitor, how much."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,22 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.wall import camera_of, map_points
+from periscopy_sim.rendering.scene.wall import look, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
-EDGE = 1e-4
-"""Fraction of the picture's size by which its corners are looked at within it: rounding must not
-carry them outside."""
-
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
-
-LEAST = 1e-4
-"""Fraction of these rays that occluders block at least where there is a shadow; a wire of 1 mm
-blocks 2e-3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,23 +45,21 @@ class Survey:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scene = scenario.scene.source.built(scenario.scene)
-        camera = camera_of(self._scene)
-        film = np.clip([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)], EDGE, 1 - EDGE)
+        film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
+        film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
-            return ray.o, ray.d, self._scene.ray_intersect(ray).p
+            ray, si = look(self._scene, position)
+            return ray.o, ray.d, si.p
 
         origins, directions, self.view_points = map_points(through, film)
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
-        # Mitsuba's rays begin at the near clipping plane.
-        eye = np.ravel(camera.world_transform().translation())
+        eye = scenario.scene.places["camera"][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
         hidden = scenario.hidden
-        across, up = hidden.across / 2, hidden.up / 2
-        sides = [sign * across for sign in (-1, 1)]
+        places = itertools.product((-0.5, 0.5), repeat=2)
         self.monitor_points: Array = np.concatenate(
-            [hidden.centers + side + sign * up for side in sides for sign in (-1, 1)]
+            [hidden.centers + a * hidden.across + b * hidden.up for a, b in places]
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self.solids = tuple(
@@ -121,10 +112,10 @@ def hidden_fraction(scenario: Scenario) -> float:
 def shadow_doubt(scenario: Scenario) -> str:
     """Return a warning where no occluder casts a shadow, or all is in shadow; empty otherwise."""
     hidden = hidden_fraction(scenario)
-    if LEAST <= hidden < 1:
-        return ""
     if hidden == 1:
         return "occluders hide all of the monitor from what the camera sees of the wall"
+    if hidden > 0:
+        return ""
     names = ", ".join(f"'{occluder.name}'" for occluder in scenario.scene.occluders[:3])
     return (
         "no occluder casts a shadow of the monitor into what the camera sees of the wall "

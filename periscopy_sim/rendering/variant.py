@@ -31,8 +31,9 @@ cannot select the instruction fminimum."""
 LLVM_FILE = "DRJIT_LIBLLVM_PATH"
 """The environment variable that names the libLLVM that Dr.Jit loads."""
 
-CUDA_FILE = "DRJIT_LIBCUDA_PATH"
-"""The environment variable that names the driver's library that Dr.Jit loads."""
+LANES = 1 << 22
+"""Lanes of a kernel at once, where many kernels make a whole: some 40 bytes each, and a tenth of a
+second's wait for an interrupt."""
 
 _LLVM_OF_SYSTEM = {
     "Linux": f"{installation('llvm')} (x86-64), else apt-get install libllvm19",
@@ -66,12 +67,8 @@ def choose_llvm() -> tuple[str, str]:
     """Have Dr.Jit load this environment's libLLVM.
 
     What the user's `LLVM_FILE` names goes before it. Dr.Jit loads its libLLVM as it is imported:
-    where ``import mitsuba`` came first, the system's serves, if there is one.
-
-    Returns
-    -------
-    tuple
-        Which libLLVM Dr.Jit loads, and what to do where that is none or too old.
+    where ``import mitsuba`` came first, the system's serves, if there is one. Return which libLLVM
+    Dr.Jit loads, and what to do where that is none or too old.
     """
     own, named = own_llvm(), os.environ.get(LLVM_FILE)
     if own is not None and not named and "drjit" not in sys.modules:
@@ -101,11 +98,8 @@ def examine_variants() -> list[VariantReport]:
     version = drjit.detail.llvm_version()[0] if llvm else 0
     loaded = f"libLLVM {version} ({origin})" if llvm else f"no libLLVM loads ({origin})"
     works = version >= OLDEST_LLVM
-    nvidia = f"{'an' if cuda else 'no'} NVIDIA device answers"
-    if named := os.environ.get(CUDA_FILE):
-        nvidia += f" (by {CUDA_FILE}, {named}){'' if cuda else f'; correct or unset {CUDA_FILE}'}"
     return [
-        VariantReport("cuda_ad_rgb", cuda, nvidia),
+        VariantReport("cuda_ad_rgb", cuda, f"{'an' if cuda else 'no'} NVIDIA device answers"),
         VariantReport("metal_ad_rgb", metal, f"{'an' if metal else 'no'} Apple device answers"),
         VariantReport("llvm_ad_rgb", works, loaded if works else f"{loaded}; {remedy}"),
         VariantReport("scalar_rgb", True, "needs nothing; for closed forms, it traces no rays"),
@@ -126,14 +120,9 @@ def use_variant(name: str | None = None) -> str:
     Returns
     -------
     str
-        The variant now set.
-
-    Raises
-    ------
-    VariantError
-        If the variant asked for is unknown, is not an RGB variant, or does not work here.
+        The variant now set. One that is unknown, not RGB or does not work here is a VariantError.
     """
-    with _SHARED:
+    with SHARED:
         reports = {report.name: report for report in examine_variants()}
         import mitsuba
 
@@ -175,8 +164,8 @@ dr, mi = _Renderer("drjit"), _Renderer("mitsuba")
 PLUGINS: list[Callable[[Any], None]] = []
 """Functions that register this package's plugins with Mitsuba, again for each variant."""
 
-_SHARED = RLock()
-"""Held while Mitsuba is imported and a variant or a log level set, which all threads share."""
+SHARED = RLock()
+"""Held while what all threads share of Mitsuba is changed: its variant, log level and folders."""
 
 
 def is_vectorized() -> bool:
@@ -196,23 +185,16 @@ def require_vectorized(purpose: str) -> None:
     raise VariantError(f"{purpose}: {reason}")
 
 
-_QUIET: list[Any] = []
-"""The log levels that `without_warnings` found, the outermost first."""
-
-
 @contextmanager
 def without_warnings() -> Iterator[None]:
     """Keep Mitsuba from printing what it has already printed of a file, on any thread."""
-    with _SHARED:
-        _QUIET.append(mi.log_level())
+    with SHARED:
+        level = mi.log_level()
         mi.set_log_level(mi.LogLevel.Error)
-    try:
-        yield
-    finally:
-        with _SHARED:
-            level = _QUIET.pop()
-            if not _QUIET:
-                mi.set_log_level(level)
+        try:
+            yield
+        finally:
+            mi.set_log_level(level)
 
 
 def one_line(error: BaseException) -> str:

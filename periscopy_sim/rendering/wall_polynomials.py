@@ -22,7 +22,7 @@ REPLICAS = 8
 SITES = 256
 """Pixels at which a field is estimated, and whose brightness stands for the photograph's."""
 
-LARGEST = (0, 1, 2, 3, 5, 8, 13, 21, 34)
+POWERS = (0, 1, 2, 3, 5, 8, 13, 21, 34)
 """Largest powers tried of row and of column: Fibonacci's numbers, each some 1.6 times the last."""
 
 PER_TERM = 1.5
@@ -114,7 +114,7 @@ def polynomial_fits(
     everywhere = shape[0] * shape[1] == S
     weight = np.ones(S) if everywhere else 1 / _chances(shape, S)[sites]
     weight /= weight.sum()
-    down, across = (LARGEST if side > 1 else (0,) for side in shape)
+    down, across = (POWERS if side > 1 else (0,) for side in shape)
     # So many sites take time: powers alike along both sides are tried alone.
     alike = itertools.zip_longest(down, across, fillvalue=0)
     for largest in alike if everywhere else itertools.product(down, across):

@@ -21,9 +21,9 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
+from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.refusals import check_media
-from periscopy_sim.rendering.scene.wall import camera_of, map_points, shape_of
+from periscopy_sim.rendering.scene.wall import look, map_points, shape_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import Scenario
@@ -101,15 +101,11 @@ def render_background(
     progress
         Called with the fraction done, as estimated from the first round of all parts on.
 
-    Returns
-    -------
-    Background
-
     Raises
     ------
     SceneError
-        If the ambient scene lacks wall, camera or light or Mitsuba rejects it, its camera does not
-        see its wall, no light reaches that, or the scenario's wall is not diffuse.
+        If the ambient scene lacks wall, camera or light, its camera does not see its wall, or the
+        scenario's wall is not diffuse.
     VariantError
         In scalar variants.
 
@@ -127,7 +123,14 @@ def render_background(
         )
     path = find_scene(path)
     scene, points, normals = placed_in(path, view, parameters)
-    parts = _parts(scene, points, normals, view.shape)
+    surface = points, normals, pixel_edges(points, normals, view.shape), DIRECT_SAMPLES
+    direct = [partial(direct_irradiance, scene, each, *surface) for each in scene.emitters()]
+    sites, everywhere = chosen_sites(view.shape), np.arange(len(points))
+    bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
+    parts = [
+        *(Part(each, everywhere, view.shape, len(points) * DIRECT_SAMPLES) for each in direct),
+        Part(bounced, sites, view.shape, len(sites) * RAYS * RAY),
+    ]
     states = (np.random.SeedSequence([seed, k]).generate_state(1) for k in itertools.count())
     seeds = (int(state[0]) for state in states)
     with threadpool_limits(1):  # the last bits follow the number of threads
@@ -167,18 +170,6 @@ class Part:
         self.fit = best_fit(self._sum / self.rounds, self.sites, self.shape)
 
 
-def _parts(scene: Any, points: Array, normals: Array, shape: tuple[int, int]) -> list[Part]:
-    """Each emitter's direct light at every pixel, and bounced light at a few."""
-    edges, sites, pixels = pixel_edges(points, normals, shape), chosen_sites(shape), len(points)
-    surface = points, normals, edges, DIRECT_SAMPLES
-    direct = [partial(direct_irradiance, scene, each, *surface) for each in scene.emitters()]
-    bounced = BouncedIrradiance(scene, points[sites], normals[sites], RAYS).estimate
-    return [
-        *(Part(each, np.arange(pixels), shape, pixels * DIRECT_SAMPLES) for each in direct),
-        Part(bounced, sites, shape, len(sites) * RAYS * RAY),
-    ]
-
-
 def refined(
     parts: list[Part],
     target: float,
@@ -192,7 +183,7 @@ def refined(
     """
     for part in parts:
         part.add_round(seeds)
-    work, fraction = np.array([part.work for part in parts]), 0.0
+    work = np.array([part.work for part in parts])
     while True:
         rounds, fits = np.array([part.rounds for part in parts]), [part.fit for part in parts]
         whole, bias = sum(fit.replicas for fit in fits), sum(fit.squared_bias for fit in fits)
@@ -202,28 +193,10 @@ def refined(
         alone = [(mean + f.replicas - f.replicas.mean(axis=0), f.squared_bias) for f in fits]
         # With the noise the bias falls: more is known of it, and higher powers serve better.
         squared = np.square([relative_errors(*each) for each in alone]).sum(axis=1)
-        plan = planned_rounds(squared, rounds, work, target, max_rounds)
-        fraction = max(fraction, float(rounds @ work / (rounds @ work + work[plan].sum())))
-        progress(fraction)
-        parts[plan[0]].add_round(seeds)
-
-
-def planned_rounds(
-    squared: Array, rounds: NDArray[np.intp], work: Array, target: float, most: int
-) -> list[int]:
-    """Return the parts to add rounds to, in order, until the target is met; at least one part.
-
-    Each gains most for its `work`, and has at most so many rounds. `squared` are the parts' squared
-    errors after their `rounds`, which they fall in proportion to.
-    """
-    squared, rounds, plan = squared.copy(), rounds.copy(), list[int]()
-    while not plan or (squared.sum() > target**2 and rounds.min() < most):
-        gain = np.where(rounds < most, squared / (rounds + 1) / work, -1.0)
-        best = int(gain.argmax())
-        squared[best] *= rounds[best] / (rounds[best] + 1)
-        rounds[best] += 1
-        plan.append(best)
-    return plan
+        # One more round of n takes 1 / (n + 1) off a part's squared error.
+        gain = np.where(rounds < max_rounds, squared / (rounds + 1) / work, -1)
+        progress(max(float(rounds.mean()) / max_rounds, (target / float(np.hypot(*errors))) ** 2))
+        parts[int(gain.argmax())].add_round(seeds)
 
 
 def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
@@ -277,14 +250,13 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
 
     And the height of points just off the wall, and how far it sees at least, across and up.
     """
-    camera, wall = camera_of(scene), shape_of(scene, "wall")
 
     def meet(film: Any) -> tuple[Any, ...]:
-        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
-        si = scene.ray_intersect(ray)
-        return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), si.shape == mi.ShapePtr(wall)
+        ray, si = look(scene, film)
+        is_wall = si.shape == mi.ShapePtr(shape_of(scene, "wall"))
+        return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), is_wall
 
-    def seen(side: int) -> tuple[Array, Array]:
+    def meet_grid(side: int) -> tuple[Array, Array]:
         film = (np.indices((side, side))[::-1].reshape(2, -1).T + 0.5) / side
         points, normals, on_wall = map_points(meet, film)
         if not on_wall.all():
@@ -293,9 +265,9 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
             )
         return points, normals
 
-    points, normals = seen(3)
+    points, normals = meet_grid(3)
     view = wall_frame(points, normals, (3, 3))
-    offsets = seen(GRID)[0].reshape(GRID, GRID, 3) - view.center
+    offsets = meet_grid(GRID)[0].reshape(GRID, GRID, 3) - view.center
     sides = offsets[:, [0, -1]] @ view.across, offsets[[0, -1]] @ view.up
     half = np.array([np.abs(side).min() for side in sides]) * GRID / (GRID - 1)
     return view, LIFT * 1.5 * float(np.linalg.norm(np.ptp(points, axis=0))), half

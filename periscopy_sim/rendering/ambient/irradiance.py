@@ -18,17 +18,11 @@ from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
-from periscopy_sim.rendering.variant import dr, mi
+from periscopy_sim.rendering.variant import LANES, dr, mi
 
 SPLIT = 4
 """Paths that go on from what a ray first meets: in a room with windows nine tenths of what a path
 varies by come from further on, and to ask all points for that surface takes as long as two."""
-
-PAIRS = 1 << 23
-"""Pairs of ray and point treated at once; bounds the memory."""
-
-NEARLY = 1 - 1e-3
-"""How far shadow rays go to a surface, short of touching it."""
 
 
 def direct_irradiance(
@@ -55,7 +49,7 @@ def direct_irradiance(
     toward, weight = emitter.sample_direction(si, sampler.next_2d())
     cosine = dr.maximum(dr.dot(normal, toward.d), 0)
     lit = (cosine > 0) & (toward.pdf > 0)
-    blocked = scene.ray_test(mi.Ray3f(position, toward.d, toward.dist * NEARLY, 0.0, []), lit)
+    blocked = scene.ray_test(mi.Ray3f(position, toward.d, nearly(toward.dist), 0.0, []), lit)
     aimed = dr.select(toward.delta, 1, toward.pdf / (toward.pdf + cosine * dr.inv_pi))
     arriving = dr.select(lit & ~blocked, weight * cosine * aimed, 0)
     if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta):
@@ -85,7 +79,7 @@ class BouncedIrradiance:
         m = len(self._points)
         light, hits = self._trace(seed)
         irradiance = np.zeros((m, 3))
-        at_once = max(1, PAIRS // m)
+        at_once = max(1, LANES // m)  # pairs of a path and a point
         for first in range(0, len(light), at_once):
             some = np.arange(first, min(first + at_once, len(light)), dtype=np.uint32)
             form = self._form_factors(some, hits)
@@ -135,10 +129,15 @@ class BouncedIrradiance:
         at_hit = -dr.dot(toward_wall, direction)
         # What does not scatter alike in all directions serves the path's own point alone.
         seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
-        ray = mi.Ray3f(point, direction, distance * NEARLY, 0.0, [])
+        ray = mi.Ray3f(point, direction, nearly(distance), 0.0, [])
         blocked = self._scene.ray_test(ray, seen & ~own)
         form = dr.select(seen & ~blocked, at_wall * at_hit / (dr.pi * dr.square(distance)), 0)
         return np.array(form, dtype=np.float64).reshape(len(paths), m)
+
+
+def nearly(distance: Any) -> Any:
+    """Return how far a shadow ray goes, short of touching the surface at a distance."""
+    return distance * (1 - mi.math.ShadowEpsilon)
 
 
 def gathered(kind: Any, rows: Array, index: Any) -> Any:

@@ -40,6 +40,30 @@ def _root_power(square: Any, exponent: float) -> Any:
     return whole * dr.sqrt(square) if int(exponent) % 2 else whole
 
 
+def _surface_at(shape: Any, uv: Any, active: Any) -> Any:
+    """Return a shape's surface at UV coordinates; of a mesh that has none, no surface.
+
+    Such a monitor is rejected. But Dr.Jit traces every emitter that is still referenced, be it by
+    the error's traceback, in renderings of other scenes too.
+    """
+    try:
+        return shape.eval_parameterization(uv, +mi.RayFlags.All, active)
+    except RuntimeError as error:
+        if "does not have UV coordinates" not in str(error):
+            raise
+        return dr.zeros(mi.SurfaceInteraction3f)
+
+
+def _solid_angle_density(pdf_uv: Any, surface: Any, ds: Any, active: Any) -> Any:
+    """Turn a density over the UV square into one over directions; 0 at grazing."""
+    cos_emission = -dr.dot(ds.d, surface.n)
+    # At grazing the density overflows and would make the integrator's weights NaN.
+    active = active & (cos_emission > 1e-6)
+    area = dr.norm(dr.cross(surface.dp_du, surface.dp_dv))
+    projected = dr.select(active, area * cos_emission, 1)
+    return dr.select(active, pdf_uv * dr.square(ds.dist) / projected, 0)
+
+
 def register_lcd(mitsuba: Any) -> None:
     """Register the ``lcd`` emitter with the variant now set of Mitsuba, the module itself.
 
@@ -73,7 +97,7 @@ def register_lcd(mitsuba: Any) -> None:
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
             uv, pdf_uv = self.radiance.sample_position(sample, active)
-            surface = self._surface(uv, active)
+            surface = _surface_at(self.get_shape(), uv, active)
             ds = mi.DirectionSample3f()
             ds.p, ds.n, ds.uv = surface.p, surface.n, surface.uv
             ds.time, ds.delta = it.time, False
@@ -82,40 +106,18 @@ def register_lcd(mitsuba: Any) -> None:
             ds.d = to_light / ds.dist
             ds.emitter = mi.EmitterPtr(self) if hasattr(mi, "EmitterPtr") else self
             active = active & surface.is_valid() & (pdf_uv > 0)
-            ds.pdf = self._solid_angle_density(pdf_uv, surface, ds, active)
+            ds.pdf = _solid_angle_density(pdf_uv, surface, ds, active)
             active = active & (ds.pdf > 0)
             radiance = self._emitted(surface, -ds.d, active)
             return ds, dr.select(active, radiance / dr.select(active, ds.pdf, 1), 0)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            surface = self._surface(ds.uv, active)
+            surface = _surface_at(self.get_shape(), ds.uv, active)
             pdf_uv = self.radiance.pdf_position(ds.uv, active)
-            return self._solid_angle_density(pdf_uv, surface, ds, active)
+            return _solid_angle_density(pdf_uv, surface, ds, active)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            return self._emitted(self._surface(ds.uv, active), -ds.d, active)
-
-        def _surface(self, uv: Any, active: Any) -> Any:
-            """Return the shape's surface at UV coordinates; of a mesh that has none, no surface.
-
-            Such a monitor is rejected. But Dr.Jit traces every emitter that is still referenced, be
-            it by the refusal's traceback, in renderings of other scenes too.
-            """
-            try:
-                return self.get_shape().eval_parameterization(uv, +mi.RayFlags.All, active)
-            except RuntimeError as error:
-                if "does not have UV coordinates" not in str(error):
-                    raise
-                return dr.zeros(mi.SurfaceInteraction3f)
-
-        def _solid_angle_density(self, pdf_uv: Any, surface: Any, ds: Any, active: Any) -> Any:
-            """Turn a density over the UV square into one over directions; 0 at grazing."""
-            cos_emission = -dr.dot(ds.d, surface.n)
-            # At grazing the density overflows and would make the integrator's weights NaN.
-            active = active & (cos_emission > 1e-6)
-            area = dr.norm(dr.cross(surface.dp_du, surface.dp_dv))
-            projected = dr.select(active, area * cos_emission, 1)
-            return dr.select(active, pdf_uv * dr.square(ds.dist) / projected, 0)
+            return self._emitted(_surface_at(self.get_shape(), ds.uv, active), -ds.d, active)
 
         def bbox(self) -> Any:
             return self.get_shape().bbox()

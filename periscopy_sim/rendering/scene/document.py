@@ -10,30 +10,23 @@ scene's ``<path>`` folders, the latest first, then beside the scene.
 
 import io
 import re
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from periscopy_sim.errors import SceneError, printable
-from periscopy_sim.numerics.limits import LARGEST, MOST_PIXELS, SMALLEST, number_of, read_regular
+from periscopy_sim.numerics.limits import LARGEST, number_of, read_regular
 from periscopy_sim.rendering.scene.mesh_formats import FOREIGN, FORMATS, REMEDY, as_ply, check_mesh
-from periscopy_sim.rendering.variant import one_line
 from periscopy_sim.scene import SceneDocument
 
 MOST = {
     "elements within each other": 50,  # of some 10,000 Mitsuba's parser leaves the stack
     "elements": 100_000,  # Mitsuba builds a scene of as many shapes in 15 s
-    "documents that include each other": 15,  # as Mitsuba allows
-    "documents": 1000,  # one that is included twice counts twice
-    "parameters": 5000,  # filled in within a second; the time grows with their square
     "characters when filled in": 10_000,  # values may name each other in a row
 }
-"""What a scene may have at most."""
+"""What a scene may have at most, with all that its documents include."""
 
 Element = tuple[int, str, Mapping[str, str]]
 """Of a scene: its level below the first one, its tag and its attributes."""
@@ -52,8 +45,7 @@ def read_elements(
     The elements, but for the defaults, are in the order of the text, with the values filled in.
 
     An unchanged file is parsed once in a process. A file that does not exist, is no regular file or
-    no XML, includes itself or exceeds the limits above is a `SceneError`, and so is a size of 0, or
-    a negative one that a parameter gives.
+    no XML, includes itself or exceeds the limits above is a `SceneError`.
     """
     reader = _Reader(path, parameters or {})
     folders = [path.parent]
@@ -63,16 +55,9 @@ def read_elements(
         file = _first(named, folders) if isinstance(named, str) else named
         if file is not None:
             files.setdefault(file.resolve(), file)
-    document = SceneDocument(
-        path,
-        dict(parameters or {}),
-        reader.defaults,
-        tuple(files.values()),
-        tuple(folders),
-        tuple(reader.missing),
-        reader.units,
-    )
-    return document, reader.elements
+    lists = tuple(files.values()), tuple(folders), tuple(reader.missing)
+    given = dict(parameters or {})
+    return SceneDocument(path, given, reader.defaults, *lists, reader.units), reader.elements
 
 
 def check_values(document: SceneDocument) -> None:
@@ -106,43 +91,13 @@ def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     if file.stat().st_size == 0:
         raise SceneError(f"{where} names an empty file '{file}'")
     kind = file.suffix[1:].lower()
-    if plugin in ("bitmap", "envmap") and _texels(file) > MOST_PIXELS:
-        raise SceneError(f"{where}: the file '{file}' has too many pixels; make it smaller")
     try:
         if plugin in FOREIGN or (plugin in ("ply", "obj") and kind in FOREIGN):
             return "ply", as_ply(file, kind if kind in FORMATS else plugin)
         check_mesh(file, plugin)
     except ValueError as error:
         raise SceneError(f"{where}: the file '{file}' {error}; {REMEDY}") from None
-    except RuntimeError as error:
-        raise SceneError(
-            f"{where}: the file '{file}' cannot be read ({one_line(error)}); {REMEDY}"
-        ) from None
     return plugin, file
-
-
-def _texels(file: Path) -> float:
-    """Return the pixels that a picture's head announces; 0 where it has none that is known."""
-    import OpenEXR
-    from PIL import Image
-
-    with file.open("rb") as stream:
-        start = stream.read(4096)
-    try:
-        if file.suffix.lower() == ".exr":
-            with OpenEXR.File(str(file), header_only=True) as head:
-                low, high = head.parts[0].header["dataWindow"]
-            return float(np.prod(np.subtract(high, low, dtype=float) + 1))
-        if sides := re.match(rb"(?s)P[Ff]\s+(\d+)\s+(\d+)|#\?.*?-Y (\d+) \+X (\d+)", start):
-            return float(np.prod([float(side) for side in sides.groups() if side]))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of large pictures
-            with Image.open(file) as picture:
-                return float(np.prod(picture.size))
-    except Image.DecompressionBombError:
-        return np.inf
-    except Exception:  # Mitsuba says what is wrong
-        return 0
 
 
 class _Reader:
@@ -159,7 +114,7 @@ class _Reader:
         self.missing: list[str] = []
         self.units: dict[str, str] = {}
         self.elements: list[Element] = []
-        self._documents = self._count = 0
+        self._count = 0
 
     def read(
         self, document: Path, folders: list[Path], including: tuple[Path, ...], depth: int
@@ -173,12 +128,10 @@ class _Reader:
             raise SceneError(f"{self._where}: '{document.name}' includes itself; leave that out")
         self.named.append(document)
         elements = _parsed(document)
-        self._documents, self._count = self._documents + 1, self._count + len(elements)
-        self._check_count(len(including), "documents that include each other")
-        self._check_count(self._documents, "documents")
+        self._count += len(elements)
         self._check_count(self._count, "elements")
-        owner = ""
         for below, tag, texts in elements:
+            self._check_count(depth + below, "elements within each other")
             nearer = [document.parent, *folders]
             attributes = {name: self._filled(text) for name, text in texts.items()}
             if tag != "default":
@@ -199,12 +152,6 @@ class _Reader:
                 case "rotate" | "translate" | "lookat", _:
                     names = re.findall(r"\$(\w+)", " ".join(texts.values()))
                     self.units |= dict.fromkeys(names, "degrees" if tag == "rotate" else "m")
-                case "scale", _:
-                    self._check_sizes(owner, texts, attributes)
-                case "float", {"name": "radius"}:
-                    self._check_sizes(owner, {"value": texts.get("value", "")}, attributes)
-                case (("shape" | "sensor"), _):
-                    owner = f"{tag} '{attributes.get('id', attributes.get('type', ''))}'"
 
     def _found(
         self, name: str, folders: Sequence[Path], kind: Callable[[Path], bool] = Path.is_file
@@ -222,7 +169,6 @@ class _Reader:
                 f"{self._where}: '{name}' has the value '{value[:80]}', whose '$' no parameter "
                 "before it fills in"
             )
-        self._check_count(len(self._values), "parameters")
         self._values.setdefault(name, value)
 
     def _filled(self, text: str) -> str:
@@ -237,19 +183,6 @@ class _Reader:
     def _check_count(self, count: int, what: str, text: str = "") -> None:
         if count > MOST[what]:
             raise SceneError(f"{self._where}{text} has more than {MOST[what]} {what}; give fewer")
-
-    def _check_sizes(self, owner: str, texts: Mapping[str, str], filled: Mapping[str, str]) -> None:
-        """Reject a scale or radius of 0, and a negative one that a parameter gives."""
-        for name, text in texts.items():
-            sizes = [number_of(word) for word in filled[name].replace(",", " ").split()]
-            if not np.isfinite(sizes).all():
-                continue  # Mitsuba, or the check of the parameters, says what is wrong
-            for size in sizes:
-                if abs(size) < SMALLEST or (size < 0 and "$" in text):
-                    raise SceneError(
-                        f"{self._where}: {owner} has the size {size:g} ({name}={text}); give at "
-                        f"least {SMALLEST:g}"
-                    )
 
 
 def literal(text: str) -> str:
@@ -304,7 +237,4 @@ def _elements(content: bytes) -> tuple[Element, ...]:
             continue
         elements.append((depth, str(element.tag), element.attrib))
         depth += 1
-        for number, what in ((len(elements), "elements"), (depth, "elements within each other")):
-            if number > MOST[what]:
-                raise ValueError(f"it has more than {MOST[what]} {what}; give fewer")
     return tuple(elements)

@@ -12,26 +12,27 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
-from periscopy_sim.rendering.scene.motion import motions_between, moved_occluder
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
-from periscopy_sim.rendering.scene.placement import SceneLayout, written_layout
-from periscopy_sim.rendering.scene.refusals import check_nodes, check_surface
+from periscopy_sim.rendering.scene.placement import (
+    SceneLayout,
+    motions,
+    only_motions,
+    written_layout,
+)
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
     map_points,
-    seen_wall,
     shape_of,
     surface_at,
+    trace_wall,
 )
-from periscopy_sim.rendering.variant import mi, without_warnings
+from periscopy_sim.rendering.variant import LANES, mi, without_warnings
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
-
-MOST_PIXELS = 1 << 22
-"""Of a photograph: each is a row of A, and takes some 200 bytes before that."""
 
 SIDES = 128
 """Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
@@ -71,18 +72,11 @@ def load_scenario(
         (rows, columns) into which the camera's field of view is cut; None for the film's own
         pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
 
-    Returns
-    -------
-    Scenario
-        The scene as plain arrays.
-
     Raises
     ------
     SceneError
-        If the contract is broken, a pixel misses the wall, the wall is partly a mirror, reflects
-        nothing to the camera, or changes from place to place by more than its reflectance, the
-        hidden surfaces face away or shine outside of their UV squares, a shape lets light through
-        or holds a participating medium, or the hidden sizes are not possible or lack a surface.
+        If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
+        lack a surface, or A cannot treat a material, a medium, or a surface's place or UV.
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
@@ -168,17 +162,19 @@ class SceneLoader:
         check_values(document)
         layout = written_layout(elements, list(self.layout.places))
         movable = [each.name for each in scene.occluders if each.vertices is not None]
-        motions = motions_between(self.layout, layout, [*movable, *scene.emission])
-        if motions is None:
+        moved = only_motions(self.layout, layout, [*movable, *scene.emission])
+        if moved is None:
             return SceneLoader(SceneNodes(self._path, values)).scene
-        boxes = {n: _moved(box, motions.get(n)) for n, box in self.scene.boxes.items()}
         return replace(
             self.scene,
             document=document,
             places=layout.places,
-            boxes=boxes,
-            occluders=tuple(moved_occluder(each, motions) for each in self.scene.occluders),
-            surfaces=tuple(moved_occluder(each, motions) for each in self.scene.surfaces),
+            boxes={
+                name: moved_points(box, moved[name]) if name in moved else box
+                for name, box in self.scene.boxes.items()
+            },
+            occluders=tuple(_moved_occluder(each, moved) for each in self.scene.occluders),
+            surfaces=tuple(_moved_occluder(each, moved) for each in self.scene.surfaces),
             emission={n: layout.emission.get(n, each) for n, each in self.scene.emission.items()},
         )
 
@@ -186,8 +182,8 @@ class SceneLoader:
         """Return what a scene's camera sees of its wall; see `View.of`."""
         key = shape, across
         if key not in self._views:
-            self._views[key] = self._seen(*key)
-        moved = self._views[key].moved(scene, self._motions(scene))
+            self._views[key] = self._trace_view(*key)
+        moved = self._views[key].moved(scene, motions(self.scene.places, scene.places))
         if moved is not None:
             return moved
         return View.of(load_scene(self._path, scene.parameters), shape, across=across)
@@ -199,41 +195,35 @@ class SceneLoader:
                 shape = shape_of(self.built(self.scene), key[0])
                 self._surfaces[key] = _surface(shape, key[1], self._path)
         hidden = Hidden({key[0]: self._surfaces[key] for key in sizes.items()})
-        return hidden.moved(self._motions(scene))
+        return hidden.moved(motions(self.scene.places, scene.places))
 
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
         variant, built = self._built
-        same = not self._motions(scene) and scene.emission == self.scene.emission
-        return built if same and variant == mi.variant() else build_scene(scene)
+        is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
+        return build_scene(scene) if is_moved or variant != mi.variant() else built
 
-    def _seen(self, shape: Size | None, across: int) -> View:
+    def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
-        if not 1 <= rows * columns <= MOST_PIXELS:
+        if not 1 <= rows * columns <= LANES:  # whose rays are traced at once
             raise SceneError(
-                f"{where}: the camera's film has {rows}x{columns} pixels; give it "
-                f"from 1 to {MOST_PIXELS}"
+                f"{where}: the camera's film has {rows}x{columns} pixels; give it from 1 to {LANES}"
             )
-        seen = seen_wall(built, (rows, columns), across, where, self._material)
+        wall = trace_wall(built, (rows, columns), across, where, self._material)
         # How far the wall's shape reaches ahead of the plane that is seen.
-        points, normals = (seen[name].reshape(-1, 3) for name in ("points", "normals"))
+        points, normals = (wall[name].reshape(-1, 3) for name in ("points", "normals"))
         ahead = (self._wall - points.mean(axis=0)) @ normals.mean(axis=0)
         relief = float(max(0.0, ahead.max()))
-        return View(self.scene, (rows, columns), **seen, relief=relief, is_cut=shape is not None)
-
-    def _motions(self, scene: Scene) -> dict[str, Array]:
-        """Return the motions, (4, 4), from the loaded scene to another of its values, by id."""
-        before = self.scene.places
-        return {
-            name: place @ np.linalg.inv(before[name])
-            for name, place in scene.places.items()
-            if not np.array_equal(place, before[name])
-        }
+        return View(self.scene, (rows, columns), **wall, relief=relief, is_cut=shape is not None)
 
 
-def _moved(points: Array, motion: Array | None) -> Array:
-    return points if motion is None else moved_points(points, motion)
+def _moved_occluder(occluder: Occluder, moved: Mapping[str, Array]) -> Occluder:
+    """Return an occluder, moved if there is a motion, (4, 4), of its name."""
+    if occluder.name not in moved or occluder.vertices is None:
+        return occluder
+    vertices = moved_points(occluder.vertices, moved[occluder.name])
+    return replace(occluder, vertices=vertices, bounds=np.stack([vertices.min(0), vertices.max(0)]))
 
 
 def build_scene(
@@ -291,9 +281,6 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
             f"{what} has no UV parametrization; unwrap its mesh (in Blender: Edit Mode, UV, Smart "
             "UV Project) and export it with a material, or use a rectangle"
         ) from None
-    area = np.linalg.norm(np.cross(du[0], dv[0]))
-    if not (np.isfinite(area) and area > 0):
-        raise SceneError(f"{what} has no area; check its to_world and its UV")
     check_surface(shape, what)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
@@ -308,7 +295,8 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
 def _box(shape: Any, path: Path) -> Array:
     box = shape.bbox()
     bounds = np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)
-    if not np.isfinite(bounds).all():
+    # A flat shape has a size along two axes.
+    if not np.isfinite(bounds).all() or np.count_nonzero(np.ptp(bounds, axis=0)) < 2:
         raise SceneError(f"scene '{path}': shape '{shape.id()}' has no finite size; correct it")
     return bounds
 

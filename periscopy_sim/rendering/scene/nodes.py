@@ -8,7 +8,6 @@ so that they work for every shape, sensor and emitter plugin.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -19,17 +18,11 @@ from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
 from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
-from periscopy_sim.rendering.variant import mi, one_line
+from periscopy_sim.rendering.variant import SHARED, mi, one_line
 from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument, is_hidden
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
-
-SAME = 1e-6
-"""Relative difference to which the text's matrices are Mitsuba's, which computes in doubles."""
-
-_SEARCH = RLock()
-"""Held while Mitsuba's search folders, which the process shares, are a scene's own."""
 
 
 class SceneNodes:
@@ -48,12 +41,10 @@ class SceneNodes:
         self.document, self._elements = read_elements(Path(path), parameters)
         self._config, self._state = parse(self.document)
         if required is None:
-            surfaces = {name: "Shape" for name in self.hidden or [MONITOR]}
+            surfaces = dict.fromkeys(self.hidden or [MONITOR], "Shape")
             required = {"wall": "Shape", **surfaces, "camera": "Sensor"}
         for name, kind in required.items():
             self._require(name, kind)
-
-    # -- reading ---------------------------------------------------------------------------------
 
     @property
     def path(self) -> Path:
@@ -64,6 +55,10 @@ class SceneNodes:
     def hidden(self) -> list[str]:
         """The ids of the hidden surfaces, in file order."""
         return [name for each in self.of_type("Shape") if is_hidden(name := str(each.id()))]
+
+    def error(self, reason: str) -> SceneError:
+        """Return the error of this scene for a reason."""
+        return SceneError(f"scene '{self.path}': {reason}")
 
     def of_type(self, *kinds: str) -> Iterator[Any]:
         """Return the properties of all nodes of some kinds, such as ``Shape``, in file order."""
@@ -89,10 +84,7 @@ class SceneNodes:
         if emitter.plugin_name() == LCD:
             exponents = [float(emitter.get(name, 0.0)) for name in EXPONENTS]
             if not all(0 <= exponent < np.inf for exponent in exponents):
-                raise SceneError(
-                    f"scene '{self.path}': the exponents {exponents} of '{name}' are not both 0 "
-                    "or more; give numbers that are"
-                )
+                raise self.error(f"the exponents {exponents} of '{name}' are not both 0 or more")
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
@@ -118,10 +110,7 @@ class SceneNodes:
         )
 
     def layout(self) -> SceneLayout:
-        """Return where the shapes and sensors are, by the text if Mitsuba places them there, too.
-
-        Else the layout is Mitsuba's, without a rest.
-        """
+        """Return the layout by the text where Mitsuba agrees, else Mitsuba's without a rest."""
         parsed = SceneLayout()
         for props in self.of_type("Shape", "Sensor"):
             name, plugin = str(props.id()), str(props.plugin_name())
@@ -130,8 +119,10 @@ class SceneNodes:
             numbers: dict[str, Any] = {each: np.array(props[each], float) for each in known}
             parsed.plugins[name], parsed.places[name] = plugin, place(plugin, to_world, **numbers)
         written = written_layout(self._elements, list(parsed.places))
+        # Mitsuba parses in double precision and renders in single.
+        same = float(np.finfo(np.float32).eps)
         is_same = written.places.keys() == parsed.places.keys() and all(
-            np.abs(written.places[name] - place).max() <= SAME * np.abs(place).max()
+            np.abs(written.places[name] - place).max() <= same * np.abs(place).max()
             for name, place in parsed.places.items()
         )
         return written if is_same else parsed
@@ -140,8 +131,6 @@ class SceneNodes:
         """Return the name of the wall's BSDF plugin, for messages."""
         materials = self.children(self._by_id("wall"), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
-
-    # -- editing ---------------------------------------------------------------------------------
 
     def show(self, textures: Mapping[str, NDArray[np.float32]] | None) -> None:
         """Make each hidden surface show a `texture_of` an image by its id; None for all white."""
@@ -157,9 +146,9 @@ class SceneNodes:
             elif "radiance" in emitter:
                 emitter["radiance"] = mi.load_dict(radiance)
             else:
-                raise SceneError(
-                    f"scene '{self.path}': the emitter '{emitter.plugin_name()}' of '{name}' has "
-                    "no 'radiance' to show an image by; give it one of type area or lcd"
+                raise self.error(
+                    f"the emitter '{emitter.plugin_name()}' of '{name}' has no 'radiance' to show "
+                    "an image by; give it one of type area or lcd"
                 )
 
     def darken(self) -> None:
@@ -179,7 +168,7 @@ class SceneNodes:
         """
         films = [props for _, props in self.children(self._by_id(sensor), "Film")]
         if not films or films[0].plugin_name() != "hdrfilm":
-            raise SceneError(f"scene '{self.path}': sensor '{sensor}' has no film of type hdrfilm")
+            raise self.error(f"sensor '{sensor}' has no film of type hdrfilm")
         film = films[0]
         for key, _ in self.children(film, "ReconstructionFilter"):
             del film[key]
@@ -209,10 +198,8 @@ class SceneNodes:
         # outlives its shape at the next virtual call, and crash.
         del state
         if refused:
-            raise SceneError(f"scene '{self.path}': {refused}")
+            raise self.error(refused)
         return built[0] if isinstance(built, list | tuple) else built
-
-    # -- nodes -----------------------------------------------------------------------------------
 
     def _by_id(self, name: str) -> Any:
         return self._state.nodes[self._state.id_to_index[name]].props
@@ -246,19 +233,16 @@ class SceneNodes:
         ]
         if name not in plain:
             others = ", ".join(f"'{each}'" for each in plain) or "none"
-            raise SceneError(
-                f"scene '{self.path}' has no {kind.lower()} with id '{name}' in the scene itself, "
-                f"outside of groups (it has {others})"
-            )
+            raise self.error(f"no {kind.lower()} outside of groups has the id '{name}' ({others})")
 
 
 def texture_of(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
-    """Lay an image out as the texture that shows it, (max(R, 2), max(C, 2), 3) float32, contiguous.
+    """Lay an image out as the texture that shows it, (max(R, 2), max(C, 2), 3) float32.
 
     The image is (R, C, 3) linear radiance along the normal, as a viewer facing the surface sees it,
-    `mirrored` if the surface's u runs to a viewer's left. A texture's row 0 lies at v = 0, the
-    surface's lower edge.
-    A single row or column is doubled: Mitsuba's textures have at least 2 x 2 pixels.
+    `mirrored` if its u runs to a viewer's left. Row 0 of a texture lies at v = 0, the surface's
+    lower edge. Mitsuba's textures have 2 x 2 pixels at least: a single row or column is doubled.
+    The array is contiguous.
     """
     texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
     for axis in (0, 1):
@@ -294,10 +278,11 @@ def parse(document: SceneDocument) -> tuple[Any, Any]:
         if not node.props.id() and str(node.type).endswith("Shape"):
             node.props.set_id(f"{node.props.plugin_name()}_{index}")
         transform = node.props.get("to_world", None)
-        # Mitsuba's renderers compute in single precision.
         if transform is not None:
-            matrix = np.array(transform.matrix, np.float64)
-            if not (np.abs(matrix) < np.finfo("f4").max).all() or not np.linalg.det(matrix):
+            with np.errstate(over="ignore", invalid="ignore"):
+                # In single precision, as Mitsuba renders. No comparison is true of NaN.
+                volume = abs(np.linalg.det(np.array(transform.matrix).astype(np.float32)))
+            if not 0 < volume < np.inf:
                 problem = "is not finite, or leaves it no size"
                 raise SceneError(f"scene '{path}': to_world of '{node.props.id()}' {problem}")
         if isinstance(node.props.get("filename"), str):
@@ -322,7 +307,7 @@ def searching(*folders: Path) -> Iterator[None]:
 
     Its parser also leaves a scene's ``<path>`` folders behind for every scene that follows.
     """
-    with _SEARCH:
+    with SHARED:
         before, resolver = mi.file_resolver(), mi.FileResolver()
         resolver.clear()  # of the folder that the process is in
         for folder in (*map(str, folders), *mi.__path__):

@@ -2,11 +2,14 @@
 
 Mitsuba parses a scene once and confirms this reading (`SceneNodes.layout`); other values of the
 scene's parameters then need no parser. What this module does not understand is NaN.
+
+Most parameters move, turn or stretch: they change the ``to_world`` matrices of shapes and of the
+camera from M to M'. The arrays of the loaded scene then move by M' M^-1.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import astuple, dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +23,9 @@ from periscopy_sim.scene import EmissionProfile
 
 NUMBERS = {"perspective": ("fov",), "cylinder": ("p0", "p1", "radius"), LCD: EXPONENTS}
 """Numbers of a plugin that a layout knows, beside ``to_world``."""
+
+CAMERAS = "orthographic", "perspective"
+"""Sensors whose rays through the picture's corners enclose all others."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 """A number that Python and Mitsuba read alike."""
@@ -78,6 +84,37 @@ def written_layout(elements: Sequence[Element], names: Sequence[str]) -> SceneLa
     return layout
 
 
+def motions(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the motion, (4, 4), of each thing whose place differs, by id."""
+    return {
+        name: place @ np.linalg.inv(before[name])
+        for name, place in after.items()
+        if not np.array_equal(place, before[name])
+    }
+
+
+def only_motions(
+    before: SceneLayout, after: SceneLayout, movable: Collection[str]
+) -> dict[str, Array] | None:
+    """Return the `motions` from one layout to another; None if more than these differs.
+
+    What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
+    """
+    exponents = [exponent for each in after.emission.values() for exponent in astuple(each)]
+    if after.rest != before.rest or not all(exponent >= 0 for exponent in exponents):
+        return None
+    moved = motions(before.places, after.places)
+    for name, motion in moved.items():
+        # Mitsuba renders in single precision. No comparison is true of NaN.
+        is_finite = np.abs(after.places[name]).max() < np.finfo(np.float32).max
+        if not (is_finite and np.linalg.det(motion) > 0):
+            return None
+    viewing = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
+    if moved and not (after.plugins["camera"] in CAMERAS and moved.keys() <= {*movable, *viewing}):
+        return None
+    return moved
+
+
 def place(plugin: str, to_world: Array, fov: float = 90.0, **ruled: Any) -> Array:
     """Return the matrix of a shape or sensor as a `SceneLayout` has it, of its plugin's numbers.
 
@@ -117,7 +154,7 @@ def _step(tag: str, items: tuple[tuple[str, str], ...]) -> Array:
     elif tag == "rotate":
         axis, angle = _vector(attributes), np.radians(_number(attributes["angle"]))
         axis = axis if axis.any() else np.full(3, np.nan)
-        # As Mitsuba, which takes the axis as it is: one of another length stretches.
+        # Rodrigues' formula, as Mitsuba takes it: an axis of another length than 1 stretches.
         step[:3, :3] *= np.cos(angle)
         step[:3, :3] += np.sin(angle) * np.cross(axis, np.eye(3)).T
         step[:3, :3] += (1 - np.cos(angle)) * np.outer(axis, axis)

@@ -19,18 +19,15 @@ UNIFORM = 1e-4
 single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 
-def seen_wall(
+def trace_wall(
     scene: Any, shape: tuple[int, int], across: int, where: str, material: str
 ) -> dict[str, Any]:
     """Return what a `View` has of the wall that its camera sees, by the names of its fields.
 
     `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
     """
-    camera, wall, what = (
-        camera_of(scene),
-        shape_of(scene, "wall"),
-        f"{where}: the wall ({material})",
-    )
+    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    what = f"{where}: the wall ({material})"
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
             f"{what} reflects as a mirror does, in part or entirely; use a rough material, such "
@@ -42,7 +39,7 @@ def seen_wall(
         )
     rows, columns = shape
     film = pixel_places(np.arange(rows * columns), shape, across).reshape(-1, 2)
-    meet = _meet(scene, camera, wall)
+    meet = _meet(scene, wall)
     try:
         origins, directions, points, normals, shading, hit, *colors = map_points(meet, film)
     except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
@@ -102,7 +99,13 @@ def pixel_places(
     return np.stack([along / shape[1], down / shape[0]], axis=-1)
 
 
-def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
+def look(scene: Any, film: Any) -> tuple[Any, Any]:
+    """Return the camera's rays through points of the film, (0, 0) to (1, 1), and what they meet."""
+    ray, _ = camera_of(scene).sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
+    return ray, scene.ray_intersect(ray)
+
+
+def _meet(scene: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
     The ray's origin and direction, the wall's point and both its normals, whether it is the wall,
@@ -111,8 +114,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
     bsdf, context = wall.bsdf(), mi.BSDFContext()
 
     def meet(position: Any) -> tuple[Any, ...]:
-        ray, _ = camera.sample_ray(0.0, 0.0, position, mi.Point2f(0.5, 0.5))
-        si = scene.ray_intersect(ray)
+        ray, si = look(scene, position)
         hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
         toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)

@@ -73,7 +73,7 @@ class BouncedLight:
         """(K, N) of the channels' mean."""
         return np.asarray(self.of_patches.mean(axis=0, dtype=np.float64), np.float32)
 
-    def rows(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[np.float32]:
+    def rows(self, rows: slice) -> NDArray[np.float32]:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
         with threadpool_limits(1):  # the last bits follow the number of threads
             return np.asarray(self.over_wall[rows] @ self.mean)
@@ -140,12 +140,10 @@ def bounces_in_words(bounces: int | None) -> str:
 
 
 def bounces_of_words(text: str) -> int | None:
-    """Return the number of reflections that `bounces_in_words` names, or raise a ValueError."""
-    if text in WORDS:
-        return WORDS[text]
-    if not (re.fullmatch("[0-9]{1,6}", text) and int(text) >= DIRECT):
+    """Return the number of reflections that `bounces_in_words` names, or raise an InputError."""
+    if text not in WORDS and not re.fullmatch("[1-9][0-9]{0,5}", text):
         raise InputError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
-    return int(text)
+    return WORDS[text] if text in WORDS else int(text)
 
 
 def render_bounced_light(
@@ -171,17 +169,6 @@ def render_bounced_light(
     progress
         Called with the fraction done, as estimated.
 
-    Returns
-    -------
-    BouncedLight
-
-    Raises
-    ------
-    ValueError
-        If `bounces` is below 2.
-    VariantError
-        In scalar variants.
-
     Warns
     -----
     RuntimeWarning
@@ -191,14 +178,13 @@ def render_bounced_light(
     if bounces is not None and operator.index(bounces) <= DIRECT:
         raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
     require_vectorized("light that bounces")
-    report = progress or (lambda _: None)
-    shape, sites = scenario.photograph_shape, chosen_sites(scenario.photograph_shape)
-    everywhere = np.arange(np.prod(shape))
+    shape, patches = scenario.photograph_shape, scenario.hidden.patches
+    sites, everywhere = chosen_sites(shape), np.arange(np.prod(shape))
     trace = make_tracer(scenario, sites, bounces)
     pixels = np.random.default_rng(seed).choice(everywhere, min(SITES, len(everywhere)), False)
     direct = RenderedTransport(scenario, 1, seed=seed).white(pixels)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
-    total = np.zeros((REPLICAS, len(sites), scenario.transport_shape[1], 3))
+    total = np.zeros((REPLICAS, len(sites), patches, 3))
     error = np.inf
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
@@ -208,7 +194,8 @@ def render_bounced_light(
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
-        report(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
+        if progress is not None:
+            progress(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
         if error <= target:
             break
     if error > target:
@@ -219,13 +206,10 @@ def render_bounced_light(
             stacklevel=2,
         )
     with threadpool_limits(1):
-        seen = total.mean(axis=0).reshape(len(sites), -1) / done
-        of_patches = np.linalg.lstsq(fit.functions(sites), seen, rcond=None)[0]
-        of_patches = of_patches.reshape(-1, scenario.transport_shape[1], 3)
-        functions = fit.functions(everywhere)
-    return BouncedLight(
-        functions.astype(np.float32), of_patches.transpose(2, 0, 1).astype(np.float32), error
-    )
+        light = total.mean(axis=0).reshape(len(sites), -1) / done
+        X = np.linalg.lstsq(fit.functions(sites), light, rcond=None)[0].reshape(-1, patches, 3)
+        W = fit.functions(everywhere)
+    return BouncedLight(W.astype(np.float32), X.transpose(2, 0, 1).astype(np.float32), error)
 
 
 def add_bounces(
@@ -310,7 +294,7 @@ def make_tracer(
 
         trace_paths(
             scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
-            active=active, most=min(bounces or 0xFFFFFFFF, 0xFFFFFFFF), deposit=splat,
+            active=active, most=bounces, deposit=splat,
         )  # fmt: skip
         return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / PATHS))
 

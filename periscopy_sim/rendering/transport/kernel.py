@@ -19,9 +19,6 @@ from periscopy_sim.scene import EmissionProfile
 
 Strata = Literal["midpoint", "gauss", "jittered"]
 
-GAUSS = 0.5 / np.sqrt(3)
-"""Of a pair of strata: how far Gauss and Legendre's two points lie from its middle."""
-
 SHADOW_EPSILON = 1e-4
 """Fraction of a shadow ray left out at either end, so that it misses the surfaces it joins."""
 
@@ -47,11 +44,10 @@ class Kernel:
 
     def __call__(self, pixel: Any, patch: Any, seed: Any) -> Any:
         """Return entries of A."""
-        key, _ = _hash(pixel, seed)
-        key, _ = _hash(key, patch)
+        key = _hash(_hash(pixel, seed), patch)
 
         def at_wall_point(p: Any) -> Any:
-            point_key, _ = _hash(key, p)
+            point_key = _hash(key, p)
             si = self._wall_point(pixel, p)
             return _sum(self._samples, lambda k: self._transfer(si, patch, k, point_key))
 
@@ -112,8 +108,9 @@ class Kernel:
 
     def _placed(self, index: Any, count: int) -> Any:
         """Position in stratum number `index` of `count` along an axis, where nothing jitters it."""
-        if self._strata == "gauss" and count % 2 == 0:  # a pair of strata is two of their width
-            return dr.select(index % 2 == 0, mi.Float(1 - 2 * GAUSS), mi.Float(2 * GAUSS))
+        if self._strata == "gauss" and count % 2 == 0:
+            # Gauss and Legendre's points lie 1/√3 of a stratum's width off the middle of a pair.
+            return dr.select(index % 2 == 0, mi.Float(1 - 1 / np.sqrt(3)), mi.Float(1 / np.sqrt(3)))
         return mi.Float(0.5)
 
 
@@ -157,9 +154,9 @@ def _factor(count: int) -> tuple[int, int]:
 
 
 def _hash(a: Any, b: Any) -> Any:
-    """Turn two integers into two of random bits."""
+    """Turn two integers into random bits."""
     # Mitsuba's default of 4 rounds leaves neighbours correlated by up to 0.4.
-    return mi.sample_tea_32(a, b, 6)
+    return mi.sample_tea_32(a, b, 6)[0]
 
 
 def _scrambled(key: Any, index: Any) -> Any:

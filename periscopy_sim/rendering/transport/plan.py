@@ -51,25 +51,15 @@ PIXELS = 64
 
 @dataclass(frozen=True)
 class TransportPlan:
-    """How a scene's A is made, and how large its own error is.
+    """How a scene's A is made, and how large its own error is."""
 
-    Attributes
-    ----------
-    samples
-        Rays from each wall point to each patch; None for A by areas.
-    across
-        Wall points along each side of a pixel, that A is averaged over.
-    error
-        Standard deviation of a white hidden image's light that A gets wrong, over its mean.
-    """
-
-    samples: int | None = None
-    across: int = 1
-    error: float = PRECISION
+    samples: int | None = None  # rays from each wall point to each patch; None for A by areas
+    across: int = 1  # wall points along each side of a pixel, that A is averaged over
+    error: float = PRECISION  # standard deviation of a white image's light in A, over its mean
 
     @property
     def by(self) -> By:
-        """The way: by areas or by rays."""
+        """The way to A."""
         return "areas" if self.samples is None else "rays"
 
     @property
@@ -104,14 +94,13 @@ def plan_transport(
     seed: int = 0,
     budget: int | None = None,
 ) -> TransportPlan:
-    """Choose how A is made for photographs of some noise.
+    """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
 
-    `noise` is the standard deviation of a photograph's over the mean of the monitor's light in it,
-    `samples` the rays from the centre of each pixel to each patch. None takes as many as make the
-    error of A a third of the noise or less, within a `budget` of rays (None: `BUDGET`), and
-    averages over the pixels' areas. The plan's error exceeds the noise where `samples`, or the
-    budget, are too few. Errors and other parameters are those of `transport`; the seed is of the
-    rays that measure the error.
+    `samples` are the rays from the centre of each pixel to each patch. None takes as many as make
+    the error of A a third of the noise or less, within a `budget` of rays (None: `BUDGET`), and
+    averages over the pixels' areas. The plan's error exceeds the noise where the rays are too few.
+    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
+    error.
     """
     if by == "areas":
         require_areas(scenario)
@@ -134,9 +123,8 @@ def plan_transport(
 def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
-    It compares the rows of `PIXELS` pixels with others by independent rays, averaged over the
-    pixels' areas: of as many wall points, both err alike; rows of the pixels' centres err more, by
-    the curvature of light, too.
+    Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
+    areas. Of as many wall points both err alike; rows of pixels' centres also by light's curvature.
     """
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
     rows.sort()
@@ -192,11 +180,6 @@ def transport(
         If no light of the monitor reaches the wall, or areas are asked for and the scene has none.
     VariantError
         If rays are needed in a scalar variant.
-
-    Warns
-    -----
-    RuntimeWarning
-        The error of A exceeds the noise: the budget is too small.
     """
     if isinstance(seen, View):
         if hidden is None:

@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.transport.kernel import Kernel, Strata
-from periscopy_sim.rendering.variant import dr, mi, require_vectorized
+from periscopy_sim.rendering.variant import LANES, dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
-
-LANES = 1 << 22
-"""Entries of A computed at once, with the default of samples: about 40 bytes each beside A itself,
-and a tenth of a second's wait for an interrupt."""
 
 
 def render_transport(
@@ -62,8 +58,6 @@ def render_transport(
     ------
     SceneError
         If no light of the monitor reaches the wall.
-    ValueError
-        If the samples are below 1, or `strata` is none of these.
     VariantError
         In scalar variants.
     """
@@ -90,7 +84,6 @@ def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
-    The channels' mean of `bounced`, a result of `render_bounced_light`, is added to direct light.
     `model.transport_operator.TransportOperator` makes a SciPy linear operator of it, and
     `IterativePeriscope` takes it in the place of A. Every pass traces all the rays again, and draws
     the same samples. Parameters that `render_transport` rejects are a ValueError.
@@ -100,7 +93,6 @@ class RenderedTransport:
     samples: int = 16
     strata: Strata = "jittered"
     seed: int = 0
-    bounced: Any = None  # a BouncedLight, whose module imports this one
 
     def __post_init__(self) -> None:
         if self.samples < 1:
@@ -137,8 +129,7 @@ class RenderedTransport:
                 pixel = dr.gather(mi.UInt32, numbers, lane // patches + first)
                 values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed + k))
                 parts.append(np.array(values).reshape(-1, patches))
-            block = np.hstack(parts) if len(parts) > 1 else parts[0]
-            yield rows, block if self.bounced is None else block + self.bounced.rows(chosen[rows])
+            yield rows, np.hstack(parts) if len(parts) > 1 else parts[0]
 
     def white(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Return the light, (K,), that a white hidden image sends to some pixels."""

@@ -75,27 +75,20 @@ def including(name, times, count):
             for k in range(count)}  # fmt: skip
 
 
-SIZED = '<default name="w" value="{}"/><shape type="cube" id="box"><transform name="to_world">'
-
-
 @pytest.mark.parametrize(
     ("files", "told"),
     [
-        (including("c", 1, 40), "15 documents"),
-        (including("e", 3, 10), "1000 documents"),
+        (including("c", 1, 40), "50 elements within"),
+        (including("e", 999, 3), "100000 elements"),
         (repeated(f"{'<bsdf>' * 20_000}{'</bsdf>' * 20_000}"), "50 elements within"),
-        (repeated("".join(f'<default name="a{k}" value="1"/>' for k in range(5002))), "5000 para"),
         (repeated('<default name="a0" value="xxxxxxxxxx"/>' + "".join(
             f'<default name="a{k + 1}" value="{f"$a{k}" * 10}"/>' for k in range(9)
         )), "characters"),
         (repeated(f'<default name="a" value="{"x" * 99}"/><q w="{"$a" * 999}"/>'), "characters"),
         ({"a.xml": b"<scene>" + b" " * (1 << 24)}, "bytes"),
-        *((repeated(f'{SIZED.format(w)}<scale x="$w"/></transform></shape>'), "'box'")
-          for w in (0, -1, 1e-308)),
-        (repeated('<shape type="sphere" id="s"><float name="radius" value="0"/></shape>'), "'s'"),
     ],
 )  # fmt: skip
-def test_texts_without_end_and_shapes_without_size_are_refused(tmp_path, files, told):
+def test_texts_without_end_are_refused(tmp_path, files, told):
     for name, text in files.items():
         written(tmp_path / name, text)
     assert re.search(told, refusal(tmp_path / "a.xml"))

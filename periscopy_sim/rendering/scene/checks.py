@@ -35,11 +35,10 @@ def check_nodes(nodes: SceneNodes) -> None:
     check_media(nodes)
     for props in nodes.of_type("Shape"):
         for name in _see_through(nodes, props):
-            raise SceneError(
-                f"scene '{nodes.path}': shape '{props.id()}' may let light through (bsdf "
-                f"'{name}'), and the light transport matrix would count it as opaque; remove the "
-                "shape, or give it an opaque bsdf (a mask's opacity is a number, 1; a bsdf of your "
-                "own goes into a twosided one)"
+            raise nodes.error(
+                f"shape '{props.id()}' may let light through (bsdf '{name}'), and A would count it "
+                "as opaque; remove the shape, or give it an opaque bsdf (a mask's opacity is a "
+                "number, 1; a bsdf of your own goes into a twosided one)"
             )
 
 
@@ -48,10 +47,9 @@ def check_media(nodes: SceneNodes) -> None:
     for kind in ("Shape", "Sensor"):
         for props in nodes.of_type(kind):
             for _, medium in nodes.children(props, "Medium"):
-                raise SceneError(
-                    f"scene '{nodes.path}': {kind.lower()} '{props.id()}' holds a participating "
-                    f"medium ({medium.plugin_name()}), and light is taken to travel through empty "
-                    "space; remove the medium"
+                raise nodes.error(
+                    f"{kind.lower()} '{props.id()}' holds a participating medium "
+                    f"({medium.plugin_name()}), where light would scatter; remove the medium"
                 )
 
 
