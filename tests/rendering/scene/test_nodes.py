@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of, searching
+from periscopy_sim.rendering.scene.nodes import SceneNodes, searching, texture_of
 from periscopy_sim.rendering.scene.wall import camera_of
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import EmissionProfile
