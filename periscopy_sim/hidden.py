@@ -18,6 +18,9 @@ from periscopy_sim.scene import MONITOR, Scene
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
 
+Sizes: TypeAlias = Size | Mapping[str, Size]
+"""(R, C) of the only hidden surface, or of each by its id."""
+
 EVEN = 1e-4
 """Relative difference of distances between patches, up to which they count as equal: rounding of
 single precision in a scene's coordinates leaves less."""
@@ -103,9 +106,11 @@ class Hidden(Mapping[str, Surface]):
         self.patches = int(ends[-1])
 
     @classmethod
-    def of_scene(cls, scene: Scene, size: Size) -> "Hidden":
-        """Return a scene's hidden surfaces in (R, C) patches; a SceneError says why not."""
-        hidden: Hidden = scene.source.hidden(scene, size)
+    def of_scene(cls, scene: Scene, sizes: Sizes) -> "Hidden":
+        """Return a scene's hidden surfaces in patches; a SceneError says why not."""
+        if not isinstance(sizes, Mapping):
+            sizes = dict.fromkeys(scene.emission, sizes)
+        hidden: Hidden = scene.source.hidden(scene, sizes)
         return hidden
 
     @classmethod
@@ -128,6 +133,11 @@ class Hidden(Mapping[str, Surface]):
         """Return the number of surfaces."""
         return len(self._surfaces)
 
+    @property
+    def shapes(self) -> dict[str, Size]:
+        """(R, C) of each surface by its id."""
+        return {name: surface.shape for name, surface in self.items()}
+
     def __repr__(self) -> str:
         """Return the ids and sizes on one line."""
         return f"Hidden({self.sizes})"
@@ -135,7 +145,7 @@ class Hidden(Mapping[str, Surface]):
     @property
     def sizes(self) -> str:
         """The sizes for messages: 29x36, or of several surfaces monitor=29x36, card=15x10."""
-        each = {name: "{}x{}".format(*surface.shape) for name, surface in self.items()}
+        each = {name: "{}x{}".format(*shape) for name, shape in self.shapes.items()}
         return ", ".join(
             size if len(self) == 1 else f"{name}={size}" for name, size in each.items()
         )
@@ -205,10 +215,19 @@ class Hidden(Mapping[str, Surface]):
         images = self.split(f)
         return images if len(images) > 1 else next(iter(images.values()))
 
+    def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
+        """Return the image of each surface by its id, of any size; an InputError if one lacks."""
+        images = image if isinstance(image, Mapping) else {next(iter(self)): image}
+        if images.keys() != self.keys():
+            raise InputError(
+                f"there are images of {', '.join(images)}, the hidden surfaces are "
+                f"{', '.join(self)}; give an image of each by its id"
+            )
+        return {name: np.asarray(images[name]) for name in self}
+
     def vector(self, image: "Image | Mapping[str, Image]") -> NDArray[Any]:
         """Return an image, (R, C, ...), or a mapping of such by id, as (N, ...): see `image`."""
-        images = image if isinstance(image, Mapping) else {next(iter(self)): np.asarray(image)}
-        return self.join(images)
+        return self.join(self.images(image))
 
     @cached_property
     def differences(self) -> "Differences":

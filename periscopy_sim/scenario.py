@@ -70,7 +70,7 @@ class Scenario:
         """
         scene = self.scene.at(**values)
         return Scenario(
-            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden_shape)
+            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden.shapes)
         )
 
     def averaged(self, across: int) -> "Scenario":

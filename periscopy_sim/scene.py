@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.numerics import Array
 
-MONITOR = "monitor"
-"""Id of the hidden surface of a scene file, and of one that is made of a size alone."""
+MONITOR, HIDDEN = "monitor", "hidden"
+"""Id of a scene file's hidden surface, and how the ids of others begin."""
 
 RULER_ERROR = "_error"
 """Ends the name of a ``<default>`` that says how well the one before that ending is known."""
@@ -167,6 +167,11 @@ class Scene:
     def without(self, name: str) -> "Scene":
         """Return the scene without one of its occluders, for closed forms: `at` brings it back."""
         return replace(self, occluders=tuple(o for o in self.occluders if o.name != name))
+
+
+def is_hidden(name: str) -> bool:
+    """Return whether the id of a shape makes it a hidden surface."""
+    return name == MONITOR or name.startswith(HIDDEN)
 
 
 def corners(bounds: Array) -> Array:

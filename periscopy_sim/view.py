@@ -116,8 +116,8 @@ class View:
         return pixel_edges(self.centers, self.center_normals, self.shape)
 
     def of_pixels(self, pixels: Mask) -> "View":
-        """Return the view of some pixels, (rows, columns), of a view with all pixels."""
-        used, K = pixels.ravel(), self.points.shape[1]
+        """Return the view of some of this view's pixels: True of (rows, columns)."""
+        used, K = pixels.ravel()[self.numbers], self.points.shape[1]
         rays = self.rays[:, np.repeat(used, K)]
         return replace(
             self, points=self.points[used], normals=self.normals[used], rays=rays, pixels=pixels

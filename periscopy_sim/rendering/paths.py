@@ -36,8 +36,8 @@ ROUNDS = 8
 Numbers = Callable[[Any], Any]
 """Maps a dimension, a Dr.Jit integer, to each path's number in [0, 1)."""
 
-Deposit = Callable[[Any, Any, Any, Any], Any]
-"""Adds radiance, from UV coordinates of an emitter, to the light so far, where active."""
+Deposit = Callable[[Any, Any, Any, Any, Any], Any]
+"""Adds radiance, from an emitter at UV coordinates of its shape, to the light so far, if active."""
 
 
 class PathNumbers:
@@ -82,7 +82,7 @@ class PathNumbers:
         return at
 
 
-def _add(light: Any, _: Any, radiance: Any, active: Any) -> Any:
+def _add(light: Any, _: Any, __: Any, radiance: Any, active: Any) -> Any:
     return light + dr.select(active, radiance, 0)
 
 
@@ -134,7 +134,7 @@ def trace_paths(
         there = mi.DirectionSample3f(scene, si, origin)
         sampled = scene.pdf_emitter_direction(origin, there, met & ~delta)
         weight = balance(delta, pdf, sampled)
-        light = deposit(light, si.uv, throughput * emitter.eval(si, met) * weight, met)
+        light = deposit(light, emitter, si.uv, throughput * emitter.eval(si, met) * weight, met)
         active &= si.is_valid() & (surface < last)
         # A point of an emitter, sampled.
         bsdf = si.bsdf()
@@ -145,7 +145,8 @@ def trace_paths(
         lit = active & (toward.pdf > 0) & (dr.max(value * radiance) > 0)
         lit &= ~scene.ray_test(si.spawn_ray_to(toward.p), lit)
         weight = balance(toward.delta, toward.pdf, bsdf_pdf)
-        light = deposit(light, toward.uv, throughput * value * radiance * weight, lit)
+        gain = throughput * value * weight
+        light = deposit(light, toward.emitter, toward.uv, gain * radiance, lit)
         facing = si.n * dr.sign(-dr.dot(si.n, ray.d))
         here = (mi.Point3f(si.p), mi.Normal3f(facing), si.is_valid(), (bsdf.flags() & other) == 0)
         first = tuple(dr.select(surface == 1, a, b) for a, b in zip(here, first, strict=True))

@@ -1,7 +1,7 @@
 """The wall as the camera sees it, path traced."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ WAVEFRONT = 1 << 24
 
 def render_photograph(
     scenario: Scenario,
-    image: NDArray[np.floating[Any]],
+    image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
     *,
     samples: int = 4096,
     bounces: int | None = None,
@@ -28,14 +28,15 @@ def render_photograph(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Array:
-    """Path trace a photograph of the wall while the monitor shows an image.
+    """Path trace a photograph of the wall while hidden surfaces show images.
 
     Parameters
     ----------
     scenario
         The scene.
     image
-        (R, C, 3) linear radiance along the monitor's normal, of any R and C.
+        (R, C, 3) linear radiance along the monitor's normal, of any R and C; of several hidden
+        surfaces a mapping of such by id.
     samples
         Camera samples a pixel, multi-jittered over its area; rounded up to a square number.
     bounces
@@ -54,13 +55,13 @@ def render_photograph(
         (rows, columns, 3) float64 radiance.
     """
     require_vectorized("a photograph")
-    image = np.asarray(image)
-    if image.ndim != 3 or image.shape[2] != 3 or not (0 <= image.min() <= image.max() < np.inf):
-        raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
+    images = scenario.hidden.images(image)
+    for each in images.values():
+        if each.ndim != 3 or each.shape[2] != 3 or not (0 <= each.min() <= each.max() < np.inf):
+            raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if samples < 1 or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")
-    (surface,) = scenario.hidden.values()
-    scene = build_scene(scenario.scene, image, surface.mirrored, only_monitor=only_monitor)
+    scene = build_scene(scenario.scene, scenario.hidden, images, only_hidden=only_monitor)
     depth = -1 if bounces is None else bounces + 1
     return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
 

@@ -127,7 +127,8 @@ def test_a_wavefront_is_what_mitsuba_renders(room):
     seen, image = room.load(), np.random.default_rng(0).random((2, 3, 3))
     ours = render_photograph(seen, image, samples=64, seed=3)
     integrator = mi.load_dict({"type": "path", "max_depth": -1})
-    theirs = np.array(mi.render(build_scene(seen, image), integrator=integrator, spp=64, seed=3))
+    scene = build_scene(seen.scene, seen.hidden, {"monitor": image})
+    theirs = np.array(mi.render(scene, integrator=integrator, spp=64, seed=3))
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
 
 

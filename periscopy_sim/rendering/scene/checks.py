@@ -7,7 +7,6 @@ show what is missed.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +24,10 @@ OPAQUE = {
 makes sure."""
 
 GRID = 64
-"""Points along each side of the monitor's UV square at which its surface is looked for."""
+"""Points along each side of a hidden surface's UV square at which its surface is looked for."""
 
 UV_ERROR = 1e-3
-"""Error of UV coordinates in single precision, generously. `check_monitor` accepts five times it
-of the monitor's surface, which the grid resolves about as well."""
+"""Error of UV coordinates and areas in single precision, generously."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
@@ -55,31 +53,36 @@ def check_media(nodes: SceneNodes) -> None:
                 )
 
 
-def check_monitor(monitor: Any, path: Path) -> None:
-    """Reject a monitor whose surface is not that of its UV square, once.
+def check_surface(shape: Any, what: str) -> None:
+    """Reject a hidden surface whose parts are not the points of its UV square, each once.
 
     What lies outside of the square, or under the same coordinates as another part, would shine in
-    the scene but not in A; Mitsuba's own textured emitters miss it as well.
+    the scene but not in A; Mitsuba's own textured emitters miss it as well. `what` names the
+    surface in messages.
     """
+    if shape.is_mesh():
+        faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
+        uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2)
+        edges = np.diff(uv[faces], axis=1)  # (F, 2, 2)
+        covered = float(np.abs(np.linalg.det(edges)).sum() / 2)
+        inside = np.abs(uv[faces] - 0.5).max() <= 0.5 + UV_ERROR
+        # Faces of the square's whole area that leave no hole do not overlap.
+        is_right = inside and abs(covered - 1) <= UV_ERROR
+    else:
+        covered, is_right = 1.0, True
 
-    def area_at(uv: Any) -> tuple[Any]:
-        si = surface_at(monitor, uv)
-        is_here = si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR)
-        return (dr.select(is_here, dr.norm(dr.cross(si.dp_du, si.dp_dv)), 0),)
+    def found(uv: Any) -> tuple[Any]:
+        si = surface_at(shape, uv)
+        return (si.is_valid() & (dr.max(dr.abs(si.uv - uv)) < UV_ERROR),)
 
-    if monitor.class_name() == "Rectangle":  # always right
-        return
-    if not monitor.is_mesh():
-        raise SceneError(f"scene '{path}': the monitor is no rectangle, and no mesh; give one")
     row, column = np.divmod(np.arange(GRID**2), GRID)
     # Off the middle, where meshes have their edges.
-    (area,) = map_points(area_at, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
-    share = area.mean() / float(np.ravel(monitor.surface_area())[0])
-    if not abs(share - 1) <= 5 * UV_ERROR:
+    (valid,) = map_points(found, np.stack([column + 0.45, row + 0.4], axis=1) / GRID)
+    if not (is_right and valid.all()):
         raise SceneError(
-            f"scene '{path}': the monitor's patches would hold {share:.1%} of its surface; give "
-            "each of its points UV coordinates of its own, from 0 to 1, and let other surfaces "
-            "be shapes of their own (of a box, its front alone is the monitor)"
+            f"{what}: its faces cover {covered:.1%} of its UV square, {valid.mean():.1%} of it "
+            "once; give each of its points UV coordinates of its own, from 0 to 1, and let other "
+            "surfaces be shapes of their own (of a box, its front alone)"
         )
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError
-from periscopy_sim.hidden import Hidden, Size, Surface
+from periscopy_sim.errors import SceneError, did_you_mean
+from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.checks import check_monitor, check_nodes
+from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
     SceneLayout,
     motions,
@@ -30,7 +30,7 @@ from periscopy_sim.rendering.scene.wall import (
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import MONITOR, Occluder, Scene, corners
+from periscopy_sim.scene import Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
 
@@ -43,16 +43,18 @@ RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 
 def load_scenario(
     scene: str | Path | Scene,
-    hidden: tuple[int, int],
+    hidden: Sizes,
     parameters: Mapping[str, str | float] | None = None,
     *,
     photograph: tuple[int, int] | None = None,
 ) -> Scenario:
     """Return the scenario of a scene that keeps the id contract.
 
-    It has shapes ``wall`` and ``monitor`` and a sensor ``camera``. The view's points are where the
-    camera's own rays through the pixels' centres meet the wall, so any sensor serves; the patches
-    are an R x C grid in the monitor's UV square, so any shape with a UV parametrization serves.
+    It has a shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape ``monitor``, and
+    every shape whose id begins with ``hidden``. The view's points are where the camera's own rays
+    through the pixels' centres meet the wall, so any sensor serves; the patches are an R x C grid
+    in a surface's UV square, so any shape with a UV parametrization serves. A surface without an
+    emitter is Lambertian: its image is the radiance that it reflects.
 
     Every pixel is averaged over its own area: a box of one pixel takes the place of the film's
     reconstruction filter, in A and in photographs. Mitsuba's own ``mi.render`` of the file blurs by
@@ -63,7 +65,7 @@ def load_scenario(
     scene
         A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
-        (R, C), rows and columns of the hidden image.
+        (R, C), rows and columns of the hidden image; of several surfaces a mapping of such by id.
     parameters
         Values for the file's ``<default>``s.
     photograph
@@ -73,22 +75,40 @@ def load_scenario(
     Raises
     ------
     SceneError
-        If the contract is broken, a pixel misses the wall, the hidden size is not possible, or A
-        cannot treat a material, a medium, or the monitor's place or UV.
+        If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
+        lack a surface, or A cannot treat a material, a medium, or a surface's place or UV.
     """
-    rows, columns = map(operator.index, hidden)
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
     elif parameters:
         scene = scene.at(**parameters)
     view = View.of(scene, photograph)
-    if min(rows, columns) < 1 or rows * columns > len(view.points):
-        size = "{}x{}".format(*view.shape)
+    return Scenario(view, Hidden.of_scene(scene, sizes_by_id(scene, hidden, view)))
+
+
+def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
+    """Return the size of each hidden surface in file order, at most a patch for each pixel."""
+    given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
+    names = ", ".join(f"'{name}'" for name in scene.emission)
+    if unknown := [name for name in given if name not in scene.emission]:
+        meant = did_you_mean(unknown[0], scene.emission) or f"it has {names}"
+        raise SceneError(f"scene '{scene.path}' has no hidden surface '{unknown[0]}'; {meant}")
+    if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
+        raise SceneError(f"scene '{scene.path}' has hidden surfaces {names}: give each a size")
+    if missing := [name for name in scene.emission if name not in given]:
         raise SceneError(
-            f"{rows}x{columns} hidden patches: give from 1x1 to as many as the film's {size} "
+            f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"
+        )
+    sizes = {n: (operator.index(given[n][0]), operator.index(given[n][1])) for n in scene.emission}
+    patches = [rows * columns for rows, columns in sizes.values()]
+    if min(map(min, sizes.values())) < 1 or sum(patches) > len(view.points):
+        written = ", ".join("{}x{}".format(*size) for size in sizes.values())
+        pixels = "{}x{}".format(*view.shape)
+        raise SceneError(
+            f"{written} hidden patches: give from 1x1 to as many as the film's {pixels} "
             "pixels, or give the scene's film more pixels"
         )
-    return Scenario(view, Hidden.of_scene(scene, (rows, columns)))
+    return sizes
 
 
 def load_scene(path: str | Path, parameters: Mapping[str, str | float] | None = None) -> Scene:
@@ -109,7 +129,8 @@ class SceneLoader:
         nodes.average_pixels()
         check_nodes(nodes)
         # Instantiating consumes the nodes.
-        emission, lights = {MONITOR: nodes.emission_profile()}, nodes.other_lights()
+        emission = {name: nodes.emission_profile(name) for name in nodes.hidden}
+        lights = nodes.other_lights()
         self._material = nodes.wall_material()
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
@@ -118,7 +139,7 @@ class SceneLoader:
         wall = bodies.pop("wall").vertices
         self._wall = corners(boxes["wall"]) if wall is None else wall
         self._views: dict[tuple[Size | None, int], View] = {}
-        self._hidden: dict[Size, Hidden] = {}
+        self._surfaces: dict[tuple[str, Size], Surface] = {}
         self.scene = Scene(
             document=nodes.document,
             places=self.layout.places,
@@ -167,12 +188,14 @@ class SceneLoader:
             return moved
         return View.of(load_scene(self._path, scene.parameters), shape, across=across)
 
-    def hidden(self, scene: Scene, size: Size) -> Hidden:
+    def hidden(self, scene: Scene, sizes: Mapping[str, Size]) -> Hidden:
         """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
-        if size not in self._hidden:
-            monitor = shape_of(self.built(self.scene), MONITOR)
-            self._hidden[size] = Hidden({MONITOR: _surface(monitor, size, self._path)})
-        return self._hidden[size].moved(motions(self.scene.places, scene.places))
+        for key in sizes.items():
+            if key not in self._surfaces:
+                shape = shape_of(self.built(self.scene), key[0])
+                self._surfaces[key] = _surface(shape, key[1], self._path)
+        hidden = Hidden({key[0]: self._surfaces[key] for key in sizes.items()})
+        return hidden.moved(motions(self.scene.places, scene.places))
 
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
@@ -205,21 +228,24 @@ def _moved_occluder(occluder: Occluder, moved: Mapping[str, Array]) -> Occluder:
 
 def build_scene(
     scene: Scene,
-    image: NDArray[np.floating[Any]] | None = None,
-    mirrored: bool = False,
+    hidden: Hidden | None = None,
+    images: Mapping[str, NDArray[np.floating[Any]]] | None = None,
     *,
-    only_monitor: bool = False,
+    only_hidden: bool = False,
 ) -> Any:
-    """Instantiate the Mitsuba scene of a scene whose monitor shows an image, or white.
+    """Instantiate the Mitsuba scene of a scene whose hidden surfaces show images, or white.
 
-    The image is (R, C, 3) linear radiance along the normal, of any R and C; `mirrored` as that of
-    the `Surface`. `only_monitor` removes every other emitter. Pixels are averaged over their own
-    area (box filter).
+    Each image is (R, C, 3) linear radiance along the normal, of any R and C, of the surface of
+    `hidden` that has its id. `only_hidden` removes every other emitter. Pixels are averaged over
+    their own area (box filter).
     """
     nodes = SceneNodes(scene.path, dict(scene.parameters))
-    nodes.show(image, mirrored)
+    textures = None
+    if hidden is not None and images is not None:
+        textures = {name: texture_of(images[name], hidden[name].mirrored) for name in hidden}
+    nodes.show(textures)
     nodes.average_pixels()
-    if only_monitor:
+    if only_hidden:
         nodes.darken()
     with without_warnings():  # which came when the scene was loaded
         return nodes.instantiate()
@@ -228,7 +254,7 @@ def build_scene(
 def patch_uv(
     row: Any, column: Any, hidden: tuple[int, int], mirrored: bool, offset: tuple[Any, Any]
 ) -> tuple[Any, Any]:
-    """Return the monitor's coordinates u, v of a point in a patch.
+    """Return a hidden surface's coordinates u, v of a point in a patch.
 
     Row 0 is the top (v = 1) and column 0 a viewer's left; `mirrored` if u runs to a viewer's left.
     The offset is the position in the patch, down and across, each in [0, 1).
@@ -239,30 +265,29 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _surface(monitor: Any, size: Size, path: Path) -> Surface:
+def _surface(shape: Any, size: Size, path: Path) -> Surface:
     """Return a hidden surface in patches, (R, C)."""
     rows, columns = size
+    what = f"scene '{path}': hidden surface '{shape.id()}'"
 
     def locate(uv: Any) -> tuple[Any, ...]:
-        si = surface_at(monitor, uv)
+        si = surface_at(shape, uv)
         return si.p, si.n, si.dp_du, si.dp_dv, si.is_valid()
 
     try:
         _, normal, du, dv, _ = map_points(locate, np.array([[0.5, 0.5]]))
     except RuntimeError:
         raise SceneError(
-            f"scene '{path}': the monitor has no UV parametrization; give its mesh UV coordinates "
-            "(in GLB, and a material), or use a rectangle"
+            f"{what} has no UV parametrization; unwrap its mesh (in Blender: Edit Mode, UV, Smart "
+            "UV Project) and export it with a material, or use a rectangle"
         ) from None
-    check_monitor(monitor, path)
+    check_surface(shape, what)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
     row, column = np.divmod(np.arange(rows * columns), columns)
     u, v = patch_uv(row, column, size, mirrored, (0.5, 0.5))
     centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
     if not valid.all():
-        raise SceneError(
-            f"scene '{path}': the monitor's UV coordinates do not cover the unit square"
-        )
+        raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
     across = (-du if mirrored else du) / columns
     return Surface(size, centers, normals, across, dv / rows, mirrored)
 

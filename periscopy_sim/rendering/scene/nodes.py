@@ -19,7 +19,7 @@ from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
 from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
 from periscopy_sim.rendering.variant import SHARED, mi, one_line
-from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument
+from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument, is_hidden
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
@@ -41,7 +41,8 @@ class SceneNodes:
         self.document, self._elements = read_elements(Path(path), parameters)
         self._config, self._state = parse(self.document)
         if required is None:
-            required = {"wall": "Shape", MONITOR: "Shape", "camera": "Sensor"}
+            surfaces = dict.fromkeys(self.hidden or [MONITOR], "Shape")
+            required = {"wall": "Shape", **surfaces, "camera": "Sensor"}
         for name, kind in required.items():
             self._require(name, kind)
 
@@ -49,6 +50,11 @@ class SceneNodes:
     def path(self) -> Path:
         """The scene file."""
         return self.document.path
+
+    @property
+    def hidden(self) -> list[str]:
+        """The ids of the hidden surfaces, in file order."""
+        return [name for each in self.of_type("Shape") if is_hidden(name := str(each.id()))]
 
     def error(self, reason: str) -> SceneError:
         """Return the error of this scene for a reason."""
@@ -67,18 +73,23 @@ class SceneNodes:
         }
         return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
 
-    def emission_profile(self) -> EmissionProfile | None:
-        """Return the monitor's angular profile if it is known in closed form."""
-        emitter = self._monitor_emitter()
+    def emission_profile(self, name: str) -> EmissionProfile | None:
+        """Return a hidden surface's angular profile if it is known in closed form.
+
+        A surface without an emitter is Lambertian: what it sends is the light that it reflects.
+        """
+        emitter = self._emitter(name)
+        if emitter is None:
+            return EmissionProfile()
         if emitter.plugin_name() == LCD:
             exponents = [float(emitter.get(name, 0.0)) for name in EXPONENTS]
             if not all(0 <= exponent < np.inf for exponent in exponents):
-                raise self.error(f"the monitor's exponents {exponents} are not both 0 or more")
+                raise self.error(f"the exponents {exponents} of '{name}' are not both 0 or more")
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
     def other_lights(self) -> tuple[str, ...]:
-        """Return the names of the emitters that shine beside the monitor's, in file order.
+        """Return the names of the emitters that shine beside hidden surfaces, in file order.
 
         An emitter has the name of its shape, else its own id or its plugin's name.
         """
@@ -90,7 +101,7 @@ class SceneNodes:
         lights = {
             str(owners.get(index) or node.props.id() or node.props.plugin_name()): node.props
             for index, node in enumerate(self._state.nodes)
-            if str(node.type).endswith("Emitter") and owners.get(index) != MONITOR
+            if str(node.type).endswith("Emitter") and not is_hidden(str(owners.get(index)))
         }
         return tuple(
             name
@@ -121,31 +132,30 @@ class SceneNodes:
         materials = self.children(self._by_id("wall"), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
 
-    def show(self, image: NDArray[np.floating[Any]] | None, mirrored: bool = False) -> None:
-        """Make the monitor show an image, or a radiance of 1 everywhere.
-
-        The image is (R, C, 3) linear radiance along the normal, as a viewer facing the monitor sees
-        it; `mirrored` if the monitor's u runs to a viewer's left.
-        """
-        emitter = self._monitor_emitter()
-        if "radiance" not in emitter:
-            raise self.error(
-                f"the monitor's emitter '{emitter.plugin_name()}' has no 'radiance' to show an "
-                "image by; give it one of type area or lcd"
-            )
-        if image is None:
-            emitter["radiance"] = mi.load_dict({"type": "rgb", "value": 1.0})
-            return
-        kind = {"type": "bitmap", "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
-        bitmap = mi.Bitmap(monitor_texture(image, mirrored))
-        emitter["radiance"] = mi.load_dict({**kind, "bitmap": bitmap})
+    def show(self, textures: Mapping[str, NDArray[np.float32]] | None) -> None:
+        """Make each hidden surface show a `texture_of` an image by its id; None for all white."""
+        for name in self.hidden:
+            radiance: dict[str, Any] = {"type": "rgb", "value": 1.0}
+            if textures is not None:
+                radiance = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(textures[name])}
+                radiance |= {"filter_type": "nearest", "wrap_mode": "clamp"}
+            emitter = self._emitter(name)
+            if emitter is None:
+                light = {"type": "area", "radiance": radiance}
+                self._by_id(name)["emitter"] = mi.load_dict(light)
+            elif "radiance" in emitter:
+                emitter["radiance"] = mi.load_dict(radiance)
+            else:
+                raise self.error(
+                    f"the emitter '{emitter.plugin_name()}' of '{name}' has no 'radiance' to show "
+                    "an image by; give it one of type area or lcd"
+                )
 
     def darken(self) -> None:
-        """Remove every emitter but the monitor's."""
-        monitor = self._by_id(MONITOR)
+        """Remove every emitter but those of the hidden surfaces."""
         for node in self._state.nodes:
             lights = self.children(node.props, "Emitter")
-            for key, _ in lights[1:] if node.props is monitor else lights:
+            for key, _ in lights[1:] if is_hidden(str(node.props.id())) else lights:
                 del node.props[key]
 
     def average_pixels(
@@ -175,7 +185,8 @@ class SceneNodes:
 
     def instantiate(self) -> Any:
         """Build the Mitsuba scene, once: it consumes the nodes."""
-        self._straighten_monitor()
+        for name in self.hidden:
+            self._straighten(self._by_id(name))
         state, self._state = self._state, None
         refused = ""
         try:
@@ -193,31 +204,25 @@ class SceneNodes:
     def _by_id(self, name: str) -> Any:
         return self._state.nodes[self._state.id_to_index[name]].props
 
-    def _monitor_emitter(self) -> Any:
-        emitters = self.children(self._by_id(MONITOR), "Emitter")
-        if not emitters:
-            example = '<emitter type="area"> with a radiance'
-            raise self.error(f"shape 'monitor' has no emitter; give it one, for example {example}")
-        return emitters[0][1]
+    def _emitter(self, name: str) -> Any:
+        """Return the emitter of a shape, None if it has none."""
+        return next((props for _, props in self.children(self._by_id(name), "Emitter")), None)
 
-    def _straighten_monitor(self) -> None:
+    def _straighten(self, surface: Any) -> None:
         """Rewrite a flipped or mirrored rectangle as a plain one with the same emitting side.
 
         Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
         normals, so that its light would depend on the way it was found.
         """
-        if MONITOR not in self._state.id_to_index:
+        if surface.plugin_name() != "rectangle":
             return
-        monitor = self._by_id(MONITOR)
-        if monitor.plugin_name() != "rectangle":
-            return
-        to_world = monitor.get("to_world", mi.ScalarTransform4f())
-        if monitor.get("flip_normals", False):
+        to_world = surface.get("to_world", mi.ScalarTransform4f())
+        if surface.get("flip_normals", False):
             to_world = to_world @ type(to_world)().scale([1, 1, -1])
-            del monitor["flip_normals"]
+            del surface["flip_normals"]
         if np.linalg.det(np.array(to_world.matrix)) < 0:
             to_world = to_world @ type(to_world)().scale([-1, 1, 1])
-        monitor["to_world"] = to_world
+        surface["to_world"] = to_world
 
     def _require(self, name: str, kind: str) -> None:
         """Check that the scene itself has a node."""
@@ -231,11 +236,13 @@ class SceneNodes:
             raise self.error(f"no {kind.lower()} outside of groups has the id '{name}' ({others})")
 
 
-def monitor_texture(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
-    """Lay an image of `SceneNodes.show` out as a texture, (max(R, 2), max(C, 2), 3) float32.
+def texture_of(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:
+    """Lay an image out as the texture that shows it, (max(R, 2), max(C, 2), 3) float32.
 
-    Its row 0 lies at v = 0, the monitor's lower edge. Mitsuba's textures have 2 x 2 pixels at
-    least: a single row or column is doubled. The array is contiguous.
+    The image is (R, C, 3) linear radiance along the normal, as a viewer facing the surface sees it,
+    `mirrored` if its u runs to a viewer's left. Row 0 of a texture lies at v = 0, the surface's
+    lower edge. Mitsuba's textures have 2 x 2 pixels at least: a single row or column is doubled.
+    The array is contiguous.
     """
     texture = np.asarray(image, np.float32)[::-1, :: -1 if mirrored else 1]
     for axis in (0, 1):

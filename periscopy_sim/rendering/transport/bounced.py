@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
@@ -189,7 +190,7 @@ def render_bounced_light(
         for replica, one in enumerate(own):
             total[replica] += trace(one)
         with threadpool_limits(1):  # the last bits follow the number of threads
-            fit = best_fit(_of_blocks(total, scenario.hidden_shape) / done, sites, shape)
+            fit = best_fit(_of_blocks(total, scenario.hidden) / done, sites, shape)
             white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
@@ -243,12 +244,13 @@ def make_tracer(
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
     radiance. `bounces` is the most reflections of a path, 2 or more; None for any number.
     """
-    # Textured, so that Mitsuba samples points of the monitor by its UV coordinates.
-    scene = build_scene(scenario.scene, np.ones((2, 2, 3)), only_monitor=True)
+    # Textured, so that Mitsuba samples points of hidden surfaces by their UV coordinates.
+    hidden = scenario.hidden
+    white = dict.fromkeys(hidden, np.ones((2, 2, 3)))
+    scene = build_scene(scenario.scene, hidden, white, only_hidden=True)
     camera, wall = camera_of(scene), shape_of(scene, "wall")
     rows, columns = scenario.photograph_shape
-    (surface,) = scenario.hidden.values()
-    R, C = surface.shape
+    shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS
     path_numbers = PathNumbers(len(sites), (PATHS,))
 
@@ -272,14 +274,19 @@ def make_tracer(
             direction = mi.warp.square_to_cosine_hemisphere(where)
             direction.z = dr.mulsign(direction.z, si.wi.z)
             throughput = mi.Color3f(float(np.mean(scenario.view.reflectance)))
-        sums = dr.zeros(mi.Int64, len(sites) * R * C * 3)
+        sums = dr.zeros(mi.Int64, len(sites) * hidden.patches * 3)
 
-        def splat(light: Any, uv: Any, radiance: Any, active: Any) -> Any:
+        def splat(light: Any, emitter: Any, uv: Any, radiance: Any, active: Any) -> Any:
             """Add radiance, (3,), to what comes from a patch."""
-            across = 1 - uv.x if surface.mirrored else uv.x
-            row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
-            column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
-            at = (site * (R * C) + row * C + column) * 3
+            patch, shape = mi.UInt32(0), emitter.get_shape()
+            for name, surface in hidden.items():
+                R, C = surface.shape
+                across = 1 - uv.x if surface.mirrored else uv.x
+                row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
+                column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
+                own = hidden.slices[name].start + row * C + column
+                patch = dr.select(shape == shapes[name], own, patch)
+            at = (site * hidden.patches + patch) * 3
             for c in range(3):
                 whole = mi.Int64(dr.round(radiance[c] / FINEST))
                 dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
@@ -289,14 +296,18 @@ def make_tracer(
             scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
             active=active, most=bounces, deposit=splat,
         )  # fmt: skip
-        return np.asarray(np.array(sums).reshape(len(sites), R * C, 3) * (FINEST / PATHS))
+        return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / PATHS))
 
     return trace
 
 
-def _of_blocks(light: Array, hidden: tuple[int, int]) -> Array:
+def _of_blocks(light: Array, hidden: Hidden) -> Array:
     """Return the sums of patches' light, (..., N, 3), of all and of each block: (..., 3 L)."""
-    R, C = hidden
-    block = ((np.arange(R) * BLOCKS // R)[:, None] * BLOCKS + np.arange(C) * BLOCKS // C).ravel()
+    blocks = [
+        (k, down * BLOCKS // R, across * BLOCKS // C)
+        for k, (R, C) in enumerate(hidden.shapes.values())
+        for down, across in np.ndindex(R, C)
+    ]
+    _, block = np.unique(blocks, axis=0, return_inverse=True)
     parts = [light[..., block == one, :].sum(axis=-2) for one in np.unique(block)]
     return np.concatenate([sum(parts, np.zeros(())), *parts], axis=-1)

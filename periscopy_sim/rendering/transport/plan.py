@@ -1,8 +1,8 @@
 """How A is made: by areas where the scene has them, else by as many rays as the noise asks for.
 
-Whatever fits a photograph to A takes the error of A for light. By areas that error is far below any
-camera's noise. Rays leave noise of their own, which two independent renderings of a few rows
-measure.
+Whatever fits a photograph to A takes the error of A for light. By areas it errs where light changes
+within a pixel, which more wall points in a pixel mend; rays leave noise of their own, too. Two
+computations of a few rows measure either.
 """
 
 import warnings
@@ -21,6 +21,7 @@ from periscopy_sim.analytic.area_transport import (
 )
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
@@ -48,6 +49,9 @@ scenes need less at 60 dB."""
 PIXELS = 64
 """Pixels whose rows measure the error of A, to 9 %: each is an independent draw."""
 
+MOST_ACROSS = 8
+"""Wall points along each side of a pixel, at most, by areas."""
+
 
 @dataclass(frozen=True)
 class TransportPlan:
@@ -55,7 +59,7 @@ class TransportPlan:
 
     samples: int | None = None  # rays from each wall point to each patch; None for A by areas
     across: int = 1  # wall points along each side of a pixel, that A is averaged over
-    error: float = PRECISION  # standard deviation of a white image's light in A, over its mean
+    error: float  # standard deviation of a white image's light in A, over its mean
 
     @property
     def by(self) -> By:
@@ -96,9 +100,10 @@ def plan_transport(
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
 
-    `samples` are the rays from the centre of each pixel to each patch. None takes as many as make
-    the error of A a third of the noise or less, within a `budget` of rays (None: `BUDGET`), and
-    averages over the pixels' areas. The plan's error exceeds the noise where the rays are too few.
+    A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
+    a third of the noise or less, within `MOST_ACROSS` and a `budget` of rays (None: `BUDGET`). The
+    plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
+    centre of each pixel to each patch.
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
     error.
     """
@@ -106,7 +111,7 @@ def plan_transport(
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
-        return TransportPlan(None, across)
+        return _plan_areas(scenario, across, noise, seed)
     if samples is not None:
         return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
@@ -120,14 +125,42 @@ def plan_transport(
     return TransportPlan(samples, across, error)
 
 
+def _plan_areas(scenario: Scenario, across: int, noise: float, seed: int) -> TransportPlan:
+    """Return the fewest wall points in a pixel by which A by areas errs little, see `_chosen`.
+
+    A of twice the points along each side errs by a fourth, or a third at edges of shadows.
+    """
+    rows = _chosen(scenario, seed)
+
+    def white(across: int) -> Array:
+        """Return a white image's light in these rows."""
+        finer = scenario.averaged(across)
+        used = np.isin(np.arange(np.prod(finer.view.shape)), finer.view.numbers[rows])
+        some = finer.view.of_pixels(used.reshape(finer.view.shape))
+        return area_transport(Scenario(some, finer.hidden)).sum(axis=1, dtype=np.float64)
+
+    coarse = white(across)
+    while True:
+        fine = white(2 * across)
+        light = max(float(fine.mean()), np.finfo("f4").tiny)
+        error = float(np.sqrt(np.mean((fine - coarse) ** 2))) / light
+        if error <= SMALL * noise or 2 * across > MOST_ACROSS:
+            return TransportPlan(None, across, max(error, PRECISION))
+        across, coarse = 2 * across, fine
+
+
+def _chosen(scenario: Scenario, seed: int) -> NDArray[np.intp]:
+    """Return the rows of `PIXELS` pixels by chance, in order."""
+    return np.sort(np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS])
+
+
 def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
     Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
     areas. Of as many wall points both err alike; rows of pixels' centres also by light's curvature.
     """
-    rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
-    rows.sort()
+    rows = _chosen(scenario, seed)
     most = max(across, points_across(scenario.photograph_shape))
     first, second = (
         RenderedTransport(scenario.averaged(each), samples, "jittered", seed + shift).white(rows)
@@ -157,13 +190,13 @@ def transport(
     hidden
         The hidden surfaces in patches, beside a view.
     by
-        ``"areas"``, the closed form of `analytic_transport` averaged over each pixel, or
+        ``"areas"``, the closed form of `analytic_transport`, or
         ``"rays"``, see `render_transport`; None takes areas where the scene has them.
     bounces
         Most reflections of a path: 1 is direct light, None any number; see `add_bounces`.
     noise
-        Noise of the photographs that A serves, over their mean: rays are as many as leave the
-        error of A below a third of it, within a budget of 1 billion.
+        Noise of the photographs that A serves, over their mean: A is averaged over so many points
+        of each pixel, by so many rays, that its error is below a third of it, within a budget.
     seed
         Seed of the rays.
     progress
@@ -181,15 +214,16 @@ def transport(
     VariantError
         If rays are needed in a scalar variant.
     """
+    if isinstance(seen, Scenario) == (hidden is not None):
+        raise TypeError("give a scenario, or a view and the hidden surfaces beside it")
     if isinstance(seen, View):
-        if hidden is None:
-            raise TypeError("give the hidden surfaces beside a view")
+        assert hidden is not None
         seen = Scenario(seen, hidden)
     plan = plan_transport(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         warnings.warn(
-            f"A by {plan.samples} rays errs by {plan.error:.2g} of its mean, more than the noise "
-            f"of {noise:.2g}; give the camera or the hidden image fewer pixels",
+            f"A by {plan.by} errs by {plan.error:.2g} of its mean, more than the noise of "
+            f"{noise:.2g}; give the camera or the hidden image fewer pixels",
             RuntimeWarning,
             stacklevel=2,
         )

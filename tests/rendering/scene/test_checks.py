@@ -21,7 +21,6 @@ FOG = (
 )
 PLACE = '<scale value="0.15"/><rotate x="1" angle="90"/><rotate z="1" angle="{}"/>'
 FRONT = PLACE.format(180) + '<translate x="0.2" z="0.3"/>'
-ROUND = '<scale value="0.1"/><translate x="0.2" z="0.3"/>'
 
 
 def masked(opacity, inner='<bsdf type="diffuse"/>'):
@@ -97,7 +96,6 @@ REFUSED = {
         "'monitor'",
         lambda r: {"monitor": r.monitor(inside=masked(number("opacity", 0.9)))},
     ),
-    "no emitter": ("no emitter", lambda r: {"monitor": r.monitor("")}),
     "no radiance": ("radiance", lambda r: {"monitor": r.monitor('<emitter type="area"/>')}),
     "monitor of no width": ("'monitor'", lambda r: {"monitor": r.monitor(scale=(0, 0.15))}),
     "monitor of no height": ("'monitor'", lambda r: {"monitor": r.monitor(scale=(0.2, 0))}),
@@ -107,11 +105,13 @@ REFUSED = {
     "exponent of nan": ("exponents", lambda r: {"monitor": r.monitor(r.lcd(np.nan, 1))}),
     "exponent below 0": ("exponents", lambda r: {"monitor": r.monitor(r.lcd(1, -0.5))}),
     "monitor without UV": ("UV", lambda r: {"monitor": obj_monitor(r)}),
-    "UV twice": ("50.0%", lambda r: two_quads(r, (LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1)))),
-    "UV up to 2": ("50.0%", lambda r: two_quads(r, (WHOLE, (0, 2, 0, 1)))),
-    "UV overlap": ("9", lambda r: two_quads(r, (LEFT, (0, 0.6, 0, 1)), (RIGHT, (0.5, 1, 0, 1)))),
+    "UV twice": ("200.0%", lambda r: two_quads(r, (LEFT, (0, 1, 0, 1)), (RIGHT, (0, 1, 0, 1)))),
+    "UV up to 2": ("200.0%", lambda r: two_quads(r, (WHOLE, (0, 2, 0, 1)))),
+    "UV overlap": (
+        "110.0%",
+        lambda r: two_quads(r, (LEFT, (0, 0.6, 0, 1)), (RIGHT, (0.5, 1, 0, 1))),
+    ),
     "box as monitor": ("box", lambda r: shining(r, "cube", "", '<scale z="0.1"/>' + FRONT)),
-    "sphere as monitor": ("no mesh", lambda r: shining(r, "sphere", "", ROUND)),
     "gauze": ("'ball'", lambda r: ball(r, masked(number("opacity", 0.9)))),
     "pattern": ("mask", lambda r: ball(r, masked('<texture type="checkerboard" name="opacity"/>'))),
     "null": ("null", lambda r: ball(r, '<bsdf type="null"/>')),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.nodes import SceneNodes, monitor_texture, searching
+from periscopy_sim.rendering.scene.nodes import SceneNodes, searching, texture_of
 from periscopy_sim.rendering.scene.wall import camera_of
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import EmissionProfile
@@ -17,7 +17,7 @@ from periscopy_sim.scene import EmissionProfile
 )
 def test_profile_is_known_of_area_and_lcd_emitters_alone(room, emitter, profile):
     nodes = SceneNodes(room.write(monitor=room.monitor(emitter)))
-    assert nodes.emission_profile() == profile
+    assert nodes.emission_profile("monitor") == profile
 
 
 def seen_on_monitor(scene, uv_from_viewer):
@@ -40,12 +40,12 @@ def middles(rows, columns):
 @pytest.mark.parametrize("hidden", [(1, 1), (1, 3), (3, 1), (3, 4)])
 def test_image_appears_upright_and_unmirrored_on_any_rectangle(room, flip, width, hidden):
     image = np.random.default_rng(0).random((*hidden, 3)).astype(np.float32)
-    texture = monitor_texture(image, mirrored=False)
+    texture = texture_of(image, mirrored=False)
     assert texture.shape[:2] == tuple(max(size, 2) for size in hidden)
     assert texture.flags.c_contiguous and min(texture.strides) > 0
     monitor = room.monitor(scale=(width, 0.15), turn=0 if flip else 180, flip=flip)
     nodes = SceneNodes(room.write(monitor=monitor))
-    nodes.show(image, mirrored=False)
+    nodes.show({"monitor": texture})
     seen = seen_on_monitor(nodes.instantiate(), middles(*hidden))
     np.testing.assert_allclose(seen, image.reshape(-1, 3), rtol=1e-5)
 
