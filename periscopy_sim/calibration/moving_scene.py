@@ -121,7 +121,7 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = limit_size(shape, max(LARGEST, *scenario.hidden_shape))
+    coarse = limit_size(shape, max(LARGEST, *scenario.hidden.shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     # As many bands as parameters: their derivatives take as much memory as A.
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], len(names)))

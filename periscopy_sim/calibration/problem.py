@@ -100,7 +100,7 @@ class CalibrationProblem:
 
     @property
     def _hidden(self) -> Size:
-        return limit_size(self.scenario.hidden_shape, MOST_PATCHES)
+        return limit_size(self.scenario.hidden.shape, MOST_PATCHES)
 
     @property
     def _smooth(self) -> SmoothImages:

@@ -119,7 +119,7 @@ def write_transport(
         A = light.transport(session.scenario, plan, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,
-            "hidden_shape": session.scenario.hidden_shape,
+            "hidden_shape": session.scenario.hidden.shape,
             **plan.origin,
             **session.provenance,
         }

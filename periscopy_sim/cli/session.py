@@ -101,7 +101,7 @@ class Session(options.OptionGroup):
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         from periscopy_sim.evaluation.methods import check_able
 
-        check_able(method, self.scenario.hidden_shape)
+        check_able(method, self.scenario.hidden.shape)
         check_memory(self.scenario, method)
         self.check_lights()
         self.check_shadows()
@@ -125,7 +125,7 @@ class Session(options.OptionGroup):
 
     def hidden_image(self, name: str) -> NDArray[np.float64]:
         """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
-        return read_hidden_image(find_image(name), self.scenario.hidden_shape)
+        return read_hidden_image(find_image(name), self.scenario.hidden.shape)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
@@ -203,7 +203,7 @@ class Session(options.OptionGroup):
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
         summary = {
             "photograph_shape": self.scenario.photograph_shape,
-            "hidden_shape": self.scenario.hidden_shape,
+            "hidden_shape": self.scenario.hidden.shape,
             **self.record,
             **values,
             "warnings": self.warnings,

@@ -62,7 +62,7 @@ def video(
         known = None
         if truth is not None:
             path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            hidden = session.scenario.hidden_shape
+            hidden = session.scenario.hidden.shape
             known = np.stack([*sequences.read_hidden_frames(path, hidden, len(names))])
         still = session.fit(method, for_still, light, matrix, wall)
         recovery = entry.frames_by(still, coupling, **settings)

@@ -81,7 +81,7 @@ def errors_of(
         photograph = signal + ambient * (signal.mean() / sbr)
         return photograph, noise_level(photograph, snr) * finer
 
-    _, σ = exposed(np.ones((*scenario.hidden_shape, len(gain))))
+    _, σ = exposed(np.ones((*scenario.hidden.shape, len(gain))))
     grey = σ * np.sqrt(np.mean(1 / gain**2))  # each channel divided by its gain
     bound = float(grey * _unit_bound(Fit(A, B, hidden=scenario.hidden)))
     if not images:

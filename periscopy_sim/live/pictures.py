@@ -125,7 +125,7 @@ class SizedLaboratory:
         truth = None
         if choice.image:
             path = find_image(choice.image)
-            truth = kept("f", path, lambda: read_hidden_image(path, scenario.hidden_shape))
+            truth = kept("f", path, lambda: read_hidden_image(path, scenario.hidden.shape))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         method = kept(
@@ -152,7 +152,7 @@ class SizedLaboratory:
     def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
         if self.is_coarse:
-            return TransportPlan(None if has_areas(scenario) else FEWEST)
+            return TransportPlan(0.0, None if has_areas(scenario) else FEWEST)
         return plan_transport(scenario, noise, budget=BUDGET)
 
     def _expose(
@@ -177,7 +177,7 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     At least twice as many pixels as patches are used.
     """
     pixels, longest = COARSE
-    hidden, shape = scenario.hidden_shape, limit_size(scenario.photograph_shape, pixels)
+    hidden, shape = scenario.hidden.shape, limit_size(scenario.photograph_shape, pixels)
     most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
     patches, scene = limit_size(hidden, int(min(longest, most))), scenario.scene
     return Scenario(View.of(scene, shape), Hidden.of_scene(scene, patches))

@@ -50,7 +50,7 @@ def things_in(pictures: LivePictures) -> dict[str, Any]:
     frame = scenario.view.frame
     local = _on_wall(scenario.view.centers, frame)
     shown, low, high = on_rectangle(local, photograph_pixels(pictures))
-    rows, columns = scenario.hidden_shape
+    rows, columns = scenario.hidden.shape
     return {
         "photograph": _on_wall_image(shown, low, high, frame, 0.002),
         "monitor": _image(

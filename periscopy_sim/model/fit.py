@@ -38,7 +38,7 @@ from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_arr
 from periscopy_sim.photograph import Photograph
 
 PRECISION = 3e-5
-"""Relative precision of A by areas (1.5e-5 for the plate); A by rays has less."""
+"""Relative rounding of A by areas (1.5e-5 for the plate, 4e-5 for the chair)."""
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""

@@ -112,7 +112,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
 def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(plan, file, monkeypatch):
     monkeypatch.setattr(sweep, "write_transport", lambda *_: None)
     session = SimpleNamespace(transport=lambda _, matrix: matrix)
-    matrix = sweep._transport(session, Light(), TransportPlan(*plan), Path())
+    matrix = sweep._transport(session, Light(), TransportPlan(0.0, *plan), Path())
     assert matrix.name == file
 
 

@@ -112,7 +112,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
     record: dict[str, Any] = {
         **asdict(choice),
         "photograph": None if photo is None else str(photo),
-        "hidden_shape": scenario.hidden_shape,
+        "hidden_shape": scenario.hidden.shape,
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
         **({} if report.residual is None else report.residual.numbers()),

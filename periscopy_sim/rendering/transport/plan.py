@@ -49,17 +49,17 @@ scenes need less at 60 dB."""
 PIXELS = 64
 """Pixels whose rows measure the error of A, to 9 %: each is an independent draw."""
 
-MOST_ACROSS = 8
-"""Wall points along each side of a pixel, at most, by areas."""
+MOST_ACROSS = 4
+"""Wall points along each side of a pixel, at most, by areas: beyond, rounding is all that errs."""
 
 
 @dataclass(frozen=True)
 class TransportPlan:
     """How a scene's A is made, and how large its own error is."""
 
+    error: float  # standard deviation of a white image's light in A, over its mean
     samples: int | None = None  # rays from each wall point to each patch; None for A by areas
     across: int = 1  # wall points along each side of a pixel, that A is averaged over
-    error: float  # standard deviation of a white image's light in A, over its mean
 
     @property
     def by(self) -> By:
@@ -113,7 +113,7 @@ def plan_transport(
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         return _plan_areas(scenario, across, noise, seed)
     if samples is not None:
-        return TransportPlan(samples, 1, transport_error(scenario, samples, seed=seed))
+        return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
     most = (BUDGET if budget is None else budget) / rays
     while (error := transport_error(scenario, samples, across, seed=seed)) > SMALL * noise:
@@ -122,7 +122,7 @@ def plan_transport(
         samples, fewer = 2 ** int(np.log2(max(min(2 * wanted - 1, most), samples))), samples
         if samples == fewer:
             break
-    return TransportPlan(samples, across, error)
+    return TransportPlan(error, samples, across)
 
 
 def _plan_areas(scenario: Scenario, across: int, noise: float, seed: int) -> TransportPlan:
@@ -137,15 +137,16 @@ def _plan_areas(scenario: Scenario, across: int, noise: float, seed: int) -> Tra
         finer = scenario.averaged(across)
         used = np.isin(np.arange(np.prod(finer.view.shape)), finer.view.numbers[rows])
         some = finer.view.of_pixels(used.reshape(finer.view.shape))
-        return area_transport(Scenario(some, finer.hidden)).sum(axis=1, dtype=np.float64)
+        A = area_transport(Scenario(some, finer.hidden))
+        return np.asarray(A.sum(axis=1, dtype=np.float64))
 
     coarse = white(across)
     while True:
         fine = white(2 * across)
-        light = max(float(fine.mean()), np.finfo("f4").tiny)
-        error = float(np.sqrt(np.mean((fine - coarse) ** 2))) / light
-        if error <= SMALL * noise or 2 * across > MOST_ACROSS:
-            return TransportPlan(None, across, max(error, PRECISION))
+        light = float(fine.mean())
+        error = float(np.sqrt(np.mean((fine - coarse) ** 2))) / light if light > 0 else 0.0
+        if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > MOST_ACROSS:
+            return TransportPlan(max(error, PRECISION), None, across)
         across, coarse = 2 * across, fine
 
 
