@@ -34,13 +34,18 @@ class Scenario:
     Raises
     ------
     SceneError
-        If single precision does not resolve the places, or no patch faces a pixel.
+        If the scene has no such hidden surface, single precision does not resolve the places, or no
+        patch faces a pixel.
     """
 
     view: View
     hidden: Hidden
 
     def __post_init__(self) -> None:
+        for name in self.hidden:
+            if name not in self.scene.emission:
+                known = ", ".join(self.scene.emission)
+                raise SceneError(f"scene '{self.path}' has hidden surfaces {known}, no '{name}'")
         points, normals = self.view.centers, self.view.center_normals
         rows, columns = self.view.shape
         ends = self.view.corners[1]

@@ -133,18 +133,23 @@ class Splits(Strict):
         return self
 
 
+Rays = Annotated[int, Field(ge=1, le=4096)]
+
+
 class Direct(Strict):
-    """Photographs A f: light that the wall reflects once, without Monte Carlo noise of its own."""
+    """Photographs A f: light that the wall reflects once. A errs less than the photographs' noise."""
 
     kind: Literal["direct"] = "direct"
-    samples: Annotated[int, Field(ge=1, le=4096)] = 16  # of a patch, see `render_transport`
+    samples: Rays | None = (
+        None  # from each pixel's centre to each patch; None: see `plan_transport`
+    )
 
 
 class Bounced(Strict):
     """Photographs A f with light that bounces between all surfaces, hardly noisy of their own."""
 
     kind: Literal["bounced"]
-    samples: Annotated[int, Field(ge=1, le=4096)] = 16
+    samples: Rays | None = None
     bounces: Annotated[int, Field(ge=2, le=10**6)] | None = None  # reflections at most
 
 

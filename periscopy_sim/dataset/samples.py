@@ -34,7 +34,7 @@ from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.transport.plan import plan_transport
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
 from periscopy_sim.storage.photographs import read_photograph
@@ -290,6 +290,10 @@ _rendering = threading.Lock()
 """Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
 
 
+LEAST_NOISE = 1e-4
+"""Of the photographs, over their mean, that A is made for: 80 dB."""
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """A scene with its parameters, ready to take photographs by A."""
@@ -316,7 +320,9 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
     scenario = scenario_of(settings, draw)
     with _rendering:
         # The seed is the data set's own: samples of A are no random draw of a sample.
-        A = render_transport(scenario, samples=light.samples, seed=settings.seed)
+        noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
+        plan = plan_transport(scenario, noise, samples=light.samples, seed=settings.seed)
+        A = plan.transport(scenario, seed=settings.seed)
         if isinstance(light, Bounced):
             bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
             return Geometry(draw, scenario, bounced)

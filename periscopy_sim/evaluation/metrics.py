@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from periscopy_sim.numerics import Array, Image, precision_of
+from periscopy_sim.numerics.validation import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +25,21 @@ class Registration:
     at_limit: bool  # whether the shift is at the limit of the search: the best may lie beyond
 
 
+BEYOND = 1e-3
+"""Of [0, 1], by which resampled truths may pass it."""
+
+
 def gain_matched(estimate: Image, truth: Image) -> Array:
     """Clip negatives, scale each channel by the factor that fits the truth best, clip to [0, 1].
 
-    Both are (rows, columns, channels), the truth within [0, 1]; a ValueError if the shapes differ.
+    Both are (rows, columns, channels), the truth within [0, 1], else, or if the shapes differ, it
+    is a ValueError.
     """
     truth = _seen_by(estimate, truth)
     if estimate.shape != truth.shape:
-        raise ValueError(f"estimate {estimate.shape} and truth {truth.shape} differ in shape")
+        raise InputError(f"estimate {estimate.shape} and truth {truth.shape} differ in shape")
+    if not (np.min(truth) >= -BEYOND and np.max(truth) <= 1 + BEYOND):
+        raise InputError("the truth leaves the range from 0 to 1; divide it by its largest value")
     positive = np.maximum(np.asarray(estimate, np.float64), 0)
     energy = np.sum(positive**2, axis=(0, 1))
     gain = np.sum(positive * truth, axis=(0, 1)) / np.where(energy > 0, energy, 1)

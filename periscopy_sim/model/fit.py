@@ -387,6 +387,11 @@ class Fit:
         self._check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
         planes = np.moveaxis(values if self.mask is None else values[:, self.mask], -1, 1)
+        if planes.shape[1] == 4 and planes[:, 3].any() and not np.ptp(planes[:, 3]):
+            raise InputError(
+                "the photograph's fourth channel is the same everywhere, as transparency is; leave "
+                "it out: photograph[..., :3]"
+            )
         gain = self.gain(planes.shape[1])[:, None]
         grey = np.divide(planes, gain, order="C", dtype=np.float64)
         if not np.isfinite(grey).all():

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.transport.kernel import Kernel, Strata
 from periscopy_sim.rendering.variant import LANES, dr, mi, require_vectorized
 from periscopy_sim.scenario import Scenario
@@ -99,6 +101,13 @@ class RenderedTransport:
             raise ValueError(f"{self.samples} samples: give a positive number")
         if self.strata not in get_args(Strata):
             raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
+        hidden, scene = self.scenario.hidden, self.scenario.scene
+        traced = Hidden.of_scene(scene, hidden.shapes)
+        if not np.allclose(traced.centers, hidden.centers, rtol=1e-4, atol=1e-6):
+            raise InputError(
+                f"rays meet the hidden surfaces where scene '{scene.path}' has them, not where the "
+                "given ones are; move them in the scene, or compute A by areas"
+            )
 
     @property
     def shape(self) -> tuple[int, int]:
