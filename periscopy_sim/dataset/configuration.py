@@ -137,7 +137,7 @@ Rays = Annotated[int, Field(ge=1, le=4096)]
 
 
 class Direct(Strict):
-    """Photographs A f: light that the wall reflects once. A errs less than the photographs' noise."""
+    """Photographs A f: light that the wall reflects once; A errs less than their noise."""
 
     kind: Literal["direct"] = "direct"
     samples: Rays | None = (

@@ -62,5 +62,5 @@ def test_grey_photographs_show_no_colour_of_the_wall_and_others_need_one_for_eac
     np.testing.assert_array_equal(fit.gain(1), [1])
     np.testing.assert_array_equal(fit.gain(3), GAIN)
     with pytest.raises(ValueError, match="4 channels, the wall's colour 3"):
-        fit.planes(np.ones((1, M, 4)))
+        fit.planes(np.random.default_rng(0).random((1, M, 4)))
     assert (Fit(A, hidden=Hidden.of(HIDDEN), channel_gain=np.ones(3)).gain(4) == np.ones(4)).all()

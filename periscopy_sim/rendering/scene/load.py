@@ -94,7 +94,10 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
         meant = did_you_mean(unknown[0], scene.emission) or f"it has {names}"
         raise SceneError(f"scene '{scene.path}' has no hidden surface '{unknown[0]}'; {meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
-        raise SceneError(f"scene '{scene.path}' has hidden surfaces {names}: give each a size")
+        raise SceneError(
+            f"scene '{scene.path}' has hidden surfaces {names}; give a size to each, in Python: "
+            "hidden={id: (R, C), ...}"
+        )
     if missing := [name for name in scene.emission if name not in given]:
         raise SceneError(
             f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"

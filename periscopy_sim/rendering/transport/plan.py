@@ -49,8 +49,8 @@ scenes need less at 60 dB."""
 PIXELS = 64
 """Pixels whose rows measure the error of A, to 9 %: each is an independent draw."""
 
-MOST_ACROSS = 4
-"""Wall points along each side of a pixel, at most, by areas: beyond, rounding is all that errs."""
+FINEST = 4
+"""Times as many wall points along each side of a pixel, at most, as `points_across`, by areas."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def plan_transport(
     """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
 
     A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
-    a third of the noise or less, within `MOST_ACROSS` and a `budget` of rays (None: `BUDGET`). The
+    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
     plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
     centre of each pixel to each patch.
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
@@ -140,12 +140,12 @@ def _plan_areas(scenario: Scenario, across: int, noise: float, seed: int) -> Tra
         A = area_transport(Scenario(some, finer.hidden))
         return np.asarray(A.sum(axis=1, dtype=np.float64))
 
-    coarse = white(across)
+    coarse, most = white(across), FINEST * across
     while True:
         fine = white(2 * across)
         light = float(fine.mean())
         error = float(np.sqrt(np.mean((fine - coarse) ** 2))) / light if light > 0 else 0.0
-        if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > MOST_ACROSS:
+        if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > most:
             return TransportPlan(max(error, PRECISION), None, across)
         across, coarse = 2 * across, fine
 

@@ -25,3 +25,26 @@ def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
     monkeypatch.setattr(planning, "BUDGET", 0)
     with pytest.warns(RuntimeWarning, match="noise"):
         ps.transport(scene, by="rays", noise=1e-6)
+
+
+@pytest.mark.parametrize("near", [0, 0.3])
+def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near):
+    """Of white light, by 64 points a pixel; the nearer the chair, the sharper its shadows."""
+    scene = shipped("chair").at(occluder_dy=near)
+    plan = plan_transport(scene, 1e-3)
+    exact, light = (
+        ps.analytic_transport(scene.averaged(across)).sum(axis=1, dtype=float)
+        for across in (8, plan.across)
+    )
+    error = np.sqrt(np.mean((light - exact) ** 2)) / exact.mean()
+    assert error < plan.error * 1.5 + 2 * planning.PRECISION
+    assert plan.error < 1e-3 / 3
+
+
+def test_rays_take_no_surfaces_that_the_scene_has_elsewhere(shipped):
+    scene = shipped("chair")
+    moved = scene.hidden.moved({"monitor": np.eye(4) + 0.1 * np.eye(4, k=3)})
+    with pytest.raises(ValueError, match="areas"):
+        ps.transport(scene.view, moved, by="rays")
+    with pytest.raises(TypeError, match="beside"):
+        ps.transport(scene, moved)

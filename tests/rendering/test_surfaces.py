@@ -1,0 +1,114 @@
+"""Several hidden surfaces of one scene: in A by areas and by rays, bounces and photographs."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.errors import SceneError
+
+SIZES = {"monitor": (2, 3), "hidden_card": (3, 2)}
+"""Of the card, which has no emitter, stands 0.3 m before the right half of the monitor."""
+
+CARD = """<shape type="rectangle" id="hidden_card"><transform name="to_world">
+<scale x="0.08" y="0.1"/><rotate x="1" angle="90"/><rotate z="1" angle="180"/>
+<translate x="0.1" y="0.3" z="0.3"/></transform>
+<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>"""
+
+PLATE = """<shape type="rectangle" id="plate"><transform name="to_world">
+<scale x="0.05" y="0.04"/><rotate x="1" angle="90"/><translate x="0.45" y="0.6" z="0.3"/>
+</transform></shape>"""
+
+
+@pytest.fixture
+def two(room):
+    path = room.write(PLATE + CARD, monitor=room.monitor(room.area))
+    return ps.load_scenario(path, SIZES)
+
+
+@pytest.fixture
+def images():
+    rng = np.random.default_rng(0)
+    return {name: rng.random((*size, 3)) for name, size in SIZES.items()}
+
+
+def test_each_surface_lights_the_wall_and_hides_the_other(two, images):
+    """Against Mitsuba's path tracer, whose noise is some 1e-3 of the mean."""
+    y = ps.render_photograph(two, images, samples=1 << 16, bounces=1, seed=1)
+    for by in ("areas", "rays"):
+        A = ps.transport(two, by=by)
+        lit = (A @ two.hidden.vector(images)).reshape(y.shape)
+        np.testing.assert_allclose(lit, y, rtol=0, atol=0.015 * y.mean())
+    assert two.hidden.slices == {"monitor": slice(0, 6), "hidden_card": slice(6, 12)}
+
+
+def test_images_of_several_surfaces_are_recovered_by_id(two, images):
+    fine = ps.Scenario(ps.View.of(two.scene, (24, 24)), two.hidden)
+    A = ps.transport(fine)
+    method = ps.NoiseAware.for_scene(fine, A)
+    y = (A @ fine.hidden.vector(images)).reshape(24, 24, 3)
+    solution = method.reconstruct(y)
+    assert list(solution) == list(SIZES)
+    for name, image in images.items():
+        assert solution[name].shape == image.shape
+        assert ps.psnr(solution[name], image) > 25
+
+
+def test_light_that_bounces_is_told_apart_by_surface(room):
+    """A white wall and a white monitor: the card's light returns from both, and none is lost."""
+    monitor = room.monitor(room.area, inside=room.diffuse)
+    scene = ps.load_scenario(room.write(CARD, monitor=monitor), SIZES)
+    bounced = ps.render_bounced_light(scene, bounces=3, target=5e-3, seed=0)
+    A = bounced.over_wall @ bounced.mean
+    assert A.shape == scene.transport_shape
+    for name, part in scene.hidden.slices.items():
+        white = {n: np.full((1, 1, 3), float(n == name)) for n in SIZES}
+        both, once = (
+            ps.render_photograph(scene, white, samples=1 << 16, bounces=b, seed=2) for b in (3, 1)
+        )
+        expected = (both - once).mean()
+        assert A[:, part].sum(axis=1).mean() == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "offender"),
+    [
+        ((2, 3), "'hidden_card'"),
+        ({"monitor": (2, 3)}, "'hidden_card'"),
+        ({**SIZES, "hidden_cord": (1, 1)}, "'hidden_cord'.*hidden_card"),
+        ({**SIZES, "monitor": (9, 9)}, "9x9"),
+    ],
+)
+def test_each_surface_needs_a_size(two, sizes, offender):
+    with pytest.raises(SceneError, match=offender):
+        ps.load_scenario(two.path, sizes)
+
+
+@pytest.mark.parametrize("faces", [12, 31, 96])
+def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room, faces):
+    """Part of a sphere whose faces cut its UV square otherwise than patches do."""
+    u, v = np.meshgrid(*[np.linspace(0, 1, faces + 1)] * 2, indexing="ij")
+    across, up = np.radians(40) * (u - 0.5), np.radians(30) * (v - 0.5)
+    x, z = 0.2 - 0.6 * np.sin(across) * np.cos(up), 0.3 + 0.6 * np.sin(up)
+    y = 0.6 - 0.6 * np.cos(across) * np.cos(up)
+    cap = mi.Mesh("cap", (faces + 1) ** 2, 2 * faces**2, has_vertex_texcoords=True)
+    numbers = np.arange((faces + 1) ** 2).reshape(faces + 1, faces + 1)
+    corners = numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]
+    a, b, c, d = (each.ravel() for each in corners)
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    params = mi.traverse(cap)
+    params["vertex_positions"] = np.stack([x, y, z], -1).ravel().astype("f4")
+    params["vertex_texcoords"] = np.stack([u, v], -1).ravel().astype("f4")
+    params["faces"] = triangles.ravel().astype("u4")
+    params.update()
+    file = room.folder / f"cap{faces}.ply"
+    cap.write_ply(str(file))
+    monitor = (
+        f'<shape type="ply" id="monitor"><string name="filename" value="{file}"/>'
+        f"{room.black}{room.area}</shape>"
+    )
+    scene = ps.load_scenario(room.write(room.blocker(), monitor=monitor), (3, 4))
+    image = np.random.default_rng(faces).random((3, 4, 3))
+    picture = ps.render_photograph(scene, image, samples=1 << 16, bounces=1, seed=1)
+    lit = (ps.transport(scene, noise=0.01) @ image.reshape(-1, 3)).reshape(picture.shape)
+    np.testing.assert_allclose(lit, picture, rtol=0, atol=0.015 * picture.mean())
