@@ -25,6 +25,7 @@ from periscopy_sim.laboratory.document import (
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import literal
+from periscopy_sim.scene import MONITOR
 
 
 def corners_seen(camera: PerspectiveCamera | RectifiedCamera, distance: float) -> Array:
@@ -140,8 +141,8 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
     )
     width = scene.declare("monitor_width", monitor.width, "length", "monitor.width")
     height = scene.declare("monitor_height", monitor.height, "length", "monitor.height")
-    to_place = scene.place("monitor", place, f"monitor.{where}")
-    turns = scene.turns("monitor", monitor.tilt, monitor.turn, "monitor")
+    to_place = scene.place(MONITOR, place, f"monitor.{where}")
+    turns = scene.turns(MONITOR, monitor.tilt, monitor.turn, MONITOR)
     across = {"left": 1, "right": -1}.get(where.partition("_")[2], 0)
     up = {"top": -1, "bottom": 1}.get(where.partition("_")[0], 0)
     kind, emitter = "area", [tag("rgb", name="radiance", value=1)]
@@ -166,7 +167,7 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
     )
     inside = "\n    ".join(emitter)
     lit = f'<emitter type="{kind}">\n    {inside}\n</emitter>'
-    scene.add("rectangle", "monitor", to_world, lit, paint((0.05, 0.05, 0.05)))
+    scene.add("rectangle", MONITOR, to_world, lit, paint((0.05, 0.05, 0.05)))
 
 
 def _placed(body: Occluding, measured: Measured) -> Measured:

@@ -109,7 +109,8 @@ def parts_of(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
     occluders = scenario.scene.occluders
     shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in occluders}
-    parts = {"camera": scenario.view.centers, "monitor": scenario.hidden.centers, **shapes}
+    surfaces = {name: surface.centers for name, surface in scenario.hidden.items()}
+    parts = {"camera": scenario.view.centers, **surfaces, **shapes}
     return {name: points for name, points in parts.items() if points is not None}
 
 

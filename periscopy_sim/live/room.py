@@ -123,7 +123,7 @@ def _on_wall(points: Array, frame: WallFrame) -> Array:
 def _everything(scenario: Scenario) -> Array:
     """Return the points, (n, 3), of all but far surroundings."""
     parts = parts_of(scenario)
-    seen_and_hidden = np.concatenate([parts["camera"], parts["monitor"]])
+    seen_and_hidden = np.concatenate([scenario.view.centers, scenario.hidden.centers])
     reach = np.linalg.norm(np.ptp(seen_and_hidden, axis=0))
     near = (p for p in parts.values() if np.linalg.norm(np.ptp(p, axis=0)) <= reach)
     return np.concatenate(list(near))
