@@ -174,12 +174,13 @@ def _write_copy(
     out: Path,
     remark: str = "",
 ) -> None:
-    """Write a scene with other defaults, and see that it loads from where it lies."""
+    """Write a scene with other defaults; without any, see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
 
     try:
         write_copy(session.scenario.document, values, staged, remark)
-        ps.load_scenario(staged, session.size)
+        if not values:  # values that the scene took load from anywhere
+            ps.load_scenario(staged, session.size)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
