@@ -123,8 +123,8 @@ def uncertain_transport(
     shape = scenario.photograph_shape
     coarse = limit_size(shape, max(LARGEST, *scenario.hidden.shape))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
-    # As many bands as parameters: their derivatives take as much memory as A.
-    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], len(names)))
+    # Two bands for three parameters: their derivatives take 1.5 times the memory of A.
+    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-2 * len(names) // 3)))
 
     def slopes(image: Array) -> NDArray[np.float32]:
         f, parts = image.reshape(scenario.hidden.patches, -1).astype(np.float32), []
