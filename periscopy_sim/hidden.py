@@ -173,8 +173,9 @@ class Hidden(Mapping[str, Surface]):
     @property
     def shape(self) -> Size:
         """(R, C) of the only surface; a ValueError if there are several."""
-        (surface,) = self.values()
-        return surface.shape
+        if len(self) > 1:
+            raise InputError(f"there are hidden surfaces {', '.join(self)}; this takes one alone")
+        return next(iter(self.values())).shape
 
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""

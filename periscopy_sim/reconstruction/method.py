@@ -84,9 +84,11 @@ class Solution(Generic[Precision]):
 
     def __repr__(self) -> str:
         """Return its size, the mean noise and the mean weight on one line."""
-        rows, columns = self.image.shape[:2]
+        image: Any = self.image
+        images = image.values() if isinstance(image, Mapping) else [image]
+        sizes = ", ".join("{}x{}".format(*each.shape[:2]) for each in images)
         noise, weight = (float(np.mean(number)) for number in (self.noise, self.weight))
-        return f"{type(self).__name__}({rows}x{columns}, noise {noise:.3g}, weight {weight:.3g})"
+        return f"{type(self).__name__}({sizes}, noise {noise:.3g}, weight {weight:.3g})"
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers that a summary or a table records, by name."""

@@ -86,6 +86,10 @@ def load_scenario(
     return Scenario(view, Hidden.of_scene(scene, sizes_by_id(scene, hidden, view)))
 
 
+def _size(rows: int, columns: int) -> Size:
+    return operator.index(rows), operator.index(columns)
+
+
 def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
@@ -102,7 +106,10 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
         raise SceneError(
             f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"
         )
-    sizes = {n: (operator.index(given[n][0]), operator.index(given[n][1])) for n in scene.emission}
+    try:
+        sizes = {name: _size(*given[name]) for name in scene.emission}
+    except TypeError:
+        raise SceneError(f"hidden sizes {given}: give (rows, columns), whole numbers") from None
     patches = [rows * columns for rows, columns in sizes.values()]
     if min(map(min, sizes.values())) < 1 or sum(patches) > len(view.points):
         written = ", ".join("{}x{}".format(*size) for size in sizes.values())
@@ -245,7 +252,9 @@ def build_scene(
     nodes = SceneNodes(scene.path, dict(scene.parameters))
     textures = None
     if hidden is not None and images is not None:
-        textures = {name: texture_of(images[name], hidden[name].mirrored) for name in hidden}
+        textures = {name: np.zeros((2, 2, 3), np.float32) for name in scene.emission}
+        for name in hidden:
+            textures[name] = texture_of(images[name], hidden[name].mirrored)
     nodes.show(textures)
     nodes.average_pixels()
     if only_hidden:

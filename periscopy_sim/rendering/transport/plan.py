@@ -19,9 +19,11 @@ from periscopy_sim.analytic.area_transport import (
     points_across,
     require_areas,
 )
+from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
@@ -47,7 +49,10 @@ BUDGET = 1 << 30
 scenes need less at 60 dB."""
 
 PIXELS = 64
-"""Pixels whose rows measure the error of A, to 9 %: each is an independent draw."""
+"""Draws of pixels whose rows measure the error of A: to 9 % by rays, which err alike everywhere."""
+
+MOST_POINTS = 1 << 20
+"""Wall points at which the error of A by areas is measured: 0.1 GB."""
 
 FINEST = 4
 """Times as many wall points along each side of a pixel, at most, as `points_across`, by areas."""
@@ -107,11 +112,14 @@ def plan_transport(
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
     error.
     """
+    if not noise >= 0:
+        raise InputError(f"the noise is {noise}; give a number from 0 on")
+    noise = max(noise, PRECISION)
     if by == "areas":
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
-        return _plan_areas(scenario, across, noise, seed)
+        return _plan_areas(scenario, across, noise)
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
@@ -125,34 +133,53 @@ def plan_transport(
     return TransportPlan(error, samples, across)
 
 
-def _plan_areas(scenario: Scenario, across: int, noise: float, seed: int) -> TransportPlan:
-    """Return the fewest wall points in a pixel by which A by areas errs little, see `_chosen`.
+def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
+    """Return the fewest wall points in a pixel by which A by areas errs little.
 
-    A of twice the points along each side errs by a fourth, or a third at edges of shadows.
+    A of twice the points along each side errs by a fourth, or a third at edges of shadows. Pixels
+    are drawn as often as light bends there, and weighted for that: few may hold all of the error.
     """
-    rows = _chosen(scenario, seed)
 
-    def white(across: int) -> Array:
-        """Return a white image's light in these rows."""
-        finer = scenario.averaged(across)
-        used = np.isin(np.arange(np.prod(finer.view.shape)), finer.view.numbers[rows])
-        some = finer.view.of_pixels(used.reshape(finer.view.shape))
-        A = area_transport(Scenario(some, finer.hidden))
-        return np.asarray(A.sum(axis=1, dtype=np.float64))
+    def white(across: int, rows: NDArray[np.intp] | None = None) -> Array:
+        """Return a white image's light in some rows, or in all."""
+        seen = scenario.averaged(across)
+        if rows is not None:
+            used = np.isin(np.arange(np.prod(seen.view.shape)), seen.view.numbers[rows])
+            seen = Scenario(seen.view.of_pixels(used.reshape(seen.view.shape)), seen.hidden)
+        return np.asarray(area_transport(seen).sum(axis=1, dtype=np.float64))
 
-    coarse, most = white(across), FINEST * across
+    light, most = white(across), FINEST * across
+    mean = float(light.mean()) or 1.0
+    bends = _bends(light, scenario.view)
+    chances = (1 + bends / (bends.mean() or 1.0)) / 2 / len(light)
+    chances /= chances.sum()
+    drawn = np.random.default_rng(0).choice(len(light), 4 * PIXELS, p=chances)
+    rows, places = np.unique(drawn, return_inverse=True)
+    coarse = light[rows]
     while True:
-        fine = white(2 * across)
-        light = float(fine.mean())
-        error = float(np.sqrt(np.mean((fine - coarse) ** 2))) / light if light > 0 else 0.0
+        # A parabola's mean over a pixel is off its middle by its second difference over 24.
+        error = float(np.sqrt(np.mean(bends**2))) / (24 * across**2 * mean)
+        if len(light) * 4 * across**2 > MOST_POINTS:
+            break
+        try:
+            fine = white(2 * across, rows)
+        except SceneError:  # a pixel's edge misses the wall
+            break
+        squares = ((fine - coarse) ** 2)[places] / (len(light) * chances[drawn])
+        error = float(np.sqrt(squares.mean())) / mean
         if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > most:
-            return TransportPlan(max(error, PRECISION), None, across)
+            break
         across, coarse = 2 * across, fine
+    return TransportPlan(max(error, PRECISION), None, across)
 
 
-def _chosen(scenario: Scenario, seed: int) -> NDArray[np.intp]:
-    """Return the rows of `PIXELS` pixels by chance, in order."""
-    return np.sort(np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS])
+def _bends(light: Array, view: View) -> Array:
+    """Return the second differences of light, (M,), down and across the photograph, added."""
+    if view.pixels is not None:
+        return np.zeros_like(light)
+    image = np.pad(light.reshape(view.shape), 1, mode="edge")
+    down, along = (np.abs(np.diff(image, 2, axis=axis)) for axis in (0, 1))
+    return np.asarray((down[:, 1:-1] + along[1:-1]).ravel())
 
 
 def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
@@ -161,7 +188,8 @@ def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: 
     Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
     areas. Of as many wall points both err alike; rows of pixels' centres also by light's curvature.
     """
-    rows = _chosen(scenario, seed)
+    rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
+    rows.sort()
     most = max(across, points_across(scenario.photograph_shape))
     first, second = (
         RenderedTransport(scenario.averaged(each), samples, "jittered", seed + shift).white(rows)

@@ -74,6 +74,8 @@ def read_tiff(path: Path, key: str, size: Size = None) -> Picture:
             raise _unread(path, f"a file of {count} pictures")
         if page.tags.valueof("Orientation", 1) != 1:
             raise _unread(path, "a turned picture")
+        if "GDAL_NODATA" in page.tags:
+            raise _unread(path, "a value that stands for none (GDAL_NODATA)")
         if not is_deep:
             return read_8_bits(path, key, size, "TIFF")
         if page.photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):

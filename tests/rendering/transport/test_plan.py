@@ -41,6 +41,12 @@ def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, n
     assert plan.error < 1e-3 / 3
 
 
+@pytest.mark.parametrize("noise", [-1, np.nan])
+def test_noise_is_a_number_from_0_on(shipped, noise):
+    with pytest.raises(ValueError, match="noise"):
+        plan_transport(shipped("chair"), noise)
+
+
 def test_rays_take_no_surfaces_that_the_scene_has_elsewhere(shipped):
     scene = shipped("chair")
     moved = scene.hidden.moved({"monitor": np.eye(4) + 0.1 * np.eye(4, k=3)})
