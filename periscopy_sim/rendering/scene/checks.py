@@ -24,7 +24,7 @@ OPAQUE = {
 makes sure."""
 
 GRID = 64
-"""Points along each side of a hidden surface's UV square at which its surface is looked for."""
+"""Points along each side of a hidden surface's UV square at which to look for its surface."""
 
 UV_ERROR = 1e-3
 """Error of UV coordinates and areas in single precision, generously."""
