@@ -34,7 +34,7 @@ WRITING = Lock()
 
 def view(
     scene: options.SceneArgument,
-    hidden: options.Hidden = "29x36",
+    hidden: options.Hidden = None,
     photo: Annotated[
         Path | None,
         typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
@@ -59,6 +59,8 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
+    if hidden is None:
+        hidden = ["29x36"]
     require("websockets")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
@@ -112,7 +114,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
     record: dict[str, Any] = {
         **asdict(choice),
         "photograph": None if photo is None else str(photo),
-        "hidden_shape": scenario.hidden.shape,
+        "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
         **({} if report.residual is None else report.residual.numbers()),
@@ -122,6 +124,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
-        write_report(folder, report, pictures.image, photograph, as_text(provenance))
+        images = scenario.hidden.images(pictures.image)
+        write_report(folder, report, images, photograph, as_text(provenance))
         write_json(folder / "view.json", record)
     return f"wrote {out}"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError, did_you_mean
+from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
@@ -94,18 +94,16 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
     names = ", ".join(f"'{name}'" for name in scene.emission)
+    where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
-        meant = did_you_mean(unknown[0], scene.emission) or f"it has {names}"
-        raise SceneError(f"scene '{scene.path}' has no hidden surface '{unknown[0]}'; {meant}")
+        raise SceneError(f"{where}, no '{unknown[0]}'")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}; give a size to each, in Python: "
+            f"{where}; give a size to each: --hidden ID=ROWSxCOLUMNS, repeated, or in Python "
             "hidden={id: (R, C), ...}"
         )
     if missing := [name for name in scene.emission if name not in given]:
-        raise SceneError(
-            f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"
-        )
+        raise SceneError(f"{where}; give a size to '{missing[0]}', too")
     try:
         sizes = {name: _size(*given[name]) for name in scene.emission}
     except TypeError:
