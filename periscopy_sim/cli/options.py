@@ -306,8 +306,8 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 
 def parse_sizes(entries: Sequence[str]) -> Sizes:
     """Read ``--hidden``: ``ROWSxCOLUMNS`` of the only surface, or ``ID=ROWSxCOLUMNS`` of each."""
-    if len(entries) == 1 and "=" not in entries[0]:
-        return size_of(entries[0])
+    if entries and not any("=" in entry for entry in entries):
+        return size_of(entries[-1])  # the last counts, as of options that are not repeated
     pairs = parse_definitions(entries, "--hidden")
     return {name: size_of(size) for name, size in pairs.items()}
 

@@ -87,7 +87,7 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
 @pytest.mark.parametrize(
     ("options", "offender"),
     [
-        (("--hidden", "3x4"), "'monitor', 'hidden_card'"),
+        (("--hidden", "3x4", "--hidden", "3x2"), "'monitor', 'hidden_card'; .* ID=ROWSxCOLUMNS"),
         (("--hidden", "monitor=3x4"), "'monitor', 'hidden_card'.*'hidden_card', too"),
         ((*HIDDEN, "--hidden", "card=1x1"), "'monitor', 'hidden_card', no 'card'"),
         (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4='"),

@@ -34,7 +34,7 @@ WRITING = Lock()
 
 def view(
     scene: options.SceneArgument,
-    hidden: options.Hidden = None,
+    hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
     photo: Annotated[
         Path | None,
         typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
@@ -59,8 +59,6 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    if hidden is None:
-        hidden = ["29x36"]
     require("websockets")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")

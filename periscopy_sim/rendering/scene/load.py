@@ -99,8 +99,7 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
         raise SceneError(f"{where}, no '{unknown[0]}'")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
-            f"{where}; give a size to each: --hidden ID=ROWSxCOLUMNS, repeated, or in Python "
-            "hidden={id: (R, C), ...}"
+            f"{where}; give a size to each: ID=ROWSxCOLUMNS, in Python hidden={{ID: (R, C), ...}}"
         )
     if missing := [name for name in scene.emission if name not in given]:
         raise SceneError(f"{where}; give a size to '{missing[0]}', too")
