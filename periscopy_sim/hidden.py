@@ -27,6 +27,16 @@ EVEN = 1e-4
 single precision in a scene's coordinates leaves less."""
 
 
+def named(stem: str, by_id: Any) -> dict[str, Any]:
+    """Return the values of surfaces by names: of the only one the stem, of several ``stem_ID``.
+
+    They are a mapping by id, or the value of the only surface.
+    """
+    if not isinstance(by_id, Mapping):
+        return {stem: by_id}
+    return {f"{stem}_{name}" if len(by_id) > 1 else stem: each for name, each in by_id.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A hidden surface in R x C patches, as a viewer who faces it sees them.

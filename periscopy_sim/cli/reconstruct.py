@@ -12,12 +12,13 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.output import by_file, fixable, output_folder, progress, say
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.space import draw_space
+from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.storage.glb import write_glb
@@ -137,9 +138,9 @@ def write_report(
     hidden, white = scenario.hidden, panels.common_white(images.values())
     lit = {name: panels.displayable(image, white) for name, image in images.items()}
     wall = panels.displayable(photograph)
-    for name, image in by_file("reconstruction", images).items():
+    for name, image in named("reconstruction", images).items():
         np.save(folder / f"{name}.npy", image.astype(np.float32))
-    for name, image in by_file("reconstruction", lit).items():
+    for name, image in named("reconstruction", lit).items():
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
         draw_space(folder / "space.png", scenario, lit, wall, text)
@@ -154,7 +155,7 @@ def write_report(
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
-        for name, each in by_file("standard_error", errors).items():
+        for name, each in named("standard_error", errors).items():
             np.save(folder / f"{name}.npy", each.astype(np.float32))
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)

@@ -5,8 +5,11 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
+import xarray as xr
 
 import periscopy_sim as ps
+from periscopy_sim.storage.formats.exr import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -114,3 +117,86 @@ def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
     assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
     options = ("--scene", scene, *HIDDEN, "--transport", "A.npy", "--out", "out")
     succeeds("reconstruct", "y.npy", *options)
+
+
+def test_space_is_drawn_of_several_surfaces_alone(scene, succeeds, tmp_path):
+    options = ("--method", "differencing", "--out", "out")
+    succeeds("reconstruct", "y.npy", "--scene", scene, *HIDDEN, *options)
+    world = trimesh.load(tmp_path / "out" / "hidden.glb")
+    assert set(IDS) < world.geometry.keys() and (tmp_path / "out" / "space.png").is_file()
+
+
+def test_bounds_are_of_each(scene, succeeds, summary, tmp_path):
+    succeeds("analyze", scene, *HIDDEN, "--out", "out")
+    for name, size in SIZES.items():
+        for stem in ("bounds", "bounds_without_background"):
+            assert np.load(tmp_path / "out" / f"{stem}_{name}.npy").shape == size
+    assert summary()["hidden_shape"].keys() == SIZES.keys()
+
+
+def test_design_counts_the_patches_of_both(scene, succeeds, tmp_path):
+    vary = ("--vary", "occluder_dx=0:0.01", "--grid", "2", "--images", "mushroom")
+    succeeds("design", scene, *HIDDEN, *vary, "--out", "out")
+    record = json.loads((tmp_path / "out" / "design.json").read_text())
+    assert record["hidden_shape"].keys() == SIZES.keys()
+    two = ps.load_scenario(tmp_path / "out" / "best.xml", SIZES)
+    assert list(two.hidden) == list(IDS)
+
+
+@pytest.mark.usefixtures("drawings")
+def test_video_is_of_each_surface(scene, succeeds, summary, tmp_path):
+    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
+    out = succeeds("video", "frames.npy", *options)
+    for name in IDS:
+        frames = np.load(tmp_path / "out" / f"frames_{name}.npy")
+        assert frames.shape == (2, *IMAGES[name].shape)
+        assert ps.psnr_gain_matched(frames[1], IMAGES[name]) > 40
+        assert (tmp_path / "out" / f"frames_{name}" / "0001.png").is_file()
+        assert summary()["median"][f"psnr_{name}"] > 40 and f"{name} against the truth" in out
+
+
+@pytest.mark.usefixtures("drawings")
+def test_sweep_compares_methods_on_each_surface(scene, succeeds, tmp_path):
+    write_exr(tmp_path / "lamp.exr", np.ones((24, 24, 3)), {})
+    options = ("--sbr", "1,3", "--ambient", "lamp.exr", "--no-flips", "--methods", "noise-aware")
+    run = ("sweep", scene, *HIDDEN, *TRUTH, "--photograph", "y.npy", *options, "--out", "out")
+    out = succeeds(*run)
+    results = xr.open_zarr(tmp_path / "out" / "sweep.zarr", consolidated=False)
+    for name, size in SIZES.items():
+        assert results[f"reconstruction_{name}"].shape == (1, 1, 2, 1, *size, 3)
+        assert (results[f"psnr_{name}"] > 30).all() and f"mean squared error {name}" in out
+    succeeds(*run)  # resumed
+
+
+@pytest.mark.usefixtures("drawings")
+def test_data_set_has_images_of_each_surface(scene, succeeds, tmp_path):
+    sizes = "{monitor: 3x4, hidden_card: 3x2}"
+    (tmp_path / "data.yaml").write_text(
+        f"{{count: 4, hidden: {sizes}, samples_per_geometry: 4, samples_per_shard: 2,\n"
+        f" scenes: [{{scene: {scene}}}], hidden_images: [{{kind: smooth}}],\n"
+        " ambient: [{kind: none}], snr: 200, light: {kind: direct, samples: 4}}\n"
+    )
+    succeeds("dataset", "data.yaml", "--out", "data.zarr")
+    data = ps.open_dataset(tmp_path / "data.zarr")
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    A = ps.render_transport(two, samples=4, seed=0)
+    images = {name: data[f"hidden_{name}"].values for name in IDS}
+    for k, photograph in enumerate(data["photograph"].values):
+        signal = A @ two.hidden.vector({name: each[k] for name, each in images.items()})
+        exact = signal.reshape(24, 24, 3) * two.channel_gain * float(data["signal_scale"][k])
+        np.testing.assert_allclose(photograph, exact, rtol=1e-4)
+    assert not np.allclose(images["monitor"][0, :, :2], images["hidden_card"][0])
+    assert "'hidden_card': [3, 2]" in succeeds("dataset", "info", "data.zarr")
+    succeeds("dataset", "export", "data.zarr", "--samples", "0", "--out", "out")
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {f"00000000_hidden_{name}.exr" for name in IDS} < files and "sheet.png" in files
+
+
+def test_data_set_of_an_unknown_surface_names_the_others(scene, refused, tmp_path):
+    text = f"{{count: 2, hidden: {{card: 3x4}}, scenes: [{{scene: {scene}}}],"
+    rest = " hidden_images: [{kind: smooth}], ambient: [{kind: none}], samples_per_geometry: 50}"
+    (tmp_path / "data.yaml").write_text(text + rest)
+    line = refused("dataset", "data.yaml", "--out", "data.zarr")
+    assert "'monitor', 'hidden_card', no 'card'" in line
+    (tmp_path / "data.yaml").write_text(text.replace("3x4", "3") + rest)
+    assert "line 1, hidden.card: '3' is not a size" in refused("dataset", "data.yaml", "--out", "d")
