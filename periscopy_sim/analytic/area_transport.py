@@ -225,7 +225,7 @@ def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
         len(a) != len(b) or not np.array_equal(f, g)
         for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
     ):
-        raise ClosedFormError("a parameter changes an occluder's faces, or what is before a surface")
+        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
 
 
 def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
@@ -298,6 +298,6 @@ def tolerance(points: Array) -> float:
 def no_closed_form(scene: Scene, shape: str, reason: str) -> ClosedFormError:
     """Return the error that says why a shape has no closed form."""
     return ClosedFormError(
-        f"scene '{scene.path}': for the analytic model, shape '{shape}' {reason}; the rendered "
-        "model (render_transport) treats it as it is"
+        f"scene '{scene.path}': for A by areas, shape '{shape}' {reason}; A by rays "
+        "(render_transport) treats it as it is, calibration cannot"
     )
