@@ -44,7 +44,8 @@ class Survey:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scene = scenario.scene.source.built(scenario.scene)
+        source = scenario.scene.source
+        self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
         film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
@@ -78,7 +79,7 @@ class Survey:
 
         def test(start: Any, path: Any) -> tuple[Any]:
             ray = mi.Ray3f(start, path, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-            return (self._scene.ray_test(ray),)
+            return (self._opaque.ray_test(ray),)
 
         path = ends - starts
         (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)

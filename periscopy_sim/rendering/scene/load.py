@@ -152,7 +152,7 @@ class SceneLoader:
         check_nodes(nodes)
         # Instantiating consumes the nodes.
         emission = {name: nodes.emission_profile(name) for name in nodes.hidden}
-        lights = nodes.other_lights()
+        lights, transparent = nodes.other_lights(), tuple(nodes.transparent)
         self._material = nodes.wall_material()
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
@@ -171,6 +171,7 @@ class SceneLoader:
             surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
+            transparent=transparent,
             source=self,
         )
 
@@ -225,6 +226,10 @@ class SceneLoader:
         is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
         return build_scene(scene) if is_moved or variant != mi.variant() else built
 
+    def opaque(self, scene: Scene) -> Any:
+        """Return the Mitsuba scene without hidden surfaces that light passes, for rays in A."""
+        return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
+
     def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
@@ -254,12 +259,13 @@ def build_scene(
     images: Mapping[str, NDArray[np.floating[Any]]] | None = None,
     *,
     only_hidden: bool = False,
+    only_opaque: bool = False,
 ) -> Any:
     """Instantiate the Mitsuba scene of a scene whose hidden surfaces show images, or white.
 
     Each image is (R, C, 3) linear radiance along the normal, of any R and C, of the surface of
-    `hidden` that has its id. `only_hidden` removes every other emitter. Pixels are averaged over
-    their own area (box filter).
+    `hidden` that has its id. `only_hidden` removes every other emitter, `only_opaque` every hidden
+    surface that light passes. Pixels are averaged over their own area (box filter).
     """
     nodes = SceneNodes(scene.path, dict(scene.parameters))
     textures = None
@@ -271,6 +277,8 @@ def build_scene(
     nodes.average_pixels()
     if only_hidden:
         nodes.darken()
+    if only_opaque:
+        nodes.remove(nodes.transparent)
     with without_warnings():  # which came when the scene was loaded
         return nodes.instantiate()
 
