@@ -184,11 +184,11 @@ class Hidden(Mapping[str, Surface]):
         moved = {n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()}
         return Hidden(moved, by_distance=self.by_distance)
 
-    def shifted(self, across: float = 0.0, up: float = 0.0) -> "Hidden":
-        """Return the surfaces moved within themselves, by so many patches across and up."""
+    def shifted(self, shifts: Array) -> "Hidden":
+        """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
         moved = {
             name: replace(each, centers=each.centers + across * each.across + up * each.up)
-            for name, each in self.items()
+            for (name, each), (across, up) in zip(self.items(), shifts, strict=True)
         }
         return Hidden(moved, by_distance=self.by_distance)
 

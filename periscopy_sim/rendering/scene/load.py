@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
+from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
@@ -39,6 +39,10 @@ SIDES = 128
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
+
+
+COARSE = 16, 16
+"""Patches of hidden surfaces at whose centres to look for another surface."""
 
 
 def load_scenario(
@@ -76,14 +80,19 @@ def load_scenario(
     ------
     SceneError
         If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
-        lack a surface, or A cannot treat a material, a medium, or a surface's place or UV.
+        lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
+        or a surface's place or UV.
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
     elif parameters:
         scene = scene.at(**parameters)
     view = View.of(scene, photograph)
-    return Scenario(view, Hidden.of_scene(scene, sizes_by_id(scene, hidden, view)))
+    sizes = sizes_by_id(scene, hidden, view)
+    if len(sizes) > 1:
+        coarse = Hidden.of_scene(scene, dict.fromkeys(sizes, COARSE))
+        check_apart(coarse, f"scene '{scene.path}'")
+    return Scenario(view, Hidden.of_scene(scene, sizes))
 
 
 def _size(rows: int, columns: int) -> Size:
@@ -96,7 +105,8 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     names = ", ".join(f"'{name}'" for name in scene.emission)
     where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
-        raise SceneError(f"{where}, no '{unknown[0]}'")
+        meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
+        raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
             f"{where}; give a size to each: ID=ROWSxCOLUMNS, in Python hidden={{ID: (R, C), ...}}"
