@@ -211,10 +211,14 @@ class Hidden(Mapping[str, Surface]):
         flat = (images[name].reshape(-1, *images[name].shape[2:]) for name in self)
         return np.concatenate(list(flat))
 
+    def unwrapped(self, by_id: Mapping[str, Any]) -> Any:
+        """Return the value of the only surface, else those of all by their ids, in order."""
+        values = {name: by_id[name] for name in self}
+        return values if len(values) > 1 else next(iter(values.values()))
+
     def image(self, f: NDArray[Any]) -> Any:
         """Return (N, ...) as the image (R, C, ...) of the only surface, else as a mapping by id."""
-        images = self.split(f)
-        return images if len(images) > 1 else next(iter(images.values()))
+        return self.unwrapped(self.split(f))
 
     def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
         """Return the image of each surface by its id, of any size; an InputError if one lacks."""

@@ -67,7 +67,7 @@ class CalibrationSession(PhotoSession):
         return {
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
-            "hidden": self.size,
+            "hidden": self.sizes,
             "shown": [self.hidden_image(name) for name in self.shown or ()],
             "seed": self.seed,
         }
@@ -202,7 +202,7 @@ def _write_copy(
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
-            ps.load_scenario(staged, session.size)
+            ps.load_scenario(staged, session.sizes)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "

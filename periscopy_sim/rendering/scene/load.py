@@ -103,21 +103,16 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
     names = ", ".join(f"'{name}'" for name in scene.emission)
+    where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
-        meant = f" {did_you_mean(unknown[0], scene.emission)}".rstrip()
-        raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}, no '{unknown[0]}';{meant} give a "
-            "size to each of them"
-        )
+        meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
+        raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}; give a size to each, in Python: "
-            "hidden={id: (R, C), ...}"
+            f"{where}; give a size to each: ID=ROWSxCOLUMNS, in Python hidden={{ID: (R, C), ...}}"
         )
     if missing := [name for name in scene.emission if name not in given]:
-        raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}; give a size to '{missing[0]}', too"
-        )
+        raise SceneError(f"{where}; give a size to '{missing[0]}', too")
     try:
         sizes = {name: _size(*given[name]) for name in scene.emission}
     except TypeError:
