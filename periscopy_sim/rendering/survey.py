@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.wall import look, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import mi
+from periscopy_sim.rendering.variant import dr, is_vectorized, mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
@@ -63,6 +63,7 @@ class Survey:
             [hidden.centers + a * hidden.across + b * hidden.up for a, b in places]
         )
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
+        self._shapes, self.names = shapes, tuple(shapes)
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
             for each in scenario.scene.occluders
@@ -84,6 +85,24 @@ class Survey:
         path = ends - starts
         (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)
         return np.asarray(met[:, 0] != 0)
+
+    def seen(self, eyes: Array, directions: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+        """Return what rays from points, (n, 3) each, meet first.
+
+        The numbers in `names` of the shapes, (n,), -1 of none; there the points and their normals,
+        (n, 3) each, and u and v, (n, 2).
+        """
+
+        def meet(eye: Any, way: Any) -> tuple[Any, ...]:
+            si = self._scene.ray_intersect(mi.Ray3f(eye, mi.Vector3f(way)))
+            number = mi.Float(-1)
+            for k, shape in enumerate(self._shapes.values()):
+                same = si.shape == (mi.ShapePtr(shape) if is_vectorized() else shape)
+                number = dr.select(si.is_valid() & same, mi.Float(k), number)
+            return number, si.p, si.n, si.uv
+
+        number, points, normals, uv = map_points(meet, eyes, directions)
+        return number[:, 0].astype(np.intp), points, normals, uv
 
 
 def _points_of(occluder: Occluder, shape: Any) -> Array:
