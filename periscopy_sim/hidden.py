@@ -104,8 +104,9 @@ class Surface:
             spread, (self.centers, self.normals, self.across, self.up)
         )
         offsets = places[:, None] * across - places[:, None, None, None] * up
-        fine = (each.reshape(-1, 3) for each in (centers + offsets, normals, across / 2, up / 2))
-        return Surface((2 * rows, 2 * columns), *fine, self.mirrored)
+        fine = (centers + offsets, normals, across / 2, up / 2)
+        points, normals, across, up = (each.reshape(-1, 3) for each in fine)
+        return Surface((2 * rows, 2 * columns), points, normals, across, up, self.mirrored)
 
 
 class Hidden(Mapping[str, Surface]):

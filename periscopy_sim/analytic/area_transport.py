@@ -124,15 +124,14 @@ def area_derivatives(
     for name, part in scenario.hidden.slices.items():
         local = _scene_of(scenario, name)
         beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
-        if not all(isinstance(each, _LocalScene) for ba in beside for each in (local, *ba[:2])):
-            ends = [
-                [_clipped_scene(each, name).light(np.float64) for each in side[:2]]
-                for side in sides
-            ]
-            steps = [(b - a) / by for (a, b), (*_, by) in zip(ends, sides, strict=True)]
-            blocks.append(np.array(steps, np.float32))
+        slopes = [
+            _slope(after, before, by)
+            for after, before, by in beside
+            if isinstance(after, _LocalScene) and isinstance(before, _LocalScene)
+        ]
+        if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
+            blocks.append(_differences(sides, name))
             continue
-        slopes = [_slope(after, before, by) for after, before, by in beside]
         changes = np.empty((len(sides), len(local.points), part.stop - part.start), np.float32)
         _fill_changes(changes, local, slopes)
         changes *= local.scale
@@ -142,6 +141,17 @@ def area_derivatives(
                 change += by.scale / local.scale * A[:, part]
         blocks.append(changes)
     return np.concatenate(blocks, axis=2) if len(blocks) > 1 else blocks[0]
+
+
+def _differences(
+    sides: Sequence[tuple[Scenario, Scenario, float]], name: str
+) -> NDArray[np.float32]:
+    """Return (P, M, N) differences of a surface's columns, over the sides' distances."""
+    steps = []
+    for before, after, distance in sides:
+        a, b = (_clipped_scene(each, name).light(np.float64) for each in (before, after))
+        steps.append(((b - a) / distance).astype(np.float32))
+    return np.array(steps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.patch_light import GAUSS, falloff
-from periscopy_sim.hidden import Surface
+from periscopy_sim.analytic.patch_light import falloff
+from periscopy_sim.hidden import GAUSS, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
 
@@ -70,7 +70,9 @@ def patches_of(surface: Surface) -> Patches:
         for block, middle in zip(blocks, middles, strict=True)
     ]
     return Patches(
-        *(np.ascontiguousarray(each) for each in (surface.centers, surface.across, surface.up)),
+        np.ascontiguousarray(surface.centers),
+        np.ascontiguousarray(surface.across),
+        np.ascontiguousarray(surface.up),
         by_patch(fine.centers),
         by_patch(fine.normals * areas),
         np.stack([by_patch(each) for each in axes], axis=2),
@@ -83,14 +85,17 @@ def hides_itself(surface: Surface, corners: tuple[float, ...]) -> bool:
     """Return whether a surface stands between its own patches and corners on the wall, (4, 3)."""
     wall = np.reshape(corners, (-1, 3))
     some = np.random.default_rng(0).permutation(len(surface.centers))[:SOME]
-    starts, ends = np.repeat(wall, len(some), axis=0), np.tile(surface.centers[some], (len(wall), 1))
+    starts, ends = (
+        np.repeat(wall, len(some), axis=0),
+        np.tile(surface.centers[some], (len(wall), 1)),
+    )
     ahead = np.sum(np.tile(surface.normals[some], (len(wall), 1)) * (starts - ends), axis=1)
     corner = [
         surface.centers + s * surface.across + t * surface.up
         for s, t in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
     ]
     faces = np.concatenate([np.stack([corner[0], *corner[k : k + 2]], axis=1) for k in (1, 2)])
-    near = NEAR * np.linalg.norm(np.ptp(faces.reshape(-1, 3), axis=0))
+    near = NEAR * float(np.linalg.norm(np.ptp(faces.reshape(-1, 3), axis=0)))
     return bool(_crosses(starts[ahead > 0], ends[ahead > 0], faces, near))
 
 
@@ -198,8 +203,7 @@ def _planes_from(p: Array, faces: Array, planes: Array) -> int:
 
 @compiled
 def _may_hide(p: Array, planes: Array, ball: Array, active: NDArray[np.int64]) -> int:
-    """Note the faces that may hide something of a ball; return their number, -1 if one hides all.
-    """
+    """Note the faces that may hide some of a ball; return their number, -1 if one hides all."""
     x, y, z = ball[0] - p[0], ball[1] - p[1], ball[2] - p[2]
     count = 0
     for f in range(len(planes)):
@@ -229,8 +233,7 @@ def _lit(
     cuts: Array,
     stack: Array,
 ) -> tuple[float, float, float]:
-    """Return the fraction of a patch that p sees, and its moments across and up about the middle.
-    """
+    """Return the fraction of a patch that p sees, and its moments across and up."""
     x, y, z = center[0] - p[0], center[1] - p[1], center[2] - p[2]
     count = 0
     for f in active:

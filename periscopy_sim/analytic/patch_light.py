@@ -25,6 +25,7 @@ from periscopy_sim.hidden import GAUSS
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled, compiled_reordered
 
+
 class Lighting(NamedTuple):  # which compiled functions take
     """Wall points before a monitor, K for each of m pixels; or derivatives, (P, ...), of each."""
 

@@ -311,7 +311,9 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
         centers, normals, du, dv, valid = map_points(locate, uv)
         if (missed := ~valid[:, 0].astype(bool)).any():  # between two faces, by rounding
             for each, mended in zip(
-                (centers, normals, du, dv, valid), map_points(locate, uv[missed] + ASIDE), strict=True
+                (centers, normals, du, dv, valid),
+                map_points(locate, uv[missed] + ASIDE),
+                strict=True,
             ):
                 each[missed] = mended
         if not valid.all():
@@ -320,7 +322,10 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
         return Surface((parts * rows, parts * columns), centers, normals, across, up, mirrored)
 
     middles = surface(1, np.array([0.5]))
-    if all(np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max() for each in (middles.normals, middles.across, middles.up)):
+    if all(
+        np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max()
+        for each in (middles.normals, middles.across, middles.up)
+    ):
         return middles
     return replace(middles, curved=surface(2, 0.5 + np.array([-GAUSS, GAUSS])))
 
