@@ -63,10 +63,16 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     session.check_shadows()
 
 
+PATCHES = 18, 24
+"""Of each hidden surface, as many as shadows need."""
+
+
 class _Trial(Session):
-    """A session whose photograph has few pixels."""
+    """A session of few pixels and patches."""
 
     @cached_property
     def scenario(self) -> ps.Scenario:
         """The scene, loaded at first use."""
-        return ps.load_scenario(self.path, self.size, self.definitions, photograph=(32, 32))
+        scene = ps.load_scene(self.path, self.definitions)
+        sizes = dict.fromkeys(scene.emission, PATCHES)
+        return ps.load_scenario(scene, sizes, photograph=(64, 64))
