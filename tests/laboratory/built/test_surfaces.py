@@ -9,6 +9,7 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.mesh_formats import read_mesh
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import scenes_folder
 from tests.scenes.laboratory import CAMERA, MONITOR, WALL, corners_of, same_points, turned
@@ -19,53 +20,59 @@ CAP = """hidden: [{kind: angular, name: room, position: [5 cm, 1 cm, 20 cm], rad
 """
 
 
-def cap_of(built, numbers, size):
-    """The patches of an angular surface: directions from its middle, and solid angles."""
+def cap_of(built, folder, numbers, size):
+    """Directions of an angular surface's patches from its middle, and solid angles of its facets.
+
+    The latter are those of two spherical triangles, by Van Oosterom and Strackee's formula.
+    """
     scenario = built(WALL, CAMERA, CAP % numbers, hidden=size, photograph=(24, 24))
     surface = scenario.hidden["hidden_room"]
     ways = surface.centers - np.array([0.05, 0.01, 0.2])
-    distances = np.linalg.norm(ways, axis=1)
-    np.testing.assert_allclose(distances, 0.4, rtol=3e-4)
-    ways /= distances[:, np.newaxis]
-    facing = -np.sum(ways * surface.normals, axis=1)
-    assert (facing > 0.999).all()  # towards its middle
-    areas = np.linalg.norm(np.cross(surface.across, surface.up), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 0.4, rtol=2e-3)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    assert (np.sum(ways * surface.normals, axis=1) < -0.99).all()  # towards its middle
     assert (np.sum(np.cross(surface.across, surface.up) * surface.normals, axis=1) > 0).all()
-    return ways.reshape(*size, 3), (areas * facing / distances**2).reshape(size)
+    mesh = read_mesh(folder / "lab_hidden_room.ply")
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    across = 1 + np.sum(a * b, axis=1) + np.sum(b * c, axis=1) + np.sum(c * a, axis=1)
+    halves = 2 * np.arctan2(np.abs(np.sum(a * np.cross(b, c), axis=1)), across)
+    angles = halves.reshape(2, -1).sum(axis=0)
+    columns = np.count_nonzero(np.isclose(mesh.texture_coordinates[:, 1], 0)) - 1
+    return ways.reshape(*size, 3), angles.reshape(-1, columns)
 
 
-def test_angular_surface_has_the_solid_angles_of_its_angles(built):
+def test_angular_surface_has_the_solid_angles_of_its_angles(built, tmp_path):
     """Of azimuths a to a' and elevations e to e': (a' - a) (sin e' - sin e)."""
-    numbers = "azimuth: [30 deg, 150 deg], elevation: [-20 deg, 60 deg]"
-    ways, angles = cap_of(built, numbers, (16, 12))
+    numbers = "azimuth: [-150 deg, -30 deg], elevation: [-20 deg, 60 deg]"
+    ways, angles = cap_of(built, tmp_path, numbers, (16, 12))
     azimuth = np.degrees(np.arctan2(ways[..., 1], ways[..., 0]))
     elevation = np.degrees(np.arcsin(ways[..., 2]))
-    expected = 150 - 10 * (np.arange(12) + 0.5), 60 - 5 * (np.arange(16) + 0.5)
+    expected = -30 - 10 * (np.arange(12) + 0.5), 60 - 5 * (np.arange(16) + 0.5)
     np.testing.assert_allclose(azimuth, np.tile(expected[0], (16, 1)), atol=0.03)
     np.testing.assert_allclose(elevation, np.tile(expected[1], (12, 1)).T, atol=0.03)
-    ends = np.sin(np.radians(60 - 5 * np.arange(17)))
-    exact = np.radians(10) * -np.diff(ends)[:, np.newaxis] * np.ones(12)
-    np.testing.assert_allclose(angles, exact, rtol=0.02)
-    np.testing.assert_allclose(angles.sum(), exact.sum(), rtol=2e-3)
+    ends = np.sin(np.radians(np.linspace(-20, 60, len(angles) + 1)))
+    exact = np.radians(120 / angles.shape[1]) * np.diff(ends)
+    np.testing.assert_allclose(angles, np.tile(exact, (angles.shape[1], 1)).T, rtol=2e-3)
 
 
-def test_projected_angular_surface_has_the_solid_angles_of_a_window(built):
-    """Through a window at x = 1, by Omega(y, z) = atan(y z / sqrt(1 + y^2 + z^2)), and turned."""
+def test_projected_angular_surface_has_the_solid_angles_of_a_window(built, tmp_path):
+    """Through a window at x = 1, by atan(y z / sqrt(1 + y^2 + z^2)) at its corners; turned."""
     numbers = (
-        "azimuth: [0 deg, 80 deg], elevation: [-80 deg, -30 deg], projected: true, turn: 40 deg"
+        "azimuth: [0 deg, 80 deg], elevation: [-80 deg, -30 deg], projected: true, turn: -130 deg"
     )
-    ways, angles = cap_of(built, numbers, (20, 16))
-    ways = turned(ways.reshape(-1, 3), 0, -40).reshape(ways.shape)
+    ways, angles = cap_of(built, tmp_path, numbers, (20, 16))
+    ways = turned(ways.reshape(-1, 3), 0, 130).reshape(ways.shape)
     azimuth = np.degrees(np.arctan2(ways[..., 1], ways[..., 0]))
     projected = np.degrees(np.arctan2(ways[..., 2], ways[..., 0]))
     np.testing.assert_allclose(azimuth, np.tile(77.5 - 5 * np.arange(16), (20, 1)), atol=0.06)
     expected = -31.25 - 2.5 * np.arange(20)
     np.testing.assert_allclose(projected, np.tile(expected, (16, 1)).T, atol=0.06)
-    y, z = np.tan(np.radians(80 - 5 * np.arange(17))), np.tan(np.radians(30 + 2.5 * np.arange(21)))
-    corner = np.arctan(z[:, None] * y / np.sqrt(1 + z[:, None] ** 2 + y**2))
+    rows, columns = angles.shape
+    y = np.tan(np.radians(np.linspace(80, 0, columns + 1)))
+    z = np.tan(np.radians(np.linspace(-80, -30, rows + 1)))[:, np.newaxis]
+    corner = np.arctan(y * z / np.sqrt(1 + y**2 + z**2))
     exact = np.abs(np.diff(np.diff(corner, axis=0), axis=1))
-    np.testing.assert_allclose(angles, exact, rtol=0.04)
-    np.testing.assert_allclose(angles.sum(), exact.sum(), rtol=3e-3)
+    np.testing.assert_allclose(angles, exact, rtol=1e-4)
 
 
 STANDING = """wall: {distance: 1.1 m +- 2 mm, reflectance: 0.6}
@@ -147,7 +154,7 @@ def test_edge_and_doorway_have_their_corners_at_their_places(built):
 
 
 def test_numbers_of_an_angular_surface_are_exact_and_its_radius_is_called_a_choice(built, tmp_path):
-    built(WALL, CAMERA, CAP % "azimuth: [30 deg, 90 deg], elevation: [0 deg, 60 deg]")
+    built(WALL, CAMERA, CAP % "azimuth: [-90 deg, -30 deg], elevation: [0 deg, 60 deg]")
     defaults = read_document(tmp_path / "lab.xml").defaults
     assert defaults["hidden_room_radius"] == "0.4"
     assert not [name for name in defaults if re.fullmatch("hidden_room_.*_error", name)]
