@@ -41,7 +41,7 @@ def lab(
         raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     say_written(*ps.build_laboratory(measurements, out))
-    _Trial(str(out), "1x1").check_shadows()
+    _Trial(str(out), []).check_shadows()
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
 
@@ -55,7 +55,7 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
-        session = _Trial(scene, "18x24", define)
+        session = _Trial(scene, [], define)
         figure = laboratory_figure(session.scenario)
         with progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
