@@ -96,8 +96,8 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4='"),
         ((*HIDDEN, "--hidden", "monitor=3x4"), "name each once"),
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
-        ((*HIDDEN, "--truth", "monitor.npy"), "monitor.npy"),
-        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth monitor=.* --truth hidden_card="),
+        ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
+        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
         ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
     ],
 )
@@ -200,3 +200,23 @@ def test_data_set_of_an_unknown_surface_names_the_others(scene, refused, tmp_pat
     assert "'monitor', 'hidden_card', no 'card'" in line
     (tmp_path / "data.yaml").write_text(text.replace("3x4", "3") + rest)
     assert "line 1, hidden.card: '3' is not a size" in refused("dataset", "data.yaml", "--out", "d")
+
+
+def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
+    text = (tmp_path / scene).read_text().replace('id="hidden_card"', 'id="hidden/card"')
+    (tmp_path / scene).write_text(text)
+    sizes = ("--hidden", "monitor=3x4", "--hidden", "hidden/card=3x2")
+    assert "'hidden/card'" in refused(
+        "reconstruct", "y.npy", "--scene", scene, *sizes, "--out", "o"
+    )
+
+
+def test_calibration_knows_what_each_surface_showed(scene, succeeds, refused, tmp_path):
+    options = ("--scene", scene, *HIDDEN, "--free", "occluder_dx=0.002", "--uncertain", "none")
+    shown = ",".join(f"{name}={name}.npy" for name in IDS)
+    succeeds("calibrate", "y.npy", *options, "--shown", shown, "--out", "new.xml")
+    record = json.loads((tmp_path / "new.json").read_text())
+    assert record["hidden_shape"].keys() == SIZES.keys()
+    assert abs(record["parameters"]["occluder_dx"]["value"]) < 1e-3
+    line = refused("calibrate", "y.npy", *options, "--shown", "bars", "--out", "no.xml")
+    assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
