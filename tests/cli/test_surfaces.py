@@ -220,3 +220,29 @@ def test_calibration_knows_what_each_surface_showed(scene, succeeds, refused, tm
     assert abs(record["parameters"]["occluder_dx"]["value"]) < 1e-3
     line = refused("calibrate", "y.npy", *options, "--shown", "bars", "--out", "no.xml")
     assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
+
+
+MINE = """
+import numpy as np
+
+class LeastSquares:
+    def __init__(self, scenario, A, B):
+        self.hidden, self.inverse = scenario.hidden, np.linalg.pinv(np.hstack([A, B]), rcond=1e-9)
+
+    def reconstruct(self, y):
+        f = self.inverse @ y.reshape(-1, y.shape[-1])
+        return self.hidden.image(f[:self.hidden.patches])
+
+class Flat(LeastSquares):
+    def reconstruct(self, y):
+        return np.ones((3, 4, 3))
+"""
+
+
+def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, summary, tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
+    succeeds("reconstruct", "y.npy", *options, "--method", "mine.py:LeastSquares")
+    assert min(summary()["psnr"].values()) > 30
+    flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
+    assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
