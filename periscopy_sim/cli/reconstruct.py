@@ -59,9 +59,9 @@ def reconstruct(
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
-    named = options.known_errors(text, session.scenario.document) if text else {}
+    errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
-    if named and not counts_errors:
+    if errors and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
@@ -70,7 +70,7 @@ def reconstruct(
         names = session.by_surface(truth, "--truth") if truth else None
         known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
-        moved = _uncertain_light(session, named) if counts else None
+        moved = _uncertain_light(session, errors) if counts else None
         fitted = session.fit(method, settings, light, matrix, wall, moved)
         with (
             session.timed("reconstruct"),
@@ -104,21 +104,21 @@ def reconstruct(
     say(verdict)
 
 
-def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
+def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 
     scenario, scene = session.scenario, session.scene
-    known = None if named else scene_covariance(scenario.document)
+    known = None if given else scene_covariance(scenario.document)
     if known and not known.trusted:
         session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None
-    errors = known or named or free_parameters(scenario.document)
+    errors = known or given or free_parameters(scenario.document)
     if not (known.names if known else errors):
         return None
-    if named or has_areas(scenario):
+    if given or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
     say(messages.sentence("no_derivatives", scene=scene))
     return None
