@@ -9,6 +9,9 @@ import trimesh
 import xarray as xr
 
 import periscopy_sim as ps
+from periscopy_sim.cli.laboratory.view import write_view
+from periscopy_sim.cli.session import Session
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.storage.formats.exr import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
@@ -246,3 +249,22 @@ def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, sum
     assert min(summary()["psnr"].values()) > 30
     flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
     assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
+
+
+@pytest.mark.usefixtures("few_paths", "drawings")
+def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
+    succeeds("draw", scene, "--out", "scene.png")
+    succeeds("ambient", "overcast", "--scene", scene, "--target", "1", "--out", "ambient")
+    succeeds("prepare", "y.npy", "--scene", scene, "--out", "wall.exr")
+    assert {"scene.png", "ambient", "wall.exr"} < {path.name for path in tmp_path.iterdir()}
+
+
+def test_page_writes_each_surface(scene, tmp_path):
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    pictures = SizedLaboratory(two, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
+    write_view(tmp_path / "view", session, pictures, None)
+    files = {path.name for path in (tmp_path / "view").iterdir()}
+    assert of_each("reconstruction", "npy", "png") | {"hidden.glb", "photograph.exr"} < files
+    record = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
