@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,21 @@ def draw_space(
     photograph: Image,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a scene in perspective, from where the hidden surfaces and the photograph are seen best.
+    """Draw a scene in space as a picture of its own, by `show_space`."""
+    with drawn(path, metadata) as figure:
+        figure.set_facecolor(str(PAPER))
+        size = show_space(figure.subplots(), scenario, images, photograph)
+        figure.set_size_inches(*(INCHES * size / size.max()))
+
+
+def show_space(
+    ax: Any, scenario: Scenario, images: Mapping[str, Image], photograph: Image
+) -> Array:
+    """Show a scene in perspective, from where the hidden surfaces and the photograph are seen best.
 
     The images, (R, C, 3) linear light in [0, 1], are by the surfaces' ids. The photograph,
     (rows, columns, 3) likewise, is a pane, of which the eye may see the back. Occluders are
-    translucent.
+    translucent. Return the picture's width and height, (2,), in any unit.
     """
     colours = {n: srgb_encode(image) for n, image in {**images, "wall": photograph}.items()}
     surfaces = {"wall": scenario.view.surface, **scenario.hidden}
@@ -81,24 +91,21 @@ def draw_space(
                 colour[here & (met.facing > 0)] = BACK
         light[met.rays] += met.weights[:, None] * (colour - PAPER)
     picture = light.reshape(rows, SHARPNESS, columns, SHARPNESS, 3).mean(axis=(1, 3))
-    with drawn(path, metadata) as figure:
-        figure.set_facecolor(str(PAPER))
-        figure.set_size_inches(*(INCHES * (high - low) / max(wide, tall)))
-        ax = figure.subplots()
-        ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]))
-        ax.set_axis_off()
-        borders = {n: _project(each.vertices, eye, axes) for n, each in surfaces.items()}
-        for name, border in borders.items():
-            others = np.concatenate([b.reshape(-1, 2) for n, b in borders.items() if n != name])
-            ends = border.reshape(-1, 2)[[np.argmin(border[..., 1]), np.argmax(border[..., 1])]]
-            away = np.linalg.norm(ends[:, None] - others, axis=2).min(axis=1)
-            above = int(np.argmax(away))  # or below, where less is near
-            label = "photograph" if name == "wall" else name
-            beside = np.sign(ends[above][0] - border[..., 0].mean())
-            ax.annotate(
-                label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
-                ha=("center", "left", "right")[int(beside)], va=("top", "bottom")[above],
-            )  # fmt: skip
+    ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]))
+    ax.set_axis_off()
+    borders = {n: _project(each.vertices, eye, axes) for n, each in surfaces.items()}
+    for name, border in borders.items():
+        others = np.concatenate([b.reshape(-1, 2) for n, b in borders.items() if n != name])
+        ends = border.reshape(-1, 2)[[np.argmin(border[..., 1]), np.argmax(border[..., 1])]]
+        away = np.linalg.norm(ends[:, None] - others, axis=2).min(axis=1)
+        above = int(np.argmax(away))  # or below, where less is near
+        label = "photograph" if name == "wall" else name
+        beside = np.sign(ends[above][0] - border[..., 0].mean())
+        ax.annotate(
+            label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
+            ha=("center", "left", "right")[int(beside)], va=("top", "bottom")[above],
+        )  # fmt: skip
+    return np.asarray(high - low)
 
 
 def _project(points: Array, eye: Array, axes: Array) -> Array:
