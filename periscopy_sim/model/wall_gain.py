@@ -75,6 +75,7 @@ class WallGain:
         self._background = fit.background.astype(np.float32)
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
         used = slice(None) if fit.mask is None else fit.mask
@@ -110,16 +111,17 @@ class WallGain:
         one, f₀, (C, N) in the camera's channels, in units of y over those of A.
         """
         count, σ = len(self._terms), noise[:, None]
-        explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
-        both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
-        signal, explained = combine_rows(both, self._fit.transport).reshape(2, *y.shape) / σ
+        f = image.astype(np.float32)
+        both = np.concatenate([self._fit.coordinates_of(f), coordinates.astype(np.float32)])
+        signal, explained = combine_rows(both, self._fit.lights).reshape(2, *y.shape)  # read once
+        signal = (signal + combine_rows(times_rows(f, self._QtA), self._background)) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
         terms = project_out(light.astype(np.float32), self._background)
-        shown = self._coordinates(terms)
+        shown = times_rows(terms, self._fit.lights)
         whole = products(terms, count)
         H = whole - products(shown, count) - products(times_rows(terms, self._ambient), count)
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
-        rest = (y / σ - project_out(explained, self._background)).astype(np.float32)
+        rest = ((y - explained) / σ).astype(np.float32)
         r = np.asarray(project_out(rest, self._ambient), np.float64)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
@@ -147,18 +149,12 @@ class WallGain:
         shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
         return np.stack([own, -shared], axis=1).astype(np.float64)
 
-    def _coordinates(self, vectors: Image) -> Image:
-        """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
-        return times_rows(times_rows(vectors, self._fit.transport), self._basis) * self._scales
-
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
         rest, sizes = rows / np.linalg.norm(rows, axis=1, keepdims=True), np.ones((len(rows), 1))
         for _ in range(3):  # each time from what is rest, single precision suffices
             rest = project_out(rest.astype(np.float32), self._background)
-            f = (self._coordinates(rest) * self._scales) @ self._basis
-            rest = project_out(rest - f @ self._fit.transport, self._background)
-            rest = project_out(rest, others)
+            rest = project_out(project_out(rest, self._fit.lights), others)
             norms = np.linalg.norm(rest, axis=1, keepdims=True)
             rest, sizes = rest / (norms + 1e-30), sizes * norms
         kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
