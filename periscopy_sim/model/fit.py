@@ -10,6 +10,7 @@ wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
@@ -55,6 +56,7 @@ class Evidence:
     noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
     level: float  # root mean square of y⊥
     noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
+    rest: Image | None = None  # (C, N) A⊥ᵀ y⊥ beyond K < N patterns
 
     @property
     def mean_noise(self) -> float:
@@ -320,20 +322,32 @@ class Fit:
 
         The patterns' light is read once for all photographs.
         """
-        rows = self.project_out(planes.reshape(-1, self.pixels))
-        y = np.asarray(rows, np.float64).reshape(planes.shape)
+        y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
+        y = y.reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
         y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
         levels[levels <= ROUNDING * whole] = 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
-        coordinates = times_rows(rows.astype(np.float32), self.lights).astype(np.float64)
+        rows = y.reshape(-1, self.pixels).astype(np.float32)
+        coordinates = times_rows(rows, self.lights).astype(np.float64)
         coordinates = coordinates.reshape(*y.shape[:2], -1)
         noises = self._noise(y, coordinates)
         coefficients = np.zeros((*y.shape[:2], len(self.patterns.rows)))
         coefficients[..., self.visible] = coordinates * np.sqrt(self.curvatures)
         ratios = self._noise_to_signal(noises)
         numbers = (each.tolist() for each in (levels, ratios))
-        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)], y
+        rests = self._rests(rows, coefficients)
+        each = zip(coefficients, noises, *numbers, rests, strict=True)
+        return [Evidence(*one) for one in each], y
+
+    def _rests(self, rows: Image, coefficients: Array) -> Sequence[Image | None]:
+        """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients, (K, C, N')."""
+        if self.patterns.is_whole:
+            return [None] * len(coefficients)
+        products = self.operator.images_of(rows.astype(np.float32)) / np.float32(self.unit)
+        combined = coefficients.reshape(len(rows), -1).astype(np.float32) @ self.patterns.rows
+        rest = products - (self._laplacian @ combined.T).T
+        return list(rest.reshape(*coefficients.shape[:2], -1))
 
     def coordinates(self, evidence: Evidence) -> Array:
         """Return the coordinates of an evidence's y⊥ along the patterns' light, (C, N')."""

@@ -6,10 +6,10 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
 
     f = Σ_k W_k (d_k + ρ g_k) / (w λ_k + ρ) = K⁻¹ g + Σ_k W_k (d_k − w λ_k g_k) / (w λ_k + ρ).
 
-λ_k falls by many powers of ten, so a photograph's noise hides all but the first few hundred
-patterns, hardly more of them on finer grids (λ_k > 0.01 ρ at SBR 0.5 and 60 dB: 623, 754 and 1,127
-of 1,044, 1,620 and 6,480 patches). Of many patches, only the strongest patterns are computed: A⊥ is
-then that of rank `MOST_PATTERNS` nearest to it, in the image as in its standard errors.
+λ_k falls by many powers of ten, so a photograph's noise hides all but some hundred patterns, hardly
+more of them on finer grids (λ_k > 0.01 ρ at SBR 0.5 and 60 dB: 623, 754 and 1,127 of 1,044, 1,620
+and 6,480 patches). Of many patches, only the strongest patterns are computed. With d' the data
+beyond them, for which λ_k counts as 0, the second form has the term K⁻¹ d'/ρ more.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from periscopy_sim.hidden import Differences, Hidden, Size
 from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.products import filter_rows
+from periscopy_sim.numerics.products import filter_rows, project_out
 
 Inverse: TypeAlias = Callable[[Image], Image]
 
@@ -66,6 +66,7 @@ class SpectralBasis:
         unit = np.float32(np.sqrt(A.squared_norm / hidden.patches))
         random = np.random.default_rng(seed)
         light = random.standard_normal((count, A.shape[0]), dtype=np.float32)
+        light = project_out(light, np.ascontiguousarray(A.Q.T, np.float32))
         for _ in range(ROUNDS):
             images = inverse(A.images_of(light) / unit)
             for _ in range(2):  # single precision needs a second pass
@@ -111,11 +112,18 @@ class Solver:
     Patterns of w λ_k below the part `weak` of ρ are summed only when asked to.
     Where w λ_k ≪ ρ, as for most patterns, their sum in the second form of f hardly depends on g:
     that of an earlier g nearby then serves as well. Without such patterns, and with all of the
-    others, the first form is taken, in which no digits cancel.
+    others, the first form is taken, in which no digits cancel. The rest, (3, N), is d' of the
+    module; None of all patterns.
     """
 
     def __init__(
-        self, patterns: SpectralBasis, weights: Array, ρ: float, data: Array, weak: float
+        self,
+        patterns: SpectralBasis,
+        weights: Array,
+        ρ: float,
+        data: Array,
+        weak: float,
+        rest: Array | None = None,
     ) -> None:
         curvature = weights * patterns.curvatures
         edge = int(np.searchsorted(curvature.max(axis=0), weak * ρ))
@@ -133,6 +141,7 @@ class Solver:
 
         self._weak, self._strong = summed(slice(edge)), summed(slice(edge, None))
         self._inverse = patterns.inverse_laplacian if second else None
+        self._rest = 0.0 if rest is None else patterns.inverse_laplacian(np.float32(rest / ρ))
         self._kept: Image | None = None
 
     def __call__(self, g: Image, renew: bool = True) -> Image:
@@ -140,7 +149,7 @@ class Solver:
         f = self._strong(g)
         if self._inverse is not None:
             if renew or self._kept is None:
-                self._kept = self._weak(g)
+                self._kept = self._weak(g) + self._rest
             f += self._kept
             f += self._inverse(g)
         return f

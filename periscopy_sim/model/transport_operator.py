@@ -183,25 +183,25 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def light_of(self, images: Image) -> Image:
         """Return A⊥ of images, (K, N), as rows, (K, M), in single precision, by one pass."""
         light = np.empty((len(images), self.shape[0]), np.float32)
-        for rows, block in self._projected_blocks():
-            light[:, rows] = images @ block.T
+        QtA = self.QtA.astype(np.float32)
+        for rows, block in self._single_blocks():
+            # Rows of A⊥ are smaller than those of A, and so are their products' roundings.
+            light[:, rows] = images @ (block - self.Q[rows].astype(np.float32) @ QtA).T
         return light
 
     def images_of(self, light: Image) -> Image:
-        """Return A⊥ᵀ of light, (K, M), as rows, (K, N), in single precision, by one pass."""
+        """Return Aᵀ of light, (K, M), as rows, (K, N), in single precision, by one pass."""
         images = np.zeros((len(light), self.shape[1]), np.float32)
-        for rows, block in self._projected_blocks():
+        for rows, block in self._single_blocks():
             images += light[:, rows] @ block
         return images
 
-    def _projected_blocks(self, count: int = 1024) -> Iterator[tuple[slice, Image]]:
-        """Yield rows of A⊥ in single precision, whose products round less than those of A."""
-        QtA = self.QtA.astype(np.float32)
+    def _single_blocks(self, count: int = 1024) -> Iterator[tuple[slice, Image]]:
         for rows, block in row_blocks(self.A):
             for start in range(0, len(block), count):
                 part = np.asarray(block[start : start + count], np.float32)
-                own = slice(rows.start + start, rows.start + start + len(part))
-                yield own, part - self.Q[own].astype(np.float32) @ QtA
+                first = rows.start + start
+                yield slice(first, first + len(part)), part
 
     def _converted_blocks(self, count: int = 256) -> Iterator[tuple[slice, Array]]:
         for rows, block in row_blocks(self.A):
