@@ -79,14 +79,22 @@ def subtract_combinations(vectors: Image, coefficients: Image, rows: Image) -> N
 
 @compiled_reordered
 def _subtract(vectors: Image, coefficients: Image, rows: Image, start: int, stop: int) -> None:
+    """Subtract four rows at a time, so that vectors are read and written for every fourth alone."""
+    count = len(rows)
+    zero = coefficients.dtype.type(0)
     for first in range(CHUNK * start, min(CHUNK * stop, rows.shape[1]), CHUNK):
         last = min(first + CHUNK, rows.shape[1])
-        for r in range(len(rows)):
-            row = rows[r, first:last]
+        for r in range(0, count, 4):
+            s, t, u = min(r + 1, count - 1), min(r + 2, count - 1), min(r + 3, count - 1)
+            a, b = rows[r, first:last], rows[s, first:last]
+            c, d = rows[t, first:last], rows[u, first:last]
             for k in range(len(vectors)):
-                v, c = vectors[k, first:last], coefficients[k, r]
+                v, x = vectors[k, first:last], coefficients[k, r]
+                y = coefficients[k, s] if s > r else zero
+                z = coefficients[k, t] if t > s else zero
+                w = coefficients[k, u] if u > t else zero
                 for m in range(last - first):
-                    v[m] -= c * row[m]
+                    v[m] -= x * a[m] + y * b[m] + z * c[m] + w * d[m]
 
 
 def combine_rows(coefficients: Image, rows: Image) -> Image:
