@@ -139,7 +139,7 @@ class WallGain:
         a, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > RESOLVED**2:
             a = np.asarray(np.linalg.solve(H, q), np.float64)
-            scaled = times_rows(f, self._basis[kept]) * self._scales[kept] ** 2 / σ
+            scaled = times_rows(f, self._basis[kept]) * self._scales[kept] / σ
             errors = self._errors_of_transport(r, shown, scaled, f / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
@@ -156,7 +156,7 @@ class WallGain:
         """Return what errors of A alone would take from the terms' products with y, (K, 2).
 
         The products of f, (C, N), with the images g_k are those of `shown`, the coordinates of the
-        terms, with `scaled`, (C, r), the coefficients of f over the patterns' norms.
+        terms, with `scaled`, (C, r), the products of f with the patterns, over their norms.
         """
         own = self._used_terms @ (r**2).sum(axis=0)
         shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
