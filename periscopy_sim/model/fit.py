@@ -34,7 +34,7 @@ from periscopy_sim.model.transport_operator import (
     used_rows,
 )
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
-from periscopy_sim.numerics.products import project_out, times_rows
+from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
 from periscopy_sim.photograph import Photograph
 
@@ -344,8 +344,9 @@ class Fit:
         """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients, (K, C, N')."""
         if self.patterns.is_whole:
             return [None] * len(coefficients)
-        products = self.operator.images_of(rows.astype(np.float32)) / np.float32(self.unit)
-        combined = coefficients.reshape(len(rows), -1).astype(np.float32) @ self.patterns.rows
+        products = self.operator.images_of(rows) / np.float32(self.unit)
+        flat = coefficients.reshape(len(rows), -1).astype(np.float32)
+        combined = combine_rows(flat, self.patterns.rows)
         rest = products - (self._laplacian @ combined.T).T
         return list(rest.reshape(*coefficients.shape[:2], -1))
 

@@ -5,6 +5,8 @@ product, and its threads then spin for milliseconds on the cores that the next s
 by the noise-aware method took half as long again, and the frames of a video twice as long.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from periscopy_sim.numerics import Image
@@ -13,6 +15,9 @@ from periscopy_sim.numerics.machine import in_parallel, ranges
 
 CHUNK = 1024
 """Columns at a time: those of all vectors and of a few rows then stay in the cache."""
+
+LARGE = 2**20
+"""Entries of a matrix above which a second thread for its other half is worth while."""
 
 
 def times_rows(vectors: Image, matrix: Image) -> Image:
@@ -117,9 +122,17 @@ def filter_rows(vectors: Image, rows: Image, gain: Image, offset: Image) -> Imag
     The vectors are (K, N), the rows (r, N), gain and offset (K, r), of one type and C-contiguous.
     Each row is read once for both products, a third of BLAS's time.
     """
-    combined = np.zeros_like(vectors)
-    _filter(vectors, rows, gain, offset, combined)
-    return combined
+    edges = (0, len(rows) // 2, len(rows)) if rows.size > LARGE else (0, len(rows))
+
+    def filtered(part: tuple[int, int]) -> Image:
+        combined, own = np.zeros_like(vectors), slice(*part)
+        _filter(vectors, rows[own], gain[:, own], offset[:, own], combined)
+        return combined
+
+    first, *others = in_parallel(filtered, [*pairwise(edges)])
+    for each in others:
+        first += each
+    return first
 
 
 @compiled_reordered

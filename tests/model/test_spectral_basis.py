@@ -14,6 +14,7 @@ from periscopy_sim.model.spectral_basis import (
     SpectralBasis,
     dense_inverse,
     inverse_by_axes,
+    inverse_of_squares,
     laplacian,
 )
 from tests.scenes.surfaces import alone, screen_and_column
@@ -80,10 +81,13 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
         (surface,), K = one.values(), laplacian(one.differences).toarray()
         expected = np.linalg.solve(K, images[:, : one.patches].T).T
         g = images[:, : one.patches].astype(np.float32)
-        for each in (
+        ways = [
+            inverse_of_squares(one.differences, surface.shape),
             inverse_by_axes(one.differences, surface.shape),
             dense_inverse(one.differences),
-        ):
+        ]
+        assert ways[1] and (ways[0] or hidden.by_distance)
+        for each in filter(None, ways):
             np.testing.assert_allclose(each(g), expected, atol=1e-5)
     copied = pickle.loads(pickle.dumps(inverse))
     np.testing.assert_array_equal(copied(smoothed), inverse(smoothed))
@@ -92,6 +96,7 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
 def test_axes_that_are_not_alike_have_no_eigenvectors_of_their_own():
     centers = RNG.random((20, 3))
     bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)}, by_distance=True)
+    assert inverse_of_squares(bent.differences, (4, 5)) is None
     assert inverse_by_axes(bent.differences, (4, 5)) is None
     images = RNG.standard_normal((3, 20)).astype(np.float32)
     smoothed = InverseLaplacian(bent)(images)
