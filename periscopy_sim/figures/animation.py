@@ -214,7 +214,7 @@ def draw_sheet(
     rows = [
         ("photograph", [displayable(photographs[k], white) for k in chosen]),
         ("hidden image", [displayable(known[k], 1) for k in chosen]),
-        ("reconstruction", [gain_matched(images[k], known[k]) for k in chosen]),
+        ("reconstruction", [displayable(gain_matched(images[k], known[k]), 1) for k in chosen]),
     ]
     titles, notes = [f"frame {k}" for k in chosen], [f"MSE {errors[k]:.2g}" for k in chosen]
     draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
