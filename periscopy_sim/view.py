@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.scene import Scene
 
@@ -114,6 +115,12 @@ class View:
     def edges(self) -> Array:
         """(M, 2, 3) edges of the pixels, down and across; of a view with all pixels."""
         return pixel_edges(self.centers, self.center_normals, self.shape)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The part of the wall that the camera sees, its pixels as patches."""
+        down, across = np.moveaxis(self.edges, 1, 0)
+        return Surface(self.shape, self.centers, self.center_normals, across, -down)
 
     def of_pixels(self, pixels: Mask) -> "View":
         """Return the view of some of this view's pixels: True of (rows, columns)."""

@@ -17,8 +17,10 @@ from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
+from periscopy_sim.figures.space import draw_space
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
@@ -26,7 +28,7 @@ _UNCERTAIN = (
 )
 _TRUTH = f"Hidden image, if known: {options.IMAGE}."
 OPTIONAL = [
-    *("certainty.png", "comparison.png", "residual.png", "stages.png"),
+    *("certainty.png", "comparison.png", "residual.png", "stages.png", "space.png", "hidden.glb"),
     *("reconstruction*.npy", "reconstruction*.png", "standard_error*.npy"),
 ]
 """Files that depend on the scene, the method and the options."""
@@ -81,7 +83,8 @@ def reconstruct(
         with session.timed(doing), progress(f"computing {doing}"):
             report, verdict = session.judge(str(photo), fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
-            write_report(folder, report, images, wall.values, session.metadata)
+            shown = session.scenario, images, wall.values
+            write_report(folder, report, *shown, session.metadata)
         compared = _compare(folder, images, known, wall.values, session) if known else {}
         summary = {
             "method_sha256": source_sha256(method),
@@ -122,6 +125,7 @@ def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.Uncertain
 def write_report(
     folder: Path,
     report: "Report",
+    scenario: ps.Scenario,
     images: Mapping[str, Image],
     photograph: Array,
     text: dict[str, str],
@@ -130,11 +134,16 @@ def write_report(
 
     They have one exposure: their relative brightness is a result, too.
     """
-    hidden = ps.Hidden.of({name: image.shape[:2] for name, image in images.items()})
-    white, wall = panels.common_white(images.values()), panels.displayable(photograph)
+    hidden, white = scenario.hidden, panels.common_white(images.values())
+    lit = {name: panels.displayable(image, white) for name, image in images.items()}
+    wall = panels.displayable(photograph)
     for name, image in by_file("reconstruction", images).items():
         np.save(folder / f"{name}.npy", image.astype(np.float32))
-        panels.write_enlarged(folder / f"{name}.png", panels.displayable(image, white), text)
+    for name, image in by_file("reconstruction", lit).items():
+        panels.write_enlarged(folder / f"{name}.png", image, text)
+    if not hidden.is_flat:
+        draw_space(folder / "space.png", scenario, lit, wall, text)
+        write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]
         rows = {

@@ -11,7 +11,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.load import patch_uv
 from periscopy_sim.rendering.scene.wall import look, map_points, shape_of, surface_at
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import mi
+from periscopy_sim.rendering.variant import dr, is_vectorized, mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
@@ -45,7 +45,8 @@ class Survey:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scene = scenario.scene.source.built(scenario.scene)
+        source = scenario.scene.source
+        self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
         film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
@@ -61,6 +62,7 @@ class Survey:
             name: self._corners(name, surface) for name, surface in scenario.hidden.items()
         }
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
+        self._shapes, self.names = shapes, tuple(shapes)
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
             for each in scenario.scene.occluders
@@ -86,11 +88,29 @@ class Survey:
 
         def test(start: Any, path: Any) -> tuple[Any]:
             ray = mi.Ray3f(start, path, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-            return (self._scene.ray_test(ray),)
+            return (self._opaque.ray_test(ray),)
 
         path = ends - starts
         (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)
         return np.asarray(met[:, 0] != 0)
+
+    def seen(self, eyes: Array, directions: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+        """Return what rays from points, (n, 3) each, meet first.
+
+        The numbers in `names` of the shapes, (n,), -1 of none; there the points and their normals,
+        (n, 3) each, and u and v, (n, 2).
+        """
+
+        def meet(eye: Any, way: Any) -> tuple[Any, ...]:
+            si = self._scene.ray_intersect(mi.Ray3f(eye, mi.Vector3f(way)))
+            number = mi.Float(-1)
+            for k, shape in enumerate(self._shapes.values()):
+                same = si.shape == (mi.ShapePtr(shape) if is_vectorized() else shape)
+                number = dr.select(si.is_valid() & same, mi.Float(k), number)
+            return number, si.p, si.n, si.uv
+
+        number, points, normals, uv = map_points(meet, eyes, directions)
+        return number[:, 0].astype(np.intp), points, normals, uv
 
 
 def _points_of(occluder: Occluder, shape: Any) -> Array:
