@@ -7,8 +7,10 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.laboratory.build import build_laboratory
+from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.load import load_scenario, load_scene
 from periscopy_sim.rendering.scene.mesh_formats import read_mesh
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import scenes_folder
@@ -200,10 +202,23 @@ def test_laboratory_without_a_hidden_surface_is_refused(built):
         built(WALL, CAMERA, f"hidden: [{card}, {card}]\n")
 
 
+def test_every_kind_of_the_commented_example_makes_a_scene(tmp_path):
+    """What the example has in comments, but for a mesh file of the user's."""
+    text = EXAMPLE.read_text("utf-8")
+    surfaces = text[text.index("# hidden:") : text.index("# -- what stands between")]
+    parts = text[text.index("  # - name: cap") : text.index("  # - name: chair")]
+    text = text.replace(surfaces, re.sub("(?m)^# ?", "", surfaces))
+    text = text.replace(parts, re.sub("(?m)^  # ", "  ", parts))
+    (tmp_path / "all.yaml").write_text(text, "utf-8")
+    scene, *_ = build_laboratory(tmp_path / "all.yaml", tmp_path / "all.xml")
+    loaded = load_scene(scene)
+    assert list(loaded.emission) == ["monitor", "hidden_second", "hidden_card", "hidden_room"]
+    names = {occluder.name for occluder in loaded.occluders}
+    assert {"cap", "end", "door_jamb", "door_lintel", "door_corner"} <= names
+
+
 @pytest.mark.parametrize("name", ["doorway", "corner"])
 def test_shipped_scene_is_what_its_measurements_make(name, tmp_path):
-    from periscopy_sim.laboratory.build import build_laboratory
-
     folder = scenes_folder()
     written = build_laboratory(folder / f"{name}.yaml", tmp_path / f"{name}.xml")
     for file in written:
