@@ -284,7 +284,7 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     if points[..., 2].min() <= 0:
         raise no_closed_form(scene, name, "does not face all of the wall that the camera sees")
     meshes = []
-    for occluder in scene.before(name):
+    for occluder in view.before(name):
         if occluder.vertices is None or occluder.faces is None:
             raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit

@@ -180,4 +180,5 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     hidden, shape = scenario.hidden.shape, limit_size(scenario.photograph_shape, pixels)
     most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
     patches, scene = limit_size(hidden, int(min(longest, most))), scenario.scene
-    return Scenario(View.of(scene, shape), Hidden.of_scene(scene, patches))
+    view = View.of(scene, shape, camera=scenario.view.camera)
+    return Scenario(view, Hidden.of_scene(scene, patches))

@@ -57,7 +57,7 @@ def things_in(pictures: LivePictures) -> dict[str, Any]:
             monitor_pixels(pictures), scenario.hidden.centers.mean(axis=0),
             columns * scenario.hidden.across.mean(axis=0), rows * scenario.hidden.up.mean(axis=0),
         ),
-        "occluders": [_mesh(each) for each in scenario.scene.occluders],
+        "occluders": [_mesh(each) for each in scenario.view.occluders],
     }  # fmt: skip
 
 
