@@ -68,7 +68,8 @@ def video(
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
+            report = still.report(wall, first)
+            verdict = session.judge(f"{frames}, first frame", report)
         np.save(folder / "frames.npy", images)
         text, white = session.metadata, animation.white_of(images)
         with session.timed("draw"):

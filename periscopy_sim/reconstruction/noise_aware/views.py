@@ -193,13 +193,16 @@ class NoiseAwareViews:
             report = StillMethod.report(method, values, own)
             reports[camera] = replace(report, notes=gain_notes(own))
         whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
-        warnings = [
-            Note("exposure", {"camera": camera, "percent": 100 * error})
-            for camera, error in solution.exposure_errors.items()
-            if error > UNCERTAIN
-        ]
+        first, *others = solution.exposures.items()
+        notes, warnings = [*whole.notes], []
+        for camera, exposure in others:
+            error = solution.exposure_errors[camera]
+            values = {"camera": camera, "exposure": exposure, "error": exposure * error}
+            notes.append(Note("exposure_of", {**values, "first": first[0]}))
+            if error > UNCERTAIN:
+                warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
         stages = [(camera, alone.image) for camera, alone in solution.views.items()]
-        return replace(whole, warnings=warnings, stages=stages), reports
+        return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
 
     def _methods(self, photographs: Mapping[str, Photograph | Image]) -> dict[str, NoiseAware]:
         """Return the method of each view for its photograph's conditions."""
