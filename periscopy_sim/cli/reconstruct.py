@@ -106,7 +106,8 @@ def reconstruct(
             }
             for note in report.warnings if several else ():
                 session.warn(f"{of}: {messages.sentence(note.code, **note.values)}")
-        shown = by_file("photograph", {camera: wall.values for camera, wall in walls.items()})
+        titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
+        shown = {title: wall.values for title, wall in zip(titles, walls.values(), strict=True)}
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, session.scenario, images, shown, session.metadata)
             for camera, own in reports.items() if several else ():

@@ -197,11 +197,11 @@ class NoiseAwareViews:
         notes, warnings = [*whole.notes], []
         for camera, exposure in others:
             error = solution.exposure_errors[camera]
-            values = {"camera": camera, "exposure": exposure, "error": exposure * error}
-            notes.append(Note("exposure_of", {**values, "first": first[0]}))
+            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
+            notes.append(Note("exposure_of", {**number, "first": first[0]}))
             if error > UNCERTAIN:
                 warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
-        stages = [(camera, alone.image) for camera, alone in solution.views.items()]
+        stages = [(f"{camera} alone", alone.image) for camera, alone in solution.views.items()]
         return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
 
     def _methods(self, photographs: Mapping[str, Photograph | Image]) -> dict[str, NoiseAware]:
