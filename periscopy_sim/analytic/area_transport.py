@@ -253,13 +253,13 @@ def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
     view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
     exponents, scale = _emission(scenario, name)
     faces = [np.empty((0, 3, 3))]
-    for occluder in scene.before(name):
+    for occluder in view.before(name):
         if occluder.vertices is None or occluder.faces is None:
             raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
         faces.append(occluder.vertices[occluder.faces])
     if (count := sum(map(len, faces))) > MOST_FACES:
         reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
-        raise no_closed_form(scene, scene.before(name)[-1].name, reason)
+        raise no_closed_form(scene, view.before(name)[-1].name, reason)
     if hides_itself(surface, tuple(view.corners[1].ravel())):
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
