@@ -260,7 +260,7 @@ class SceneLoader:
         middle = middle_shape(built, camera, where) if len(walls) > 1 else next(iter(walls))
         if middle not in walls:
             raise SceneError(
-                f"{where}: the middle of '{name}' shows '{middle}', none of the walls "
+                f"{where}: the middle of '{name}' shows {middle or 'nothing'}, none of the walls "
                 f"{', '.join(walls)}; turn the camera"
             )
         wall = walls[middle]
