@@ -133,7 +133,8 @@ def uncertain_transport(
     require_areas(scenario)
     shape = scenario.photograph_shape
     coarse = limit_size(shape, max(LARGEST, *map(max, scenario.hidden.shapes.values())))
-    deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
+    deviations = np.sqrt(np.sum(directions**2, axis=1))
+    view = View.of(scenario.scene, coarse, camera=scenario.view.camera)
     # Two bands for three parameters: their derivatives take 1.5 times the memory of A.
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-2 * len(names) // 3)))
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from periscopy_sim.errors import PeriscopyError
+
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Image
@@ -61,6 +63,7 @@ class MethodEntry:
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
+    views: str = ""  # the class for several views, as `of`; empty if it takes one view alone
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
@@ -100,6 +103,17 @@ class MethodEntry:
             still, coupling=coupling, **_parameters(self.video.options, options)
         )
         return frames
+
+    def of_views(self, fitted: Mapping[str, StillMethod[Any]]) -> Any:
+        """Return the method for several views, from itself fitted to each, by camera."""
+        self.check_views()
+        return _class(self.views)(fitted)
+
+    def check_views(self) -> None:
+        """Raise a PeriscopyError if the method takes one view alone."""
+        if not self.views:
+            able = ", ".join(name for name, entry in METHODS.items() if entry.views)
+            raise PeriscopyError(f"method '{self.name}' takes one view; use {able} for several")
 
 
 def _class(place: str) -> Any:
@@ -158,6 +172,7 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
         uncertain=True,
+        views="noise_aware.views:NoiseAwareViews",
         video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
     ),
     MethodEntry(

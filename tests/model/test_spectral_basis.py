@@ -116,7 +116,9 @@ def test_laplacian_is_that_of_forward_differences():
 def test_patterns_of_surfaces_that_light_other_pixels_are_those_of_each_alone():
     hidden = screen_and_column()
     grams = [GRAM[:n, :n] + np.eye(n) for n in (each.patches for each in alone(hidden))]
-    bases = [SpectralBasis.of_gram(gram, each) for gram, each in zip(grams, alone(hidden), strict=True)]
+    bases = [
+        SpectralBasis.of_gram(gram, each) for gram, each in zip(grams, alone(hidden), strict=True)
+    ]
     both = SpectralBasis.of_gram(linalg.block_diag(*grams), hidden)
     curvatures = np.sort(np.concatenate([each.curvatures for each in bases]))
     np.testing.assert_allclose(both.curvatures, curvatures, rtol=1e-9)
