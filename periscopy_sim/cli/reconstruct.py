@@ -21,6 +21,7 @@ from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
@@ -70,9 +71,9 @@ def reconstruct(
     several = len(views) > 1
     if several:
         _check_views(method)
-    named = options.known_errors(text, session.scenario.document) if text else {}
+    errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
-    if named and not counts_errors:
+    if errors and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
@@ -83,7 +84,7 @@ def reconstruct(
         for (camera, view), file in zip(views.items(), photo, strict=True):
             view.check_scene(method)
             walls[camera] = view.wall(file)
-            moved = _uncertain_light(view, named) if counts else None
+            moved = _uncertain_light(view, errors) if counts else None
             files = matrices[camera]
             fit = method, settings, light, files[-1] if files else None, walls[camera], moved
             methods[camera] = view.fit(*fit)
@@ -184,21 +185,21 @@ def _check_views(method: str) -> None:
     METHODS[method].check_views()
 
 
-def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
+def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 
     scenario, scene = session.scenario, session.scene
-    known = None if named else scene_covariance(scenario.document)
+    known = None if given else scene_covariance(scenario.document)
     if known and not known.trusted:
         session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None
-    errors = known or named or free_parameters(scenario.document)
+    errors = known or given or free_parameters(scenario.document)
     if not (known.names if known else errors):
         return None
-    if named or has_areas(scenario):
+    if given or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
     say(messages.sentence("no_derivatives", scene=scene))
     return None
@@ -227,7 +228,8 @@ def write_report(
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
         wall = walls[0][1]  # of the scenario's view
-        draw_space(folder / "space.png", scenario, lit, wall, text)
+        if is_vectorized():  # ray by ray it would take an hour
+            draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]

@@ -1,5 +1,6 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,6 +51,16 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
         )
 
 
+def check_file_names(scene: ps.Scene) -> None:
+    """Reject hidden surfaces whose ids cannot be parts of files' names."""
+    for name in scene.emission:
+        if not re.fullmatch(r"[\w.-]+", name):
+            raise PeriscopyError(
+                f"scene '{scene.path}': hidden surface '{name}' names files of results; give it an "
+                "id of letters, digits, '_', '-' and '.'"
+            )
+
+
 @dataclass(eq=False)
 class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
@@ -83,6 +94,8 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
+            if len(scene.emission) > 1:
+                check_file_names(scene)
             sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
             return ps.load_scenario(scene, sizes, camera=self.sensor)
 
@@ -150,9 +163,9 @@ class Session(options.OptionGroup):
         first, *others = hidden = self.scenario.hidden
         if len(entries) == 1 and not (others or entries[0].startswith(f"{first}=")):
             return {first: entries[0]}
-        pairs = options.parse_definitions(entries, flag)
-        if pairs.keys() != hidden.keys():
-            form = " ".join(f"{flag} {name}=..." for name in hidden)
+        pairs = dict(entry.split("=", 1) for entry in entries if "=" in entry)
+        if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
+            form = ", ".join(f"{name}=..." for name in hidden)
             raise PeriscopyError(f"{flag}: name each of the scene's hidden surfaces once: {form}")
         return pairs
 

@@ -9,6 +9,9 @@ import trimesh
 import xarray as xr
 
 import periscopy_sim as ps
+from periscopy_sim.cli.laboratory.view import write_view
+from periscopy_sim.cli.session import Session
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.storage.formats.exr import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
@@ -96,8 +99,8 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4='"),
         ((*HIDDEN, "--hidden", "monitor=3x4"), "name each once"),
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
-        ((*HIDDEN, "--truth", "monitor.npy"), "monitor.npy"),
-        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth monitor=.* --truth hidden_card="),
+        ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
+        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
         ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
     ],
 )
@@ -200,3 +203,68 @@ def test_data_set_of_an_unknown_surface_names_the_others(scene, refused, tmp_pat
     assert "'monitor', 'hidden_card', no 'card'" in line
     (tmp_path / "data.yaml").write_text(text.replace("3x4", "3") + rest)
     assert "line 1, hidden.card: '3' is not a size" in refused("dataset", "data.yaml", "--out", "d")
+
+
+def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
+    text = (tmp_path / scene).read_text().replace('id="hidden_card"', 'id="hidden/card"')
+    (tmp_path / scene).write_text(text)
+    sizes = ("--hidden", "monitor=3x4", "--hidden", "hidden/card=3x2")
+    assert "'hidden/card'" in refused(
+        "reconstruct", "y.npy", "--scene", scene, *sizes, "--out", "o"
+    )
+
+
+def test_calibration_knows_what_each_surface_showed(scene, succeeds, refused, tmp_path):
+    options = ("--scene", scene, *HIDDEN, "--free", "occluder_dx=0.002", "--uncertain", "none")
+    shown = ",".join(f"{name}={name}.npy" for name in IDS)
+    succeeds("calibrate", "y.npy", *options, "--shown", shown, "--out", "new.xml")
+    record = json.loads((tmp_path / "new.json").read_text())
+    assert record["hidden_shape"].keys() == SIZES.keys()
+    assert abs(record["parameters"]["occluder_dx"]["value"]) < 1e-3
+    line = refused("calibrate", "y.npy", *options, "--shown", "bars", "--out", "no.xml")
+    assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
+
+
+MINE = """
+import numpy as np
+
+class LeastSquares:
+    def __init__(self, scenario, A, B):
+        self.hidden, self.inverse = scenario.hidden, np.linalg.pinv(np.hstack([A, B]), rcond=1e-9)
+
+    def reconstruct(self, y):
+        f = self.inverse @ y.reshape(-1, y.shape[-1])
+        return self.hidden.image(f[:self.hidden.patches])
+
+class Flat(LeastSquares):
+    def reconstruct(self, y):
+        return np.ones((3, 4, 3))
+"""
+
+
+def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, summary, tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
+    succeeds("reconstruct", "y.npy", *options, "--method", "mine.py:LeastSquares")
+    assert min(summary()["psnr"].values()) > 30
+    flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
+    assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
+
+
+@pytest.mark.usefixtures("few_paths", "drawings")
+def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
+    succeeds("draw", scene, "--out", "scene.png")
+    succeeds("ambient", "overcast", "--scene", scene, "--target", "1", "--out", "ambient")
+    succeeds("prepare", "y.npy", "--scene", scene, "--out", "wall.exr")
+    assert {"scene.png", "ambient", "wall.exr"} < {path.name for path in tmp_path.iterdir()}
+
+
+def test_page_writes_each_surface(scene, tmp_path):
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    pictures = SizedLaboratory(two, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
+    write_view(tmp_path / "view", session, pictures, None)
+    files = {path.name for path in (tmp_path / "view").iterdir()}
+    assert of_each("reconstruction", "npy", "png") | {"hidden.glb", "photograph.exr"} < files
+    record = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
