@@ -30,8 +30,8 @@ Inverse: TypeAlias = Callable[[Image], Image]
 
 
 MOST_PATTERNS = 1200
-"""Patterns that a basis has at most. With 800 of 6,480 an image differs from that of all patterns
-by 0.27 of its standard errors at most, with 1,200 by 0.15 (`experiments.studies.fine_grids`)."""
+"""Patterns that a basis has at most. With so many of 6,480 an image (SBR 0.5, 60 dB) differs from
+that of all patterns by 0.1 standard errors at most (`experiments.benchmarks`, fine-grids)."""
 
 RATE = 1e11
 """Multiplications and additions a second, in single precision, of two cores."""
