@@ -83,8 +83,7 @@ class SpectralBasis:
     @property
     def is_whole(self) -> bool:
         """Whether there is a pattern for each patch."""
-        count, patches = self.rows.shape
-        return count == patches
+        return len(self.rows) == self.hidden.patches
 
     @cached_property
     def inverse_laplacian(self) -> "InverseLaplacian":
@@ -156,7 +155,9 @@ class Solver:
 
         self._weak, self._strong = summed(slice(edge)), summed(slice(edge, None))
         self._inverse = patterns.inverse_laplacian if second else None
-        self._rest = 0.0 if rest is None else patterns.inverse_laplacian(np.float32(rest / ρ))
+        self._rest: Any = 0.0
+        if rest is not None:
+            self._rest = patterns.inverse_laplacian(np.asarray(rest / ρ, np.float32))
         self._kept: Image | None = None
 
     def __call__(self, g: Image, renew: bool = True) -> Image:
