@@ -18,7 +18,7 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import sentence, verdict
-from periscopy_sim.cli.output import fixable, progress, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
@@ -38,17 +38,27 @@ if TYPE_CHECKING:
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
-    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is.
+
+    Print the memory and time that a fine grid of patches needs.
+    """
+    from periscopy_sim.model import spectral_basis
+
     pixels, patches = scenario.transport_shape
-    bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
+    entry = METHODS.get(method, METHODS[DEFAULT])
+    own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
     # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
-    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, machine.available_memory()
+    needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
+    available = machine.available_memory()
     if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
             f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
             "(--hidden)"
         )
+    if own and patches > spectral_basis.MOST_PATTERNS:
+        values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
+        say(sentence("fine_grid", method=method, **values))
 
 
 def check_file_names(scene: ps.Scene) -> None:

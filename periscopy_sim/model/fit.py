@@ -354,7 +354,7 @@ class Fit:
         """Return the coordinates of an evidence's y⊥ along the patterns' light, (C, N')."""
         return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
 
-    def coordinates_of(self, images: Array) -> Image:
+    def coordinates_of(self, images: Image) -> Image:
         """Return the coordinates of A⊥ f along the patterns' light, (C, N'), of (C, N) images f."""
         smoothed = np.ascontiguousarray((self._laplacian @ images.T).T, np.float32)
         scales = (np.sqrt(self.curvatures) * self.unit).astype(np.float32)
@@ -368,7 +368,8 @@ class Fit:
     def factor(self) -> Array:
         """(N', N) F, where A⊥ = UᵀF and U is the patterns' light: FᵀF is A⊥ᵀA⊥."""
         rows = self.patterns.rows[self.visible].astype(np.float64)
-        return np.sqrt(self.curvatures)[:, None] * self.unit * (self._laplacian @ rows.T).T
+        scales = np.sqrt(self.curvatures)[:, None] * self.unit
+        return np.asarray(scales * (self._laplacian @ rows.T).T)
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
         """Return the part of y⊥ that A⊥ can explain, (C, N'), and an image's residual, over σ."""

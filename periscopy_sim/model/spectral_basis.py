@@ -30,8 +30,11 @@ Inverse: TypeAlias = Callable[[Image], Image]
 
 
 MOST_PATTERNS = 1200
-"""Patterns that a basis has at most. With 800 of 6,480 an image differs from that of all patterns
-by 0.27 of its standard errors at most, with 1,200 by 0.15 (`experiments.studies.fine_grids`)."""
+"""Patterns that a basis has at most. With so many of 6,480 an image (SBR 0.5, 60 dB) differs from
+that of all patterns by 0.1 standard errors at most (`experiments.benchmarks`, fine-grids)."""
+
+RATE = 1e11
+"""Multiplications and additions a second, in single precision, of two cores."""
 
 ROUNDS = 2
 """Products with A⊥ᵀA⊥ that the random start of the strongest patterns takes."""
@@ -80,8 +83,7 @@ class SpectralBasis:
     @property
     def is_whole(self) -> bool:
         """Whether there is a pattern for each patch."""
-        count, patches = self.rows.shape
-        return count == patches
+        return len(self.rows) == self.hidden.patches
 
     @cached_property
     def inverse_laplacian(self) -> "InverseLaplacian":
@@ -93,6 +95,18 @@ class SpectralBasis:
         nothing = np.zeros((len(coefficients), self.rows.shape[1]), np.float32)
         zeros = np.zeros(coefficients.shape, np.float32)
         return filter_rows(nothing, self.rows, zeros, coefficients.astype(np.float32))
+
+
+def cost(pixels: int, patches: int) -> tuple[float, float]:
+    """Return about the bytes and seconds that the patterns of A, (M, N), take, with their light.
+
+    Bytes beside A are those of the standard errors, in double precision, and of the products with
+    A, in single: measured to a tenth up to 14,400 patches.
+    """
+    count = min(patches, MOST_PATTERNS)
+    memory = count * (12.0 * pixels + 48.0 * patches)
+    products = 2 * ROUNDS + 1  # with the light, which is computed anew
+    return memory, 2.0 * products * count * pixels * patches / RATE
 
 
 def _orthonormal(images: Image, K: Any) -> Image:
@@ -141,7 +155,9 @@ class Solver:
 
         self._weak, self._strong = summed(slice(edge)), summed(slice(edge, None))
         self._inverse = patterns.inverse_laplacian if second else None
-        self._rest = 0.0 if rest is None else patterns.inverse_laplacian(np.float32(rest / ρ))
+        self._rest: Any = 0.0
+        if rest is not None:
+            self._rest = patterns.inverse_laplacian(np.asarray(rest / ρ, np.float32))
         self._kept: Image | None = None
 
     def __call__(self, g: Image, renew: bool = True) -> Image:

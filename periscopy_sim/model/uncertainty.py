@@ -38,7 +38,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import sparse
 
 from periscopy_sim.hidden import Differences, Hidden, Size
 from periscopy_sim.numerics import Array, Image, Mask
