@@ -138,7 +138,7 @@ def test_laboratory_turned_until_its_wall_lies_has_the_same_matrices(built, kind
 
 @pytest.mark.parametrize(("kind", "height"), [("floor", -0.2), ("ceiling", 2.5)])
 def test_oblique_camera_has_up_at_the_top_of_a_wall_that_lies(built, tmp_path, kind, height):
-    """The middle row looks at the target; a floor's top row is the farthest, a ceiling's nearest."""
+    """The middle row has the target; a floor's top row is the farthest, a ceiling's nearest."""
     up = kind == "ceiling"
     text = f"""wall: {{kind: {kind}, height: {height} m}}
 camera: {{kind: perspective, film: 13x17, position: [1 m, -1 m, 1.2 m], target: [40 cm, 60 cm],
