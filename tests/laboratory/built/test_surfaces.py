@@ -8,7 +8,8 @@ import pytest
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.build import build_laboratory
-from periscopy_sim.laboratory.document import EXAMPLE
+from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.scene_parts import corners_seen
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario, load_scene
 from periscopy_sim.rendering.scene.mesh_formats import read_mesh
@@ -133,6 +134,30 @@ def test_laboratory_turned_until_its_wall_lies_has_the_same_matrices(built, kind
     for A, B in zip(one, two, strict=True):
         assert np.linalg.norm(A - B) < 3e-3 * np.linalg.norm(A)
     assert np.count_nonzero(np.abs(one[0] - two[0]) > 1e-4 * one[0].max()) < 0.01 * one[0].size
+
+
+@pytest.mark.parametrize(("kind", "height"), [("floor", -0.2), ("ceiling", 2.5)])
+def test_oblique_camera_has_up_at_the_top_of_a_wall_that_lies(built, tmp_path, kind, height):
+    """The middle row has the target; a floor's top row is the farthest, a ceiling's nearest."""
+    up = kind == "ceiling"
+    text = f"""wall: {{kind: {kind}, height: {height} m}}
+camera: {{kind: perspective, film: 13x17, position: [1 m, -1 m, 1.2 m], target: [40 cm, 60 cm],
+ field_of_view: 25 deg, roll: 4 deg}}
+monitor: {{width: 20 cm, height: 20 cm, center: [0 m, -1 m, 1 m], tilt: {70 if up else -70} deg}}
+"""
+    scenario = built(EXACT, text, hidden=(1, 1))
+    points = scenario.view.centers.reshape(13, 17, 3)
+    np.testing.assert_allclose(points[..., 2], height, atol=2e-6)
+    np.testing.assert_allclose(points[6, 8], [0.4, 0.6, height], atol=1e-5)
+    far = np.linalg.norm(points[[0, 12], 8] - [1, -1, 1.2], axis=1)
+    assert (far[0] < far[1]) == up
+    seen = load_laboratory(tmp_path / "lab.yaml")
+    corners = corners_seen(seen.camera, seen.wall)
+    ends = scenario.view.corners[1][:, :2]  # of the centres of the corner pixels
+    off = np.linalg.norm(ends - corners, axis=1)
+    assert (off < 0.08 * np.linalg.norm(corners[0] - corners[2])).all()
+    assert (np.linalg.norm(corners - points[6, 8, :2], axis=1)
+            > np.linalg.norm(ends - points[6, 8, :2], axis=1)).all()  # fmt: skip
 
 
 def test_edge_and_doorway_have_their_corners_at_their_places(built):
