@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
-    "The pictures of further photographs are unknown."
+    "The pictures of further photographs are unknown. Of several hidden surfaces: ID=IMAGE,..."
 )
 _FREE = (
     "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
@@ -51,7 +51,7 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:
@@ -68,7 +68,12 @@ class CalibrationSession(PhotoSession):
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
             "hidden": self.sizes,
-            "shown": [self.hidden_image(name) for name in self.shown or ()],
+            "shown": [
+                self.hidden_image(
+                    self.by_surface(each.split(","), "--shown") if "=" in each else each
+                )
+                for each in self.shown or ()
+            ],
             "seed": self.seed,
         }
 

@@ -114,3 +114,17 @@ def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
     assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
     options = ("--scene", scene, *HIDDEN, "--transport", "A.npy", "--out", "out")
     succeeds("reconstruct", "y.npy", *options)
+
+
+def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp_path):
+    moved = ps.load_scenario(tmp_path / scene, SIZES, {"occluder_dx": 0.004})
+    y = (ps.transport(moved) @ moved.hidden.vector(IMAGES)).reshape(24, 24, 3)
+    np.save(tmp_path / "moved.npy", ps.add_noise(y, 60, 0))
+    shown = ",".join(f"{name}={name}.npy" for name in IDS)
+    given = ("calibrate", "moved.npy", "--scene", scene, *HIDDEN, "--free", "occluder_dx=0.005")
+    succeeds(*given, "--shown", shown, "--out", "found.xml")
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert record["parameters"]["occluder_dx"]["value"] == pytest.approx(0.004, abs=2e-4)
+    assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
+    lines = refused(*given, "--shown", "monitor=monitor.npy", "--out", "found.xml")
+    assert "--shown hidden_card=" in lines
