@@ -51,7 +51,7 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:
