@@ -15,6 +15,9 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.scene import MONITOR, Scene
 
+GAUSS = 0.5 / np.sqrt(3.0)
+"""From the middle of an interval to either of Gauss and Legendre's two points, in its widths."""
+
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
 
@@ -44,6 +47,9 @@ class Surface:
     mirrored
         Whether the shape's u coordinate runs to a viewer's left, so that the columns run against
         it.
+    curved
+        Of a surface that is not flat its 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches of
+        a quarter's edges.
     """
 
     shape: Size
@@ -52,6 +58,7 @@ class Surface:
     across: Array
     up: Array
     mirrored: bool = False
+    curved: "Surface | None" = None
 
     @classmethod
     def flat(cls, shape: Size) -> "Surface":
@@ -72,7 +79,33 @@ class Surface:
             normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
             across=self.across @ linear.T,
             up=self.up @ linear.T,
+            curved=self.curved and self.curved.moved(motion),
         )
+
+    def shifted(self, across: float, up: float) -> "Surface":
+        """Return the surface moved within itself, by so many patches across and up."""
+        centers = self.centers + across * self.across + up * self.up
+        curved = self.curved and self.curved.shifted(2 * across, 2 * up)
+        return replace(self, centers=centers, curved=curved)
+
+    @property
+    def gauss(self) -> "Surface":
+        """The 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches of a quarter's edges."""
+        if self.curved is not None:
+            return self.curved
+        (rows, columns), places = self.shape, np.array([-GAUSS, GAUSS])
+
+        def spread(values: Array) -> Array:
+            """Return what is alike in all of a patch at its points, (R, 2, C, 2, 3)."""
+            grid = values.reshape(rows, 1, columns, 1, 3)
+            return np.broadcast_to(grid, (rows, 2, columns, 2, 3))
+
+        centers, normals, across, up = map(
+            spread, (self.centers, self.normals, self.across, self.up)
+        )
+        offsets = places[:, None] * across - places[:, None, None, None] * up
+        fine = (each.reshape(-1, 3) for each in (centers + offsets, normals, across / 2, up / 2))
+        return Surface((2 * rows, 2 * columns), *fine, self.mirrored)
 
 
 class Hidden(Mapping[str, Surface]):
@@ -186,10 +219,7 @@ class Hidden(Mapping[str, Surface]):
 
     def shifted(self, shifts: Array) -> "Hidden":
         """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        moved = {
-            name: replace(each, centers=each.centers + across * each.across + up * each.up)
-            for (name, each), (across, up) in zip(self.items(), shifts, strict=True)
-        }
+        moved = {n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)}
         return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -10,11 +10,14 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.analytic.border_motion import light_derivatives
+from periscopy_sim.analytic.clipped_light import Patches, clipped_rows, hides_itself, patches_of
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.errors import ClosedFormError
@@ -34,6 +37,9 @@ PIXEL_POINTS = 126
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a surface counts as planar."""
 
+MOST_FACES = 256
+"""Triangles past which clipping by each costs more than rays."""
+
 
 def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     """Compute the light transport matrix by areas, averaged over the points of the view's pixels.
@@ -41,8 +47,8 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     Parameters
     ----------
     scenario
-        A scene with a planar diffuse wall, a monitor that is a planar grid of rectangles of known
-        angular profile, and occluders of triangles between the two.
+        A scene with a planar diffuse wall, hidden surfaces of known angular profile that do not
+        hide themselves, and occluders of triangles.
 
     Returns
     -------
@@ -54,7 +60,7 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    blocks = [_local_scene(scenario, name).light() for name in scenario.hidden]
+    blocks = [_scene_of(scenario, name).light() for name in scenario.hidden]
     return np.hstack(blocks) if len(blocks) > 1 else blocks[0]
 
 
@@ -80,15 +86,10 @@ def has_areas(scenario: Scenario) -> bool:
     return True
 
 
-def require_areas(scenario: Scenario, beside: Scenario | None = None) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes.
-
-    So it is unless `area_derivatives` can take differences to another scene, if one is given.
-    """
+def require_areas(scenario: Scenario) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
     for name in scenario.hidden:
-        local = _local_scene(scenario, name)
-        if beside is not None:
-            _require_alike(local, _local_scene(beside, name))
+        _scene_of(scenario, name)
 
 
 def area_derivatives(
@@ -121,12 +122,26 @@ def area_derivatives(
         As there, of any of the scenes.
     """
     blocks = []
+    for before, after, _ in sides:
+        _require_alike(after, before)
     for name, part in scenario.hidden.slices.items():
-        local = _local_scene(scenario, name)
+        local = _scene_of(scenario, name)
+        beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
         slopes = [
-            _slope(_local_scene(b, name), _local_scene(a, name), distance)
-            for a, b, distance in sides
+            _slope(after, before, by)
+            for after, before, by in beside
+            if isinstance(after, _LocalScene)
+            and isinstance(before, _LocalScene)
+            and len(after.meshes) == len(before.meshes)
         ]
+        # Outlines move where both sides have them, and nothing passes the surface's plane between.
+        if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
+            steps = (
+                (_clipped_scene(b, name).light(float) - _clipped_scene(a, name).light(float)) / by
+                for a, b, by in sides
+            )
+            blocks.append(np.array([*steps], np.float32))
+            continue
         changes = np.empty((len(sides), len(local.points), part.stop - part.start), np.float32)
         _fill_changes(changes, local, slopes)
         changes *= local.scale
@@ -175,10 +190,45 @@ class _LocalScene:
         return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
 
-def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
-    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
-    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
-    emission = scene.emission[name]
+@dataclass(frozen=True, eq=False)
+class _ClippedScene:
+    """A scene as `clipped_rows` takes it."""
+
+    points: Array  # (M, K, 3)
+    normals: Array  # (M, K, 3)
+    faces: Array  # (F, 3, 3)
+    patches: Patches
+    exponents: Array  # (2,)
+    scale: float
+
+    def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """Return the surface's columns of A, (M, R C)."""
+        A = np.empty((len(self.points), len(self.patches.centers)), dtype)
+
+        def part(some: tuple[int, int]) -> None:
+            at = slice(*some)
+            points, normals = self.points[at], self.normals[at]
+            clipped_rows(points, normals, self.faces, self.patches, self.exponents, A[at])
+
+        in_parallel(part, ranges(len(A)))
+        A *= self.scale
+        return A
+
+
+def _scene_of(scenario: Scenario, name: str) -> _LocalScene | _ClippedScene:
+    """Return a scene before a hidden surface: by outlines on a plane where that is possible."""
+    try:
+        return _local_scene(scenario, name)
+    except ClosedFormError:
+        return _clipped_scene(scenario, name)
+
+
+def _emission(scenario: Scenario, name: str) -> tuple[Array, float]:
+    """Return the exponents, (2,), of a surface's profile, and the wall's albedo over π.
+
+    A ClosedFormError says that the wall or the profile has no closed form.
+    """
+    view, scene, emission = scenario.view, scenario.scene, scenario.scene.emission[name]
     if view.reflectance is None:
         raise no_closed_form(scene, "wall", "is not diffuse; give it a diffuse bsdf")
     if emission is None:
@@ -187,6 +237,32 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     wall = wall_plane(view)
     if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
+    exponents = np.array([emission.vertical, emission.horizontal])
+    return exponents, float(view.reflectance.mean()) / np.pi
+
+
+def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
+    """Return a scene for clipping by faces; a ClosedFormError says that it cannot."""
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+    exponents, scale = _emission(scenario, name)
+    faces = [np.empty((0, 3, 3))]
+    for occluder in scene.before(name):
+        if occluder.vertices is None or occluder.faces is None:
+            raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
+        faces.append(occluder.vertices[occluder.faces])
+    if (count := sum(map(len, faces))) > MOST_FACES:
+        reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
+        raise no_closed_form(scene, scene.before(name)[-1].name, reason)
+    if hides_itself(surface, tuple(view.corners[1].ravel())):
+        raise no_closed_form(scene, name, "hides parts of itself; split it")
+    stacked = np.concatenate(faces)
+    return _ClippedScene(view.points, view.normals, stacked, patches_of(surface), exponents, scale)
+
+
+def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
+    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+    exponents, scale = _emission(scenario, name)
     axes = surface_axes(scene, name, surface)
     if abs(axes[0] @ axes[1]) > FLATNESS:
         raise no_closed_form(scene, name, "has patches that are not rectangular")
@@ -214,23 +290,25 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
             raise no_closed_form(
                 scene, occluder.name, f"reaches the {end}; move it between the two"
             )
-    exponents = np.array([emission.vertical, emission.horizontal])
-    scale = float(view.reflectance.mean()) / np.pi * width * height
+    scale *= width * height
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
-    """Raise a ClosedFormError unless two scenes have the same meshes before a hidden surface."""
-    if len(after.meshes) != len(before.meshes) or any(
-        len(a) != len(b) or not np.array_equal(f, g)
-        for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
+def _require_alike(after: Scenario, before: Scenario) -> None:
+    """Raise a ClosedFormError unless two scenes have occluders of the same faces."""
+    pairs = zip_longest(after.scene.occluders, before.scene.occluders)
+    if any(
+        a is None
+        or b is None
+        or not np.array_equal(a.faces, b.faces)
+        or np.shape(a.vertices) != np.shape(b.vertices)
+        for a, b in pairs
     ):
-        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
 
 
 def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
     """Return the derivative of a scene's arrays, from those on either side."""
-    _require_alike(after, before)
     slopes = {
         name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")

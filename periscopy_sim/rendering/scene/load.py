@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
-from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
+from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
@@ -36,6 +36,12 @@ from periscopy_sim.view import View, moved_points
 
 SIDES = 128
 """Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
+
+ASIDE = 1e-5, 2e-5
+"""Distance in u and v to a point beside one that rays miss."""
+
+FLAT = 1e-5
+"""Relative difference of patches' normals and edges up to which a surface counts as flat."""
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
@@ -310,13 +316,33 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
         ) from None
     check_surface(shape, what)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    u, v = patch_uv(row, column, size, mirrored, (0.5, 0.5))
-    centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
-    if not valid.all():
-        raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
-    across = (-du if mirrored else du) / columns
-    return Surface(size, centers, normals, across, dv / rows, mirrored)
+
+    def surface(parts: int, offsets: Array) -> Surface:
+        """Return the surface in so many patches along each side of one, at offsets within that."""
+        row, column = np.divmod(np.arange(parts**2 * rows * columns), parts * columns)
+        offset = offsets[row % parts], offsets[column % parts]
+        u, v = patch_uv(row // parts, column // parts, size, mirrored, offset)
+        uv = np.stack([u, v], axis=1)
+        centers, normals, du, dv, valid = map_points(locate, uv)
+        if (missed := ~valid[:, 0].astype(bool)).any():  # between two faces, by rounding
+            for each, mended in zip(
+                (centers, normals, du, dv, valid),
+                map_points(locate, uv[missed] + ASIDE),
+                strict=True,
+            ):
+                each[missed] = mended
+        if not valid.all():
+            raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
+        across, up = (-du if mirrored else du) / (parts * columns), dv / (parts * rows)
+        return Surface((parts * rows, parts * columns), centers, normals, across, up, mirrored)
+
+    middles = surface(1, np.array([0.5]))
+    if all(
+        np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max()
+        for each in (middles.normals, middles.across, middles.up)
+    ):
+        return middles
+    return replace(middles, curved=surface(2, 0.5 + np.array([-GAUSS, GAUSS])))
 
 
 def _box(shape: Any, path: Path) -> Array:
