@@ -10,6 +10,7 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -86,16 +87,10 @@ def has_areas(scenario: Scenario) -> bool:
     return True
 
 
-def require_areas(scenario: Scenario, beside: Scenario | None = None) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes.
-
-    So it is unless `area_derivatives` can take differences to another scene, if one is given.
-    """
+def require_areas(scenario: Scenario) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
     for name in scenario.hidden:
-        here = _scene_of(scenario, name)
-        there = here if beside is None else _scene_of(beside, name)
-        if isinstance(here, _LocalScene) and isinstance(there, _LocalScene):
-            _require_alike(here, there)
+        _scene_of(scenario, name)
 
 
 def area_derivatives(
@@ -128,14 +123,19 @@ def area_derivatives(
         As there, of any of the scenes.
     """
     blocks = []
+    for before, after, _ in sides:
+        _require_alike(after, before)
     for name, part in scenario.hidden.slices.items():
         local = _scene_of(scenario, name)
         beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
         slopes = [
             _slope(after, before, by)
             for after, before, by in beside
-            if isinstance(after, _LocalScene) and isinstance(before, _LocalScene)
+            if isinstance(after, _LocalScene)
+            and isinstance(before, _LocalScene)
+            and len(after.meshes) == len(before.meshes)
         ]
+        # Outlines move where both sides have them, and nothing passes the surface's plane between.
         if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
             blocks.append(_differences(sides, name))
             continue
@@ -307,18 +307,21 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
-    """Raise a ClosedFormError unless two scenes have the same meshes before a hidden surface."""
-    if len(after.meshes) != len(before.meshes) or any(
-        len(a) != len(b) or not np.array_equal(f, g)
-        for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
+def _require_alike(after: Scenario, before: Scenario) -> None:
+    """Raise a ClosedFormError unless two scenes have occluders of the same faces."""
+    pairs = zip_longest(after.scene.occluders, before.scene.occluders)
+    if any(
+        a is None
+        or b is None
+        or not np.array_equal(a.faces, b.faces)
+        or np.shape(a.vertices) != np.shape(b.vertices)
+        for a, b in pairs
     ):
-        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
 
 
 def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
     """Return the derivative of a scene's arrays, from those on either side."""
-    _require_alike(after, before)
     slopes = {
         name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
