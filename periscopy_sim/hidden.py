@@ -6,6 +6,7 @@ Arrays over all patches are row-major, surface after surface, with row 0 at a vi
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -68,6 +69,26 @@ class Surface:
         centers = np.stack([x, -y, np.zeros_like(x)], axis=1).astype(np.float64)
         across, up, normals = (np.tile(axis, (len(centers), 1)) for axis in np.eye(3))
         return cls(shape, centers, normals, across, up)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(R + 1, C + 1, 3) corners of the patches in metres; where patches meet, their mean."""
+        rows, columns = self.shape
+        total, count = np.zeros((rows + 1, columns + 1, 3)), np.zeros((rows + 1, columns + 1, 1))
+        for down, right in product((0, 1), (0, 1)):
+            ends = self.centers + (right - 0.5) * self.across + (0.5 - down) * self.up
+            part = slice(down, down + rows), slice(right, right + columns)
+            total[part] += ends.reshape(rows, columns, 3)
+            count[part] += 1
+        return np.asarray(total / count)
+
+    def patches_at(self, uv: Array) -> NDArray[np.intp]:
+        """Return the numbers of the patches, (n,), at places in the UV square, (n, 2)."""
+        rows, columns = self.shape
+        u, v = uv.T
+        row = np.clip(((1 - v) * rows).astype(int), 0, rows - 1)
+        column = np.clip(((1 - u if self.mirrored else u) * columns).astype(int), 0, columns - 1)
+        return np.asarray(row * columns + column)
 
     def moved(self, motion: Array) -> "Surface":
         """Return the surface moved by a matrix, (4, 4)."""
@@ -211,6 +232,11 @@ class Hidden(Mapping[str, Surface]):
             raise InputError(f"there are hidden surfaces {', '.join(self)}; this takes one alone")
         return next(iter(self.values())).shape
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether this is one flat surface."""
+        return len(self) == 1 and float(np.ptp(self.normals, axis=0).max()) < EVEN
+
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
         if not self.keys() & motions.keys():
@@ -218,9 +244,12 @@ class Hidden(Mapping[str, Surface]):
         moved = {n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()}
         return Hidden(moved, by_distance=self.by_distance)
 
-    def shifted(self, across: float = 0.0, up: float = 0.0) -> "Hidden":
-        """Return the surfaces moved within themselves, by so many patches across and up."""
-        moved = {name: each.shifted(across, up) for name, each in self.items()}
+    def shifted(self, shifts: Array) -> "Hidden":
+        """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
+        moved = {
+            name: each.shifted(*shift)
+            for (name, each), shift in zip(self.items(), shifts, strict=True)
+        }
         return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -242,10 +271,14 @@ class Hidden(Mapping[str, Surface]):
         flat = (images[name].reshape(-1, *images[name].shape[2:]) for name in self)
         return np.concatenate(list(flat))
 
+    def unwrapped(self, by_id: Mapping[str, Any]) -> Any:
+        """Return the value of the only surface, else those of all by their ids, in order."""
+        values = {name: by_id[name] for name in self}
+        return values if len(values) > 1 else next(iter(values.values()))
+
     def image(self, f: NDArray[Any]) -> Any:
         """Return (N, ...) as the image (R, C, ...) of the only surface, else as a mapping by id."""
-        images = self.split(f)
-        return images if len(images) > 1 else next(iter(images.values()))
+        return self.unwrapped(self.split(f))
 
     def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
         """Return the image of each surface by its id, of any size; an InputError if one lacks."""

@@ -114,6 +114,8 @@ class Scene:
         Every shape but the wall and the hidden surfaces.
     surfaces
         The shapes of the hidden surfaces, which hide each other.
+    transparent
+        Ids of those that hide nothing: light passes their BSDF, which is ``null``.
     emission
         Angular profile of each hidden surface where a closed form is known, else None; by id.
     lights
@@ -130,6 +132,7 @@ class Scene:
     surfaces: tuple[Occluder, ...] = field(repr=False)
     emission: Mapping[str, EmissionProfile | None]
     lights: tuple[str, ...] = ()
+    transparent: tuple[str, ...] = ()
     source: Any = field(default=None, repr=False)
 
     @property
@@ -161,8 +164,9 @@ class Scene:
         return scene
 
     def before(self, name: str) -> tuple[Occluder, ...]:
-        """Return all that may hide a hidden surface: occluders, and the other surfaces."""
-        return *self.occluders, *(each for each in self.surfaces if each.name != name)
+        """Return all that may hide a hidden surface: occluders, and the other opaque surfaces."""
+        clear = (name, *self.transparent)
+        return *self.occluders, *(each for each in self.surfaces if each.name not in clear)
 
     def without(self, name: str) -> "Scene":
         """Return the scene without one of its occluders, for closed forms: `at` brings it back."""

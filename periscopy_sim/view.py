@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.scene import Scene
 
@@ -107,13 +108,19 @@ class View:
     @cached_property
     def frame(self) -> "WallFrame":
         """Axes of the field of view, by the photograph's own rows and columns."""
-        shape = self.shape if self.pixels is None else None
-        return wall_frame(self.centers, self.center_normals, shape)
+        corners = None if self.pixels is None else self.corners[1]
+        return wall_frame(self.centers, self.center_normals, self.shape, corners)
 
     @cached_property
     def edges(self) -> Array:
         """(M, 2, 3) edges of the pixels, down and across; of a view with all pixels."""
         return pixel_edges(self.centers, self.center_normals, self.shape)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The part of the wall that the camera sees, its pixels as patches."""
+        down, across = np.moveaxis(self.edges, 1, 0)
+        return Surface(self.shape, self.centers, self.center_normals, across, -down)
 
     def of_pixels(self, pixels: Mask) -> "View":
         """Return the view of some of this view's pixels: True of (rows, columns)."""
@@ -238,23 +245,25 @@ class WallFrame:
 
 
 def wall_frame(
-    points: Array, normals: Array, photograph_shape: tuple[int, int] | None = None
+    points: Array, normals: Array, shape: tuple[int, int], corners: Array | None = None
 ) -> WallFrame:
     """Orient the field of view by the photograph's own rows and columns.
 
-    Points (M, 3) are in metres, normals (M, 3) of unit length. A photograph shape of None, or of a
-    single column, takes the horizontal direction of the wall (z up) as across.
+    Points (M, 3) are in metres, normals (M, 3) of unit length, `shape` is the photograph's (rows,
+    columns). Where the points are some of its pixels, `corners`, (4, 3), are what its corner pixels
+    see: top left, top right, bottom right, bottom left. Nothing depends on the scene's own axes,
+    but for a photograph of a single pixel.
     """
     center = points.mean(axis=0)
     normal = normals.mean(axis=0)
     normal /= np.linalg.norm(normal)
-    if photograph_shape is not None and photograph_shape[1] > 1:
-        grid = points.reshape(*photograph_shape, 3)
+    grid = points.reshape(*shape, 3) if corners is None else corners[[[0, 1], [3, 2]]]
+    if shape[1] > 1:
         across = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    elif shape[0] > 1:
+        across = np.cross(normal, (grid[-1] - grid[0]).mean(axis=0))
     else:
-        across = np.cross([0.0, 0.0, 1.0], normal)
-        if np.linalg.norm(across) < 1e-6:  # a floor or a ceiling
-            across = np.array([1.0, 0.0, 0.0])
+        across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     across = across - (across @ normal) * normal
     across /= np.linalg.norm(across)
     return WallFrame(center, across, normal, up=np.cross(across, -normal))

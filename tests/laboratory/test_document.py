@@ -1,7 +1,8 @@
 import pytest
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import Measured, load_laboratory
+from periscopy_sim.laboratory.document import load_laboratory
+from periscopy_sim.laboratory.quantities import Measured
 
 LEAST = """\
 errors: {length: 5 mm, angle: 1 deg}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
+from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
@@ -45,6 +45,10 @@ FLAT = 1e-5
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
+
+
+COARSE = 16, 16
+"""Patches of hidden surfaces at whose centres to look for another surface."""
 
 
 def load_scenario(
@@ -82,14 +86,19 @@ def load_scenario(
     ------
     SceneError
         If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
-        lack a surface, or A cannot treat a material, a medium, or a surface's place or UV.
+        lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
+        or a surface's place or UV.
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
     elif parameters:
         scene = scene.at(**parameters)
     view = View.of(scene, photograph)
-    return Scenario(view, Hidden.of_scene(scene, sizes_by_id(scene, hidden, view)))
+    sizes = sizes_by_id(scene, hidden, view)
+    if len(sizes) > 1:
+        coarse = Hidden.of_scene(scene, dict.fromkeys(sizes, COARSE))
+        check_apart(coarse, f"scene '{scene.path}'")
+    return Scenario(view, Hidden.of_scene(scene, sizes))
 
 
 def _size(rows: int, columns: int) -> Size:
@@ -100,18 +109,16 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
     names = ", ".join(f"'{name}'" for name in scene.emission)
+    where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
-        meant = did_you_mean(unknown[0], scene.emission) or f"it has {names}"
-        raise SceneError(f"scene '{scene.path}' has no hidden surface '{unknown[0]}'; {meant}")
+        meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
+        raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}; give a size to each, in Python: "
-            "hidden={id: (R, C), ...}"
+            f"{where}; give a size to each: ID=ROWSxCOLUMNS, in Python hidden={{ID: (R, C), ...}}"
         )
     if missing := [name for name in scene.emission if name not in given]:
-        raise SceneError(
-            f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"
-        )
+        raise SceneError(f"{where}; give a size to '{missing[0]}', too")
     try:
         sizes = {name: _size(*given[name]) for name in scene.emission}
     except TypeError:
@@ -146,7 +153,7 @@ class SceneLoader:
         check_nodes(nodes)
         # Instantiating consumes the nodes.
         emission = {name: nodes.emission_profile(name) for name in nodes.hidden}
-        lights = nodes.other_lights()
+        lights, transparent = nodes.other_lights(), tuple(nodes.transparent)
         self._material = nodes.wall_material()
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
@@ -165,6 +172,7 @@ class SceneLoader:
             surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
+            transparent=transparent,
             source=self,
         )
 
@@ -219,6 +227,10 @@ class SceneLoader:
         is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
         return build_scene(scene) if is_moved or variant != mi.variant() else built
 
+    def opaque(self, scene: Scene) -> Any:
+        """Return the Mitsuba scene without hidden surfaces that light passes, for rays in A."""
+        return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
+
     def _trace_view(self, shape: Size | None, across: int) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
@@ -248,12 +260,13 @@ def build_scene(
     images: Mapping[str, NDArray[np.floating[Any]]] | None = None,
     *,
     only_hidden: bool = False,
+    only_opaque: bool = False,
 ) -> Any:
     """Instantiate the Mitsuba scene of a scene whose hidden surfaces show images, or white.
 
     Each image is (R, C, 3) linear radiance along the normal, of any R and C, of the surface of
-    `hidden` that has its id. `only_hidden` removes every other emitter. Pixels are averaged over
-    their own area (box filter).
+    `hidden` that has its id. `only_hidden` removes every other emitter, `only_opaque` every hidden
+    surface that light passes. Pixels are averaged over their own area (box filter).
     """
     nodes = SceneNodes(scene.path, dict(scene.parameters))
     textures = None
@@ -265,6 +278,8 @@ def build_scene(
     nodes.average_pixels()
     if only_hidden:
         nodes.darken()
+    if only_opaque:
+        nodes.remove(nodes.transparent)
     with without_warnings():  # which came when the scene was loaded
         return nodes.instantiate()
 

@@ -5,7 +5,7 @@ Mitsuba parses the file; the files that its plugins read are found and checked h
 so that they work for every shape, sensor and emitter plugin.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,12 @@ class SceneNodes:
             if props.type(key) == mi.Properties.Type.ResolvedReference
         }
         return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
+
+    @property
+    def transparent(self) -> list[str]:
+        """The ids of the hidden surfaces that light passes, those of a ``null`` BSDF."""
+        materials = {name: self.children(self._by_id(name), "BSDF") for name in self.hidden}
+        return [n for n, each in materials.items() if each and each[0][1].plugin_name() == "null"]
 
     def emission_profile(self, name: str) -> EmissionProfile | None:
         """Return a hidden surface's angular profile if it is known in closed form.
@@ -150,6 +156,12 @@ class SceneNodes:
                     f"the emitter '{emitter.plugin_name()}' of '{name}' has no 'radiance' to show "
                     "an image by; give it one of type area or lcd"
                 )
+
+    def remove(self, names: Collection[str]) -> None:
+        """Remove shapes."""
+        for key, props in self.children(self._state.root.props, "Shape"):
+            if props.id() in names:
+                del self._state.root.props[key]
 
     def darken(self) -> None:
         """Remove every emitter but those of the hidden surfaces."""
