@@ -154,10 +154,13 @@ def _differences(
     sides: Sequence[tuple[Scenario, Scenario, float]], name: str
 ) -> NDArray[np.float32]:
     """Return (P, M, N) differences of a surface's columns, over the sides' distances."""
-    steps = []
+    steps: list[NDArray[np.float32]] = []
+    last: Scenario | None = None
     for before, after, distance in sides:
-        a, b = (_clipped_scene(each, name).light(np.float64) for each in (before, after))
-        steps.append(((b - a) / distance).astype(np.float32))
+        if before is not last:  # all may share one side
+            last, start = before, _clipped_scene(before, name).light(np.float64)
+        end = _clipped_scene(after, name).light(np.float64)
+        steps.append(((end - start) / distance).astype(np.float32))
     return np.array(steps)
 
 

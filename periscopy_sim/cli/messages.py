@@ -51,7 +51,7 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} by rays has an error of {error:.2g} % of the light, more than the noise of "
+        "{name} has an error of {error:.2g} % of the light, more than the noise of "
         "{noise:.2g} %"
     ),
     "fine_grid": (

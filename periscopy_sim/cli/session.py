@@ -257,6 +257,8 @@ class Session(options.OptionGroup):
             return ""
         if origin["model"] == "file":
             return "a --transport of more rays"
+        if origin["model"] == "analytic":
+            return "a --hidden of more patches, or a film of more pixels"
         if has_areas(self.scenario):
             return "--model analytic"
         return f"--samples {4 * (origin['samples'] or SAMPLES)}"
