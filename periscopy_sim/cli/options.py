@@ -343,22 +343,6 @@ def parse_sizes(entries: Sequence[str]) -> Sizes:
     return {name: size_of(size) for name, size in pairs.items()}
 
 
-def files_of_view(
-    flag: str, entries: Sequence[Path] | None, cameras: Sequence[str]
-) -> dict[str, list[Path]]:
-    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
-    files = {camera: list[Path]() for camera in cameras}
-    for entry in entries or ():
-        camera, file = split_of_view(entry)
-        if not camera and len(cameras) == 1:
-            camera = cameras[0]
-        if camera not in files:
-            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
-            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
-        files[camera].append(file)
-    return files
-
-
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
     pairs = _pairs(flag, text.split(",") if text else ())

@@ -13,7 +13,7 @@ from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import PhotoSession, Session
+from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
@@ -59,7 +59,10 @@ def reconstruct(
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
 ) -> None:
-    """Recover the hidden image from a photograph of the wall, or one of each of several views."""
+    """Recover the hidden image from one photograph of the wall.
+
+    Of several views it takes one photograph each, with its --camera.
+    """
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
 
     find_method(method)
@@ -67,7 +70,7 @@ def reconstruct(
     text = "" if uncertain in (None, "none") else str(uncertain)
     views = session.views(photo)
     session = next(iter(views.values()))
-    matrices = options.files_of_view("--transport", matrix, list(views))
+    matrices = files_of_view("--transport", matrix, list(views))
     several = len(views) > 1
     if several:
         _check_views(method)
@@ -180,9 +183,11 @@ def _of_views(
 
 def _check_views(method: str) -> None:
     """Reject a method that takes one view alone."""
-    if method not in METHODS:
-        raise PeriscopyError(f"--method {method}: your own method takes one view")
-    METHODS[method].check_views()
+    able = [name for name, entry in METHODS.items() if entry.views]
+    if method not in able:
+        raise PeriscopyError(
+            f"--method {method}: it takes one view; several take {', '.join(able)}"
+        )
 
 
 def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":

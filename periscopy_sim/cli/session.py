@@ -286,9 +286,9 @@ class WallSession(Session):
 
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
-        masks = options.files_of_view("--mask", self.mask, [self.sensor])[self.sensor]
+        masks = files_of_view("--mask", self.mask, [self.sensor])[self.sensor]
         mask = read_mask(masks[-1], self.scenario.photograph_shape) if masks else None
-        files = options.files_of_view("--monitor-off", self.monitor_off, [self.sensor])[self.sensor]
+        files = files_of_view("--monitor-off", self.monitor_off, [self.sensor])[self.sensor]
         monitor_off = {str(file): self.photograph(file, mask).values for file in files}
         self.record |= {"mask": masks[-1] if masks else None, "backgrounds": list(monitor_off)}
         self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
@@ -359,8 +359,8 @@ class PhotoSession(WallSession):
             )
         if len(cameras) == 1:
             return {cameras[0]: self}
-        masks = options.files_of_view("--mask", self.mask, cameras)
-        off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
+        masks = files_of_view("--mask", self.mask, cameras)
+        off = files_of_view("--monitor-off", self.monitor_off, cameras)
         return {
             each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
             for each in cameras
@@ -390,3 +390,19 @@ class PhotoSession(WallSession):
             return sentence("measure")
         is_calibrated = scene_covariance(self.scenario.document) is not None
         return sentence("look" if is_calibrated else "calibrate")
+
+
+def files_of_view(
+    flag: str, entries: Sequence[Path] | None, cameras: Sequence[str]
+) -> dict[str, list[Path]]:
+    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
+    files = {camera: list[Path]() for camera in cameras}
+    for entry in entries or ():
+        camera, file = options.split_of_view(entry)
+        if not camera and len(cameras) == 1:
+            camera = cameras[0]
+        if camera not in files:
+            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
+            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
+        files[camera].append(file)
+    return files

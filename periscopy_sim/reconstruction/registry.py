@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.errors import PeriscopyError
-
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Image
@@ -107,14 +105,7 @@ class MethodEntry:
 
     def of_views(self, fitted: Mapping[str, StillMethod[Any]]) -> Any:
         """Return the method for several views, from itself fitted to each, by camera."""
-        self.check_views()
         return _class(self.views)(fitted)
-
-    def check_views(self) -> None:
-        """Raise a PeriscopyError if the method takes one view alone."""
-        if not self.views:
-            able = ", ".join(name for name, entry in METHODS.items() if entry.views)
-            raise PeriscopyError(f"method '{self.name}' takes one view; use {able} for several")
 
 
 def _class(place: str) -> Any:

@@ -163,7 +163,11 @@ def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
     for path in paths:
         with decoding(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
             field = file.get("im")
-            if not isinstance(field, h5py.Dataset) or field.ndim != 2 or field.dtype.kind not in "iuf":
+            if (
+                not isinstance(field, h5py.Dataset)
+                or field.ndim != 2
+                or field.dtype.kind not in "iuf"
+            ):
                 raise PhotographError(f"{path}: its field 'im' is missing or no picture")
             check_budget(field.shape, path)
             if field.external or field.is_virtual:

@@ -111,8 +111,11 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
         ("left.npy right.npy {} --mask left_mask.png", "--mask left=FILE --mask right=FILE"),
         ("left.npy right.npy {} --monitor-off middle=left.npy", "--monitor-off middle=left.npy"),
         ("right.npy left.npy {}", "right.npy: 20 x 26 pixels"),
-        ("left.npy right.npy {} --method preconditioned", "'preconditioned' takes one view"),
-        ("left.npy right.npy {} --method own.py:Own", "your own method takes one view"),
+        (
+            "left.npy right.npy {} --method preconditioned",
+            "preconditioned: it takes one view; several take noise-aware",
+        ),
+        ("left.npy right.npy {} --method own.py:Own", "own.py:Own: it takes one view"),
     ],
 )
 def test_wrong_views_are_named(arguments, offender, scene, refused, tmp_path):
