@@ -316,8 +316,8 @@ def _require_alike(after: Scenario, before: Scenario) -> None:
     if any(
         a is None
         or b is None
-        or not np.array_equal(a.faces, b.faces)
-        or np.shape(a.vertices) != np.shape(b.vertices)
+        or not np.array_equal(np.array(a.faces), np.array(b.faces))
+        or np.array(a.vertices).shape != np.array(b.vertices).shape
         for a, b in pairs
     ):
         raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
