@@ -256,10 +256,7 @@ class Hidden(Mapping[str, Surface]):
 
     def shifted(self, shifts: Array) -> "Hidden":
         """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        moved = {
-            name: each.shifted(*shift)
-            for (name, each), shift in zip(self.items(), shifts, strict=True)
-        }
+        moved = {n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)}
         return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:

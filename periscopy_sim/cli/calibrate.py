@@ -51,13 +51,13 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:
         """The files that are read."""
-        others = self.path, self.mask, self.colour_matrix
-        return [*self.photo, *(self.monitor_off or ()), *others]
+        others = self.path, self.colour_matrix
+        return [*self.photo, *(self.mask or ()), *(self.monitor_off or ()), *others]
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
@@ -68,6 +68,7 @@ class CalibrationSession(PhotoSession):
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
             "hidden": self.sizes,
+            "camera": self.sensor,
             "shown": [self.picture(text) for text in self.shown or ()],
             "seed": self.seed,
         }
@@ -207,7 +208,7 @@ def _write_copy(
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
-            ps.load_scenario(staged, session.sizes)
+            ps.load_scenario(staged, session.sizes, camera=session.sensor)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "

@@ -73,7 +73,8 @@ def video(
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
+            report = still.report(wall, first)
+            verdict = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         text, white = session.metadata, animation.white_of(flat)
         with session.timed("draw"):

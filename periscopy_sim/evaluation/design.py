@@ -102,8 +102,8 @@ def errors_of(
 
 def _unit_bound(fit: Fit) -> float:
     """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
-    curvatures = np.linalg.eigvalsh(fit.gram)
-    light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
+    curvatures = np.linalg.eigvalsh(fit.operator.gram)
+    light = fit.operator.whole_squared_norm / len(curvatures)
     is_seen = curvatures[0] > fit.least_curvature * light
     return float(np.sqrt(np.mean(1 / curvatures))) if is_seen else np.inf
 

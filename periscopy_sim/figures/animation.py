@@ -213,7 +213,7 @@ def draw_sheet(
     rows = [("photograph", [displayable(photographs[k], white) for k in chosen])]
     for name, truth in known.items():
         of = f"\n{name}" if len(known) > 1 else ""
-        matched = [gain_matched(images[name][k], truth[k]) for k in chosen]
+        matched = [displayable(gain_matched(images[name][k], truth[k]), 1) for k in chosen]
         rows.append((f"hidden image{of}", [displayable(truth[k], 1) for k in chosen]))
         rows.append((f"reconstruction{of}", matched))
     errors = [[mean_squared_error(images[n][k], known[n][k]) for n in known] for k in chosen]

@@ -192,4 +192,6 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     largest = max(map(max, hidden.shapes.values()))
     most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
     sizes, scene = limit_sizes(hidden, int(min(longest, most))), scenario.scene
-    return Scenario(View.of(scene, shape), Hidden.of_scene(scene, sizes))
+    return Scenario(
+        View.of(scene, shape, camera=scenario.view.camera), Hidden.of_scene(scene, sizes)
+    )

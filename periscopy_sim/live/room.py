@@ -58,7 +58,7 @@ def things_in(pictures: LivePictures) -> dict[str, Any]:
     return {
         "photograph": _on_wall_image(shown, low, high, frame, 0.002),
         "hidden": [_on_surface(images[name], each) for name, each in scenario.hidden.items()],
-        "occluders": [_mesh(each) for each in scenario.scene.occluders],
+        "occluders": [_mesh(each) for each in scenario.view.occluders],
     }
 
 

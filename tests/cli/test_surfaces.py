@@ -214,14 +214,17 @@ def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
     )
 
 
-def test_calibration_knows_what_each_surface_showed(scene, succeeds, refused, tmp_path):
-    options = ("--scene", scene, *HIDDEN, "--free", "occluder_dx=0.002", "--uncertain", "none")
+def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp_path):
+    moved = ps.load_scenario(tmp_path / scene, SIZES, {"occluder_dx": 0.004})
+    y = (ps.transport(moved) @ moved.hidden.vector(IMAGES)).reshape(24, 24, 3)
+    np.save(tmp_path / "moved.npy", ps.add_noise(y, 60, 0))
     shown = ",".join(f"{name}={name}.npy" for name in IDS)
-    succeeds("calibrate", "y.npy", *options, "--shown", shown, "--out", "new.xml")
-    record = json.loads((tmp_path / "new.json").read_text())
-    assert record["hidden_shape"].keys() == SIZES.keys()
-    assert abs(record["parameters"]["occluder_dx"]["value"]) < 1e-3
-    line = refused("calibrate", "y.npy", *options, "--shown", "bars", "--out", "no.xml")
+    given = ("calibrate", "moved.npy", "--scene", scene, *HIDDEN, "--free", "occluder_dx=0.005")
+    succeeds(*given, "--shown", shown, "--out", "found.xml")
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert record["parameters"]["occluder_dx"]["value"] == pytest.approx(0.004, abs=2e-4)
+    assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
+    line = refused(*given, "--shown", "bars", "--out", "no.xml")
     assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
 
 
