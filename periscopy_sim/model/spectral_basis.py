@@ -21,7 +21,6 @@ import numpy as np
 from scipy import fft, linalg, sparse
 
 from periscopy_sim.hidden import Differences, Hidden, Size
-from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import filter_rows, project_out
@@ -39,8 +38,11 @@ RATE = 1e11
 ROUNDS = 2
 """Products with A⊥ᵀA⊥ that the random start of the strongest patterns takes."""
 
-RIDGE = 1e-6
-"""Added to the products of unit images, which rounding in single precision may make singular."""
+FAINTEST = 1e-10
+"""Curvature over the largest, below which a pattern's light in single precision is rounding."""
+
+RIDGE = 1e-12
+"""Added to the products of unit images, which may be dependent but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class SpectralBasis:
         Halko, Martinsson, Tropp, "Finding structure with randomness", 2011, Sec. 4.5, in K's inner
         product. It takes 2 `ROUNDS` products of A with `count` vectors.
         """
-        K, inverse = laplacian(hidden.differences).astype(np.float32), InverseLaplacian(hidden)
+        K, inverse = laplacian(hidden.differences), InverseLaplacian(hidden)
         unit = np.float32(np.sqrt(A.squared_norm / hidden.patches))
         random = np.random.default_rng(seed)
         light = random.standard_normal((count, A.shape[0]), dtype=np.float32)
@@ -75,10 +77,12 @@ class SpectralBasis:
             for _ in range(2):  # single precision needs a second pass
                 images = _orthonormal(images, K)
             light = A.light_of(images) / unit
-            curvatures, V = np.linalg.eigh(np.float64(light @ light.T))
-            scales = 1 / np.sqrt(np.maximum(curvatures, ROUNDING * curvatures[-1]))
-            light = (scales * V).T.astype(np.float32) @ light
-        return cls(np.maximum(curvatures, 0), V.T.astype(np.float32) @ images, hidden)
+            exact = light.astype(np.float64)  # rounded products would show no weak pattern
+            curvatures, V = np.linalg.eigh(exact @ exact.T)
+            kept = curvatures > FAINTEST * curvatures[-1]
+            curvatures, V = curvatures[kept], V[:, kept]
+            light = (V / np.sqrt(curvatures)).T.astype(np.float32) @ light
+        return cls(curvatures, V.T.astype(np.float32) @ images, hidden)
 
     @property
     def is_whole(self) -> bool:
@@ -111,9 +115,10 @@ def cost(pixels: int, patches: int) -> tuple[float, float]:
 
 def _orthonormal(images: Image, K: Any) -> Image:
     """Return a basis of images, (k, N), that is orthonormal in K's inner product."""
-    smoothed = np.ascontiguousarray((K @ images.T).T)
-    norms = np.sqrt(np.einsum("kn,kn->k", images, smoothed))
-    products = (images @ smoothed.T).astype(np.float64) / np.outer(norms, norms)
+    exact = images.astype(np.float64)  # their products, whose rounding would be indefinite
+    smoothed = K @ exact.T
+    norms = np.sqrt(np.einsum("kn,nk->k", exact, smoothed))
+    products = exact @ smoothed / np.outer(norms, norms)
     products[np.diag_indices_from(products)] += RIDGE
     inverse, _ = linalg.lapack.dtrtri(linalg.cholesky(products, lower=True), lower=True)
     return np.asarray((inverse / norms).astype(np.float32) @ images)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy import linalg
+from scipy import linalg, sparse
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import (
     SMOOTHING,
+    GridInverse,
     UncertainTransport,
     contrast,
     curvature_of_total_variation,
@@ -61,6 +62,17 @@ def test_curvature_is_that_of_both_differences(shape):
     differences = Hidden.of(shape).differences
     found = curvature_of_total_variation(differences, image.reshape(-1, 3), 20.0).toarray()
     np.testing.assert_allclose(found, curvature_by_loops(image, 20.0), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(6, 7), (7, 3), (1, 5), (5, 1), (1, 1)])
+def test_block_elimination_inverts_what_joins_neighbours(shape):
+    hidden, rng = Hidden.of(shape), np.random.default_rng(4)
+    f, vectors = rng.random((hidden.patches, 3)), rng.standard_normal((hidden.patches, 2))
+    P = curvature_of_total_variation(hidden.differences, f, 20.0)
+    P = (P + sparse.eye_array(hidden.patches)).tocsr()
+    inverse, dense = GridInverse(P, shape), np.linalg.inv(P.toarray())
+    np.testing.assert_allclose(inverse(vectors), dense @ vectors, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(inverse.diagonal, np.diag(dense), rtol=1e-9)
 
 
 def test_surfaces_that_light_other_pixels_curve_and_move_as_each_alone():
