@@ -10,6 +10,7 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -86,16 +87,10 @@ def has_areas(scenario: Scenario) -> bool:
     return True
 
 
-def require_areas(scenario: Scenario, beside: Scenario | None = None) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes.
-
-    So it is unless `area_derivatives` can take differences to another scene, if one is given.
-    """
+def require_areas(scenario: Scenario) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
     for name in scenario.hidden:
-        here = _scene_of(scenario, name)
-        there = here if beside is None else _scene_of(beside, name)
-        if isinstance(here, _LocalScene) and isinstance(there, _LocalScene):
-            _require_alike(here, there)
+        _scene_of(scenario, name)
 
 
 def area_derivatives(
@@ -128,14 +123,19 @@ def area_derivatives(
         As there, of any of the scenes.
     """
     blocks = []
+    for before, after, _ in sides:
+        _require_alike(after, before)
     for name, part in scenario.hidden.slices.items():
         local = _scene_of(scenario, name)
         beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
         slopes = [
             _slope(after, before, by)
             for after, before, by in beside
-            if isinstance(after, _LocalScene) and isinstance(before, _LocalScene)
+            if isinstance(after, _LocalScene)
+            and isinstance(before, _LocalScene)
+            and len(after.meshes) == len(before.meshes)
         ]
+        # Outlines move where both sides have them, and nothing passes the surface's plane between.
         if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
             blocks.append(_differences(sides, name))
             continue
@@ -154,10 +154,13 @@ def _differences(
     sides: Sequence[tuple[Scenario, Scenario, float]], name: str
 ) -> NDArray[np.float32]:
     """Return (P, M, N) differences of a surface's columns, over the sides' distances."""
-    steps = []
+    steps: list[NDArray[np.float32]] = []
+    last: Scenario | None = None
     for before, after, distance in sides:
-        a, b = (_clipped_scene(each, name).light(np.float64) for each in (before, after))
-        steps.append(((b - a) / distance).astype(np.float32))
+        if before is not last:  # all may share one side
+            last, start = before, _clipped_scene(before, name).light(np.float64)
+        end = _clipped_scene(after, name).light(np.float64)
+        steps.append(((end - start) / distance).astype(np.float32))
     return np.array(steps)
 
 
@@ -307,18 +310,21 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
-    """Raise a ClosedFormError unless two scenes have the same meshes before a hidden surface."""
-    if len(after.meshes) != len(before.meshes) or any(
-        len(a) != len(b) or not np.array_equal(f, g)
-        for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
+def _require_alike(after: Scenario, before: Scenario) -> None:
+    """Raise a ClosedFormError unless two scenes have occluders of the same faces."""
+    pairs = zip_longest(after.scene.occluders, before.scene.occluders)
+    if any(
+        a is None
+        or b is None
+        or not np.array_equal(np.array(a.faces), np.array(b.faces))
+        or np.array(a.vertices).shape != np.array(b.vertices).shape
+        for a, b in pairs
     ):
-        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
 
 
 def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
     """Return the derivative of a scene's arrays, from those on either side."""
-    _require_alike(after, before)
     slopes = {
         name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")

@@ -71,21 +71,18 @@ class MovingScene:
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        sides = [(scenario, *self._beside(scenario, values, k)) for k in range(len(values))]
+        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
         A = area_transport(scenario)
         return A, area_derivatives(scenario, sides, A)
 
-    def _beside(self, scenario: Scenario, values: Array, k: int) -> tuple[Scenario, float]:
-        """Return the scene with a parameter moved a little to either side, and how far.
-
-        To the other side of where one hidden surface comes before another there is no derivative.
-        """
+    def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
+        """Return the scene with a parameter moved a little to either side, and how far."""
         for step in (STEP * self.errors[k], -STEP * self.errors[k]):
             moved = values.copy()
             moved[k] += step
             try:
                 beside = self.at(moved)
-                require_areas(beside, scenario)
+                require_areas(beside)
                 return beside, step
             except SceneError as error:
                 unphysical = error

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
-    "The pictures of further photographs are unknown."
+    "The pictures of further photographs are unknown. Of several surfaces: ID=IMAGE,ID=IMAGE."
 )
 _FREE = (
     "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
@@ -51,7 +51,7 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:
@@ -69,9 +69,14 @@ class CalibrationSession(PhotoSession):
             "scene": self.scenario.scene,
             "hidden": self.sizes,
             "camera": self.sensor,
-            "shown": [self.hidden_image(name) for name in self.shown or ()],
+            "shown": [self.picture(text) for text in self.shown or ()],
             "seed": self.seed,
         }
+
+    def picture(self, text: str) -> Any:
+        """Read what the hidden surfaces showed in a photograph."""
+        entries = text.split(",") if len(self.scenario.hidden) > 1 else [text]
+        return self.hidden_image(self.by_surface(entries, "--shown"))
 
     def write(self, file: Path, record: dict[str, Any]) -> None:
         """Write a result's record, and where it is from, as JSON."""

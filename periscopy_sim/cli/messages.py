@@ -51,8 +51,11 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} by rays has an error of {error:.2g} % of the light, more than the noise of "
-        "{noise:.2g} %"
+        "{name} has an error of {error:.2g} % of the light, more than the noise of {noise:.2g} %"
+    ),
+    "fine_grid": (
+        "{patches:,} patches: {method} needs about {memory:.1f} GB of memory, and {seconds:.0f} s "
+        "on two cores once A is known"
     ),
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",

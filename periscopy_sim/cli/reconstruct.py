@@ -13,14 +13,16 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.output import by_file, fixable, output_folder, progress, say
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.space import draw_space
+from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
@@ -73,9 +75,9 @@ def reconstruct(
     several = len(views) > 1
     if several:
         _check_views(method)
-    named = options.known_errors(text, session.scenario.document) if text else {}
+    errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
-    if named and not counts_errors:
+    if errors and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
@@ -87,7 +89,7 @@ def reconstruct(
         known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
         for camera, view in views.items():
-            moved = _uncertain_light(view, named) if counts else None
+            moved = _uncertain_light(view, errors) if counts else None
             matrix_file = next(reversed(matrices[camera]), None)  # the last counts
             fit = method, settings, light, matrix_file, walls[camera], moved
             methods[camera] = view.fit(*fit)
@@ -187,21 +189,21 @@ def _check_views(method: str) -> None:
         )
 
 
-def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
+def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 
     scenario, scene = session.scenario, session.scene
-    known = None if named else scene_covariance(scenario.document)
+    known = None if given else scene_covariance(scenario.document)
     if known and not known.trusted:
         session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None
-    errors = known or named or free_parameters(scenario.document)
+    errors = known or given or free_parameters(scenario.document)
     if not (known.names if known else errors):
         return None
-    if named or has_areas(scenario):
+    if given or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
     say(messages.sentence("no_derivatives", scene=scene))
     return None
@@ -224,13 +226,14 @@ def write_report(
     hidden, white = scenario.hidden, panels.common_white(images.values())
     lit = {name: panels.displayable(image, white) for name, image in images.items()}
     walls = [(title, panels.displayable(each)) for title, each in photographs.items()]
-    for name, image in by_file("reconstruction", images).items():
+    for name, image in named("reconstruction", images).items():
         np.save(folder / f"{name}.npy", image.astype(np.float32))
-    for name, image in by_file("reconstruction", lit).items():
+    for name, image in named("reconstruction", lit).items():
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
         wall = walls[0][1]  # of the scenario's view
-        draw_space(folder / "space.png", scenario, lit, wall, text)
+        if is_vectorized():  # ray by ray it would take an hour
+            draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]
@@ -242,7 +245,7 @@ def write_report(
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
-        for name, each in by_file("standard_error", errors).items():
+        for name, each in named("standard_error", errors).items():
             np.save(folder / f"{name}.npy", each.astype(np.float32))
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)

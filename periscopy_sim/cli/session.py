@@ -1,5 +1,6 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import sentence, verdict
-from periscopy_sim.cli.output import fixable, progress, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
@@ -37,17 +38,37 @@ if TYPE_CHECKING:
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
-    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is.
+
+    Print the memory and time that a fine grid of patches needs.
+    """
+    from periscopy_sim.model import spectral_basis
+
     pixels, patches = scenario.transport_shape
-    bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
+    entry = METHODS.get(method, METHODS[DEFAULT])
+    own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
     # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
-    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, machine.available_memory()
+    needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
+    available = machine.available_memory()
     if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
             f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
             "(--hidden)"
         )
+    if own and patches > spectral_basis.MOST_PATTERNS:
+        values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
+        say(sentence("fine_grid", method=method, **values))
+
+
+def check_file_names(scene: ps.Scene) -> None:
+    """Reject hidden surfaces whose ids cannot be parts of files' names."""
+    for name in scene.emission:
+        if not re.fullmatch(r"[\w.-]+", name):
+            raise PeriscopyError(
+                f"scene '{scene.path}': hidden surface '{name}' names files of results; give it an "
+                "id of letters, digits, '_', '-' and '.'"
+            )
 
 
 @dataclass(eq=False)
@@ -83,6 +104,8 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
+            if len(scene.emission) > 1:
+                check_file_names(scene)
             sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
             return ps.load_scenario(scene, sizes, camera=self.sensor)
 
@@ -150,9 +173,9 @@ class Session(options.OptionGroup):
         first, *others = hidden = self.scenario.hidden
         if len(entries) == 1 and not (others or entries[0].startswith(f"{first}=")):
             return {first: entries[0]}
-        pairs = options.parse_definitions(entries, flag)
-        if pairs.keys() != hidden.keys():
-            form = " ".join(f"{flag} {name}=..." for name in hidden)
+        pairs = dict(entry.split("=", 1) for entry in entries if "=" in entry)
+        if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
+            form = ", ".join(f"{name}=..." for name in hidden)
             raise PeriscopyError(f"{flag}: name each of the scene's hidden surfaces once: {form}")
         return pairs
 
@@ -234,6 +257,8 @@ class Session(options.OptionGroup):
             return ""
         if origin["model"] == "file":
             return "a --transport of more rays"
+        if origin["model"] == "analytic":
+            return "a --hidden of more patches, or a film of more pixels"
         if has_areas(self.scenario):
             return "--model analytic"
         return f"--samples {4 * (origin['samples'] or SAMPLES)}"

@@ -65,6 +65,7 @@ class MethodEntry:
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
+    patterns: bool = False  # whether `spectral_basis.cost` comes on top
 
     def __call__(
         self,
@@ -159,7 +160,8 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
-        bytes_per_entry=25,
+        bytes_per_entry=12,
+        patterns=True,
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
         uncertain=True,
@@ -225,7 +227,8 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         "unrolled",
         "the noise-aware image refined by a network; 29x36 alone, needs PyTorch",
         "learned.still:Learned",
-        bytes_per_entry=25,
+        bytes_per_entry=12,
+        patterns=True,
         needs="torch",
         rays=True,  # as in its training
         hidden=(29, 36),

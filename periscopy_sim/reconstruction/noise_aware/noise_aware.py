@@ -159,7 +159,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def prepare(self) -> None:
         """Compute the spectral basis, and what corrections need; see `StillMethod`."""
-        _ = self.fit.curvatures, self.fit.transport, self.corrections
+        _ = self.fit.lights, self.corrections
 
     @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
@@ -244,7 +244,7 @@ class NoiseAware(StillMethod[np.float64]):
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
             f = self.hidden.vector(solution.image)
-            places = displacement(self.fit.gram, self.hidden, f, response).tolist()
+            places = displacement(self.fit.factor, self.hidden, f, response).tolist()
             numbers["place_standard_error"] = (
                 places[0] if len(places) == 1 else dict(zip(self.hidden, places, strict=True))
             )
@@ -268,20 +268,19 @@ class NoiseAware(StillMethod[np.float64]):
         M = self._mixing(len(evidence.noise))
         _, rest = self.fit.explicable(evidence, solution.image)
         errors = standard_errors(
-            self.fit.gram,
-            self.hidden.differences,
+            self.fit.factor,
+            self.hidden,
             (M.T / (evidence.level * evidence.noise) ** 2) @ M,
             self.hidden.vector(solution.image),
             solution.weight,
             float(np.sum(rest**2)),
-            len(self.fit.curvatures),
             response,
         )
         image: Array = self.hidden.image(errors)
         return image
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
-        """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, channels, N)."""
+        """Return what the scene's errors do to the image's light; see `Fit.response`."""
         if self.uncertain is None:
             return None
         return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
