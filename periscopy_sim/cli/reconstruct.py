@@ -1,6 +1,7 @@
 """`periscopy reconstruct`: from a photograph to the hidden image."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,16 +81,17 @@ def reconstruct(
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
-        names = session.by_surface(truth, "--truth") if truth else None
-        known = names and session.scenario.hidden.images(session.hidden_image(names))
-        counts = counts_errors and uncertain != "none"
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
         for (camera, view), file in zip(views.items(), photo, strict=True):
             view.check_scene(method)
             walls[camera] = view.wall(file)
+        names = session.by_surface(truth, "--truth") if truth else None
+        known = names and session.scenario.hidden.images(session.hidden_image(names))
+        counts = counts_errors and uncertain != "none"
+        for camera, view in views.items():
             moved = _uncertain_light(view, errors) if counts else None
-            files = matrices[camera]
-            fit = method, settings, light, files[-1] if files else None, walls[camera], moved
+            matrix_file = next(reversed(matrices[camera]), None)  # the last counts
+            fit = method, settings, light, matrix_file, walls[camera], moved
             methods[camera] = view.fit(*fit)
         of = ", ".join(map(str, photo))
         with (
@@ -127,10 +129,7 @@ def reconstruct(
             **session.by_metric(compared),
         }
         session.write_summary(folder / "summary.json", summary)
-    for note in [
-        *(note for own in reports.values() for note in own.notes if several),
-        *report.notes,
-    ]:
+    for note in chain(*(own.notes for own in reports.values() if several), report.notes):
         say(messages.sentence(note.code, **note.values))
     for name, each in compared.items():
         say(messages.comparison(each, name if len(compared) > 1 else ""))

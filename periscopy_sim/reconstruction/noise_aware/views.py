@@ -27,7 +27,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize
+from threadpoolctl import threadpool_limits
 
+from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.model.uncertainty import UncertainTransport
@@ -160,13 +162,15 @@ class NoiseAwareViews:
                 )
         noises = np.array([each.noise for each in alone.values()])
         images = [methods[c].hidden.vector(each.image) for c, each in alone.items()]
-        start = [float(np.linalg.norm(f) / np.linalg.norm(images[0])) for f in images]
-        s, errors = find_exposures(seen_patterns(fits, planes, noises), start)
-        scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
-        method = self._together(methods, s * scales)
-        y = [scale * each for scale, each in zip(scales, planes, strict=True)]
-        (evidence,) = method.evidence(np.concatenate(y, axis=1).T[None])
-        solution, _ = method.recover(evidence)
+        sizes = [float(np.linalg.norm(f)) for f in images]
+        start = np.divide(sizes, sizes[0]) if min(sizes) > 0 else np.ones(len(sizes))
+        with threadpool_limits(1):  # the bits then do not depend on the number of cores
+            s, errors = find_exposures(seen_patterns(fits, planes, noises), start)
+            scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
+            method = self._together(methods, s * scales)
+            y = [scale * each for scale, each in zip(scales, planes, strict=True)]
+            (evidence,) = method.evidence(np.concatenate(y, axis=1).T[None])
+            solution, _ = method.recover(evidence)
         solution.warn_unless_converged()
         return ViewsReconstruction(
             **vars(solution),
@@ -282,7 +286,7 @@ def seen_patterns(
     return views
 
 
-def find_exposures(views: Sequence[SeenPatterns], start: Sequence[float]) -> tuple[Array, Array]:
+def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, Array]:
     """Return the exposures, (V,), 1 first, and their relative standard errors, from a start."""
     count, (channels, m) = len(views), views[0].products.shape
     G, d, σ = (np.array(each) for each in zip(*views, strict=True))
@@ -293,7 +297,7 @@ def find_exposures(views: Sequence[SeenPatterns], start: Sequence[float]) -> tup
         value, by_s, by_μ = 0.0, np.zeros(count), np.zeros(channels)
         for c in range(channels):
             H = np.tensordot((s / σ[:, c]) ** 2, G, 1)
-            H[np.diag_indices(m)] += μ[c]
+            H[np.diag_indices(m)] += μ[c] + ROUNDING * np.trace(H) / m
             data = (s / σ[:, c] ** 2) @ d[:, c]
             factor, _ = linalg.lapack.dpotrf(H)
             upper, _ = linalg.lapack.dpotri(factor)
@@ -309,7 +313,8 @@ def find_exposures(views: Sequence[SeenPatterns], start: Sequence[float]) -> tup
 
     ridge = G[0] + RIDGE * np.trace(G[0]) / m * np.eye(m)
     sizes = np.sum(linalg.solve(ridge, d[0].T, assume_a="pos") ** 2, axis=0)
-    begin = np.log(np.append(start[1:], m / np.maximum(sizes, 1e-300)))
+    known = np.where(sizes > 0, sizes, m)  # a black channel shows no size
+    begin = np.log(np.append(start[1:], m / known))
     bounds = [(x - RANGE, x + RANGE) for x in begin]
     x = optimize.minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
     steps = STEP * np.eye(len(x))

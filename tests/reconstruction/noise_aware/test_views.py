@@ -200,3 +200,14 @@ def test_what_belongs_to_no_one_scene_is_refused(scene):
     first, second = (ps.load_scenario(name, (3, 4)) for name in ("chair", "plate"))
     with pytest.raises(InputError, match="views of different scenes"):
         NoiseAwareViews.for_scene({"left": first, "right": second}, A, {})
+
+
+def test_black_channels_and_noise_free_views_have_an_image(scene):
+    A, image = scene
+    image[..., 2] = 0
+    y = photographed(A, image, scales=(1, 0.3), noise=0)
+    solution = fitted(A).solve(y)
+    assert solution.exposures["right"] == pytest.approx(0.3, rel=1e-3)
+    assert np.linalg.norm(solution.image - image) < 0.02 * np.linalg.norm(image)
+    nothing = fitted(A).solve({name: 0 * each for name, each in y.items()})
+    assert not nothing.image.any() and np.isfinite(nothing.exposures["right"])
