@@ -44,8 +44,7 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} has an error of {error:.2g} % of the light, more than the noise of "
-        "{noise:.2g} %"
+        "{name} has an error of {error:.2g} % of the light, more than the noise of {noise:.2g} %"
     ),
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
