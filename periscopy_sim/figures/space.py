@@ -36,7 +36,7 @@ OPACITY = {"wall": 0.85, "occluder": 0.45}
 """What stands behind the photograph, or behind an occluder, stays in sight."""
 
 STEP = 1e-4
-"""Of a ray's length beyond what it passed, to where it goes on."""
+"""Of a ray's way from the eye, by which it goes on beyond what it passed."""
 
 PAPER, BACK, OCCLUDER = 0.93, 0.6, (0.25, 0.4)
 """Greys, as displayed, of nothing, of a hidden surface's back, of occluders at a grazing angle and
@@ -160,11 +160,11 @@ def _met(
     survey: Survey, surfaces: Mapping[str, Surface], eyes: Array, directions: Array
 ) -> Iterator[_Met]:
     """Yield what rays from eyes, (n, 3) each, meet first, then behind that, and so on."""
-    through, rays = np.ones(len(eyes)), np.arange(len(eyes))
+    through, rays, starts = np.ones(len(eyes)), np.arange(len(eyes)), eyes
     for _ in range(LAYERS):
         if not len(rays):
             return
-        number, points, normals, uv = survey.seen(eyes, directions[rays])
+        number, points, normals, uv = survey.seen(starts, directions[rays])
         met = number >= 0
         number, rays = number[met], rays[met]
         points, normals, uv = points[met], normals[met], uv[met]
@@ -181,8 +181,8 @@ def _met(
         yield _Met(rays, number, pixels, facing, through[rays] * opacity)
         through[rays] *= 1 - opacity
         goes_on = opacity < 1
-        rays = rays[goes_on]
-        eyes = np.asarray(points[goes_on] + STEP * directions[rays])
+        rays, points = rays[goes_on], points[goes_on]
+        starts = points + STEP * (points - eyes[rays])
 
 
 def _pixels(wall: Surface, points: Array) -> tuple[NDArray[np.intp], Mask]:

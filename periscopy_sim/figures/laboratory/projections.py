@@ -265,7 +265,7 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
-    height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
+    height = scale * (spans[1] + spans[2]) + 1.6 + 0.19 * len(lines)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
         figure: Figure = mpl.figure.Figure(figsize=(WIDTH, height), dpi=160)
         figure.set_layout_engine("constrained", h_pad=0.1)
