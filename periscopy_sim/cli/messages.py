@@ -52,13 +52,10 @@ SENTENCES = {
     ),
     "transport_error": (
         "{name} has an error of {error:.2g} % of the light, more than the noise of {noise:.2g} %"
-<<<<<<< HEAD
-=======
     ),
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory, and {seconds:.0f} s "
         "on two cores once A is known"
->>>>>>> main
     ),
     "reflecting": "Without an emitter, {names}: the image is radiance, not albedo.",
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
