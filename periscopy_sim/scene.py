@@ -123,6 +123,8 @@ class Scene:
         Angular profile of each hidden surface where a closed form is known, else None; by id.
     lights
         Names of the emitters beside the hidden surfaces, whose light is not in A.
+    reflecting
+        The hidden surfaces without an emitter, whose images are radiance that they reflect.
     walls
         The shapes of the relay walls: all but the one that a camera sees are occluders to it.
     source
@@ -137,6 +139,7 @@ class Scene:
     surfaces: tuple[Occluder, ...] = field(repr=False)
     emission: Mapping[str, EmissionProfile | None]
     lights: tuple[str, ...] = ()
+    reflecting: tuple[str, ...] = ()
     transparent: tuple[str, ...] = ()
     walls: tuple[Occluder, ...] = field(default=(), repr=False)
     source: Any = field(default=None, repr=False)

@@ -44,5 +44,5 @@ def fetch(name: Name = "", out: Out = None) -> None:
             (staged / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, staged / file)
         for each, arrays in data_set.arrays(folder):
-            values: dict[str, Any] = dict(arrays)
-            np.savez(staged / f"{each}.npz", **values)
+            named: dict[str, Any] = dict(arrays)
+            np.savez(staged / f"{each}.npz", **named)

@@ -131,6 +131,8 @@ def reconstruct(
         session.write_summary(folder / "summary.json", summary)
     for note in chain(*(own.notes for own in reports.values() if several), report.notes):
         say(messages.sentence(note.code, **note.values))
+    if reflecting := session.scenario.scene.reflecting:
+        say(messages.sentence("reflecting", names=", ".join(reflecting)))
     for name, each in compared.items():
         say(messages.comparison(each, name if len(compared) > 1 else ""))
     for camera, verdict in verdicts.items():

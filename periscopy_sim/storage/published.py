@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.extras import require
 from periscopy_sim.numerics.limits import check_budget
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
@@ -153,25 +154,16 @@ def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
     gains are not known. A file that is damaged, or of another size or layout, is a
     `PhotographError`; a PeriscopyError says how to install what reads such files.
     """
-    try:
-        import h5py
-    except ImportError:
-        raise PeriscopyError(
-            "MATLAB 7.3 files need h5py; run: pip install 'periscopy-sim[published]'"
-        ) from None
-    channels = []
+    h5py, channels = require("h5py"), list[NDArray[np.float64]]()
     for path in paths:
         with decoding(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
-            field = file.get("im")
-            if (
-                not isinstance(field, h5py.Dataset)
-                or field.ndim != 2
-                or field.dtype.kind not in "iuf"
-            ):
-                raise PhotographError(f"{path}: its field 'im' is missing or no picture")
+            link = file.get("im", getlink=True)
+            field = file["im"] if isinstance(link, h5py.HardLink) else None
+            if not isinstance(field, h5py.Dataset) or field.external or field.is_virtual:
+                raise PhotographError(f"{path}: its field 'im' is missing, or lies elsewhere")
+            if len(field.shape or ()) != 2 or field.dtype.kind not in "iuf":
+                raise PhotographError(f"{path}: its field 'im' is no picture of one channel")
             check_budget(field.shape, path)
-            if field.external or field.is_virtual:
-                raise PhotographError(f"{path}: its field 'im' lies in other files")
             values = np.asarray(field[()], np.float64).T  # MATLAB counts columns first
         if not (values.size and np.isfinite(values).all()):
             raise PhotographError(f"{path}: its field 'im' is empty or not finite")

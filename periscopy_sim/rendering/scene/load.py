@@ -155,6 +155,7 @@ class SceneLoader:
 
     def __init__(self, nodes: SceneNodes) -> None:
         self.layout, self._path = nodes.layout(), nodes.path
+        reflecting = nodes.reflecting()  # before all shine
         nodes.show(None)
         self._cameras = nodes.cameras
         for name in self._cameras:
@@ -180,6 +181,7 @@ class SceneLoader:
             surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
+            reflecting=reflecting,
             transparent=transparent,
             walls=walls,
             source=self,

@@ -104,6 +104,10 @@ class SceneNodes:
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
+    def reflecting(self) -> tuple[str, ...]:
+        """Return the hidden surfaces that have no emitter, in file order."""
+        return tuple(name for name in self.hidden if self._emitter(name) is None)
+
     def other_lights(self) -> tuple[str, ...]:
         """Return the names of the emitters that shine beside hidden surfaces, in file order.
 

@@ -268,9 +268,12 @@ def transport(
         seen = Scenario(seen, hidden)
     plan = plan_transport(seen, noise, by=by, seed=seed)
     if plan.error > noise:
+        remedy = "the camera or the hidden image fewer pixels"
+        if plan.by == "areas":
+            remedy = "the camera more pixels, or curved surfaces more patches"
         warnings.warn(
             f"A by {plan.by} errs by {plan.error:.2g} of its mean, more than the noise of "
-            f"{noise:.2g}; give the camera or the hidden image fewer pixels",
+            f"{noise:.2g}; give {remedy}",
             RuntimeWarning,
             stacklevel=2,
         )
