@@ -23,10 +23,6 @@ SCENE, HIDDEN = "doorway", (32, 32)
 NOISE = 2e-3
 """Noise of the averages over their mean, about."""
 
-DOOR = {125: -0.005}
-"""Place of the door along x, in metres, by the size of a photograph. So those of 125 pixels leave 5
-and 11 % less unexplained, without any picture known; it hardly changes those of 126 pixels."""
-
 PAIRS = {
     "AmbientLight/twoman1bg": "AmbientLight/twoman0bg",
     "AmbientLight/twoman2bg": "AmbientLight/twoman0bg",
@@ -96,7 +92,6 @@ def _photographs() -> tuple[Mapping[str, NDArray[np.float64]], list[tuple[str, s
 @cache
 def _method(film: tuple[int, int]) -> ps.NoiseAware:
     """Return the default method, fitted to the shipped scene at a camera's film."""
-    values = {"film": film[0], "door_x": DOOR.get(film[0], 0.0)}
-    scene = ps.load_scenario(SCENE, HIDDEN, values)
+    scene = ps.load_scenario(SCENE, HIDDEN, {"film": film[0]})
     A = ps.transport(scene, noise=NOISE)
     return ps.NoiseAware.for_scene(scene, A, ps.point_light_backgrounds(scene))
