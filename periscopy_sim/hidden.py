@@ -30,6 +30,16 @@ EVEN = 1e-4
 single precision in a scene's coordinates leaves less."""
 
 
+def named(stem: str, by_id: Any) -> dict[str, Any]:
+    """Return the values of surfaces by names: of the only one the stem, of several ``stem_ID``.
+
+    They are a mapping by id, or the value of the only surface.
+    """
+    if not isinstance(by_id, Mapping):
+        return {stem: by_id}
+    return {f"{stem}_{name}" if len(by_id) > 1 else stem: each for name, each in by_id.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A hidden surface in R x C patches, as a viewer who faces it sees them.
@@ -246,10 +256,7 @@ class Hidden(Mapping[str, Surface]):
 
     def shifted(self, shifts: Array) -> "Hidden":
         """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        moved = {
-            name: each.shifted(*shift)
-            for (name, each), shift in zip(self.items(), shifts, strict=True)
-        }
+        moved = {n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)}
         return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:

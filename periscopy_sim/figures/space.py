@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ OPACITY = {"wall": 0.85, "occluder": 0.45}
 """What stands behind the photograph, or behind an occluder, stays in sight."""
 
 STEP = 1e-4
-"""Of a ray's length beyond what it passed, to where it goes on."""
+"""Of a ray's way from the eye, by which it goes on beyond what it passed."""
 
 PAPER, BACK, OCCLUDER = 0.93, 0.6, (0.25, 0.4)
 """Greys, as displayed, of nothing, of a hidden surface's back, of occluders at a grazing angle and
@@ -50,11 +50,21 @@ def draw_space(
     photograph: Image,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a scene in perspective, from where the hidden surfaces and the photograph are seen best.
+    """Draw a scene in space as a picture of its own, by `show_space`."""
+    with drawn(path, metadata) as figure:
+        figure.set_facecolor(str(PAPER))
+        size = show_space(figure.subplots(), scenario, images, photograph)
+        figure.set_size_inches(*(INCHES * size / size.max()))
+
+
+def show_space(
+    ax: Any, scenario: Scenario, images: Mapping[str, Image], photograph: Image
+) -> Array:
+    """Show a scene in perspective, from where the hidden surfaces and the photograph are seen best.
 
     The images, (R, C, 3) linear light in [0, 1], are by the surfaces' ids. The photograph,
     (rows, columns, 3) likewise, is a pane, of which the eye may see the back. Occluders are
-    translucent.
+    translucent. Return the picture's width and height, (2,), in any unit.
     """
     colours = {n: srgb_encode(image) for n, image in {**images, "wall": photograph}.items()}
     surfaces = {"wall": scenario.view.surface, **scenario.hidden}
@@ -81,24 +91,21 @@ def draw_space(
                 colour[here & (met.facing > 0)] = BACK
         light[met.rays] += met.weights[:, None] * (colour - PAPER)
     picture = light.reshape(rows, SHARPNESS, columns, SHARPNESS, 3).mean(axis=(1, 3))
-    with drawn(path, metadata) as figure:
-        figure.set_facecolor(str(PAPER))
-        figure.set_size_inches(*(INCHES * (high - low) / max(wide, tall)))
-        ax = figure.subplots()
-        ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]))
-        ax.set_axis_off()
-        borders = {n: _project(each.vertices, eye, axes) for n, each in surfaces.items()}
-        for name, border in borders.items():
-            others = np.concatenate([b.reshape(-1, 2) for n, b in borders.items() if n != name])
-            ends = border.reshape(-1, 2)[[np.argmin(border[..., 1]), np.argmax(border[..., 1])]]
-            away = np.linalg.norm(ends[:, None] - others, axis=2).min(axis=1)
-            above = int(np.argmax(away))  # or below, where less is near
-            label = "photograph" if name == "wall" else name
-            beside = np.sign(ends[above][0] - border[..., 0].mean())
-            ax.annotate(
-                label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
-                ha=("center", "left", "right")[int(beside)], va=("top", "bottom")[above],
-            )  # fmt: skip
+    ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]))
+    ax.set_axis_off()
+    borders = {n: _project(each.vertices, eye, axes) for n, each in surfaces.items()}
+    for name, border in borders.items():
+        others = np.concatenate([b.reshape(-1, 2) for n, b in borders.items() if n != name])
+        ends = border.reshape(-1, 2)[[np.argmin(border[..., 1]), np.argmax(border[..., 1])]]
+        away = np.linalg.norm(ends[:, None] - others, axis=2).min(axis=1)
+        above = int(np.argmax(away))  # or below, where less is near
+        label = "photograph" if name == "wall" else name
+        beside = np.sign(ends[above][0] - border[..., 0].mean())
+        ax.annotate(
+            label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
+            ha=("center", "left", "right")[int(beside)], va=("top", "bottom")[above],
+        )  # fmt: skip
+    return np.asarray(high - low)
 
 
 def _project(points: Array, eye: Array, axes: Array) -> Array:
@@ -160,11 +167,11 @@ def _met(
     survey: Survey, surfaces: Mapping[str, Surface], eyes: Array, directions: Array
 ) -> Iterator[_Met]:
     """Yield what rays from eyes, (n, 3) each, meet first, then behind that, and so on."""
-    through, rays = np.ones(len(eyes)), np.arange(len(eyes))
+    through, rays, starts = np.ones(len(eyes)), np.arange(len(eyes)), eyes
     for _ in range(LAYERS):
         if not len(rays):
             return
-        number, points, normals, uv = survey.seen(eyes, directions[rays])
+        number, points, normals, uv = survey.seen(starts, directions[rays])
         met = number >= 0
         number, rays = number[met], rays[met]
         points, normals, uv = points[met], normals[met], uv[met]
@@ -181,8 +188,8 @@ def _met(
         yield _Met(rays, number, pixels, facing, through[rays] * opacity)
         through[rays] *= 1 - opacity
         goes_on = opacity < 1
-        rays = rays[goes_on]
-        eyes = np.asarray(points[goes_on] + STEP * directions[rays])
+        rays, points = rays[goes_on], points[goes_on]
+        starts = points + STEP * (points - eyes[rays])
 
 
 def _pixels(wall: Surface, points: Array) -> tuple[NDArray[np.intp], Mask]:

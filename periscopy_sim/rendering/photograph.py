@@ -66,7 +66,16 @@ def render_photograph(
     depth = -1 if bounces is None else bounces + 1
     # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
     kind = "volpath" if scenario.scene.transparent else "path"
-    return path_trace(scene, depth, samples=samples, seed=seed, progress=progress, integrator=kind)
+    camera = camera_of(scene, scenario.view.camera)
+    return path_trace(
+        scene,
+        depth,
+        samples=samples,
+        seed=seed,
+        progress=progress,
+        sensor=camera,
+        integrator=kind,
+    )
 
 
 def path_trace(

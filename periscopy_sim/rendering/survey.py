@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.load import patch_uv
-from periscopy_sim.rendering.scene.wall import look, map_points, shape_of, surface_at
+from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of, surface_at
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import dr, is_vectorized, mi
 from periscopy_sim.scenario import Scenario
@@ -41,22 +41,23 @@ class Survey:
     corners
         (R + 1, C + 1, 3) corners of the patches of each hidden surface, by its id.
     solids
-        Each shape but the wall and the monitor.
+        Each shape but the wall that the camera sees and the monitor.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        source = scenario.scene.source
+        source, view = scenario.scene.source, scenario.view
         self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
+        camera = camera_of(self._scene, view.camera)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
         film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            ray, si = look(self._scene, position)
+            ray, si = look(self._scene, camera, position)
             return ray.o, ray.d, si.p
 
         origins, directions, self.view_points = map_points(through, film)
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
-        eye = scenario.scene.places["camera"][:3, 3]  # rays begin at the near clipping plane
+        eye = view.scene.places[view.camera][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
         self.corners = {
             name: self._corners(name, surface) for name, surface in scenario.hidden.items()
@@ -65,7 +66,7 @@ class Survey:
         self._shapes, self.names = shapes, tuple(shapes)
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
-            for each in scenario.scene.occluders
+            for each in view.occluders
         )
 
     def _corners(self, name: str, surface: Surface) -> Array:
@@ -144,7 +145,7 @@ def shadow_doubt(scenario: Scenario) -> str:
         return "occluders hide all of the monitor from what the camera sees of the wall"
     if hidden > 0:
         return ""
-    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.scene.occluders[:3])
+    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.view.occluders[:3])
     return (
         "no occluder casts a shadow of the monitor into what the camera sees of the wall "
         f"({names or 'the scene has none'}): check their places, and that their numbers are metres"

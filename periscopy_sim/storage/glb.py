@@ -47,7 +47,8 @@ def write_glb(
         world.add_geometry(_shining(surface, colours[name], name), name, name)
     for solid in Survey(scenario).solids:
         if solid.faces is None:
-            mesh = trimesh.convex.convex_hull(solid.points)
+            with np.errstate(divide="ignore", invalid="ignore"):  # it may be flat
+                mesh = trimesh.convex.convex_hull(solid.points)
         else:
             mesh = trimesh.Trimesh(solid.points, solid.faces, process=False)
         grey = _material(solid.name, GREY, emissiveFactor=[GREY / 5] * 3, doubleSided=True)

@@ -15,9 +15,12 @@ from periscopy_sim.figures.laboratory.geometry import (
     groups_of,
     hull,
 )
+from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import find_image
+from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.figures.style import Figure
@@ -246,8 +249,19 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
 
 
+SEEN = 0.35, 0.6, 0.8
+"""Linear light of the part of the wall that the camera sees, in space: a pale blue."""
+
 WIDTH, TALLEST = 10.0, 5.5
 """Inches of the drawing's width, and that a panel may be high."""
+
+
+def _show_in_space(ax: Any, scenario: Scenario) -> None:
+    """Show a scene in space, on its surfaces letters, whose top and left are those of images."""
+    letters, shapes = find_image("letters"), scenario.hidden.shapes.items()
+    images = {name: read_hidden_image(letters, shape) for name, shape in shapes}
+    show_space(ax, scenario, images, np.broadcast_to(SEEN, (*scenario.photograph_shape, 3)))
+    ax.set_title("in space")
 
 
 def laboratory_figure(scenario: Scenario) -> "Figure":
@@ -255,7 +269,8 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
 
     Three views at one scale, after the third-angle projection: the front, the side view beside it,
     the plan below. The wall as the camera faces it is the front or, where it lies, the plan. Grey
-    is how much of the hidden surfaces a point of the wall sees.
+    is how much of the hidden surfaces a point of the wall sees. Where these are not one flat
+    surface, the fourth panel shows the scene in space.
     """
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
@@ -265,7 +280,7 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
-    height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
+    height = scale * (spans[1] + spans[2]) + 1.6 + 0.19 * len(lines)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
         figure: Figure = mpl.figure.Figure(figsize=(WIDTH, height), dpi=160)
         figure.set_layout_engine("constrained", h_pad=0.1)
@@ -279,7 +294,10 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
         for (h, v), ax in panels.items():
             ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
-        rest.remove()
+        if scenario.hidden.is_flat:
+            rest.remove()
+        else:
+            _show_in_space(rest, scenario)
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places

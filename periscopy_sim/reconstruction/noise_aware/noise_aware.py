@@ -235,11 +235,11 @@ class NoiseAware(StillMethod[np.float64]):
     @of_all
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return standard errors, residual and corrections beside the image; see `StillMethod`."""
-        report = super().report(photograph, solution)
-        response, notes = self._response(solution), []
-        if solution.corrections.get("wall_gain_found"):
-            low, high = solution.corrections["wall_gain_range"]
-            notes.append(Note("wall_gain", {"low": low, "high": high}))
+        return self.with_errors(super().report(photograph, solution), solution)
+
+    def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
+        """Return a report with standard errors, and notes of the place and of the wall's gain."""
+        response, notes = self._response(solution), gain_notes(solution)
         counted = [] if self.uncertain is None else list(self.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
@@ -294,3 +294,11 @@ class NoiseAware(StillMethod[np.float64]):
     def _mixing(self, channels: int) -> Array:
         """Return the matrix from images to the channels of the evidence, (C, P)."""
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
+
+
+def gain_notes(solution: NoiseAwareReconstruction) -> list[Note]:
+    """Return the note of a gain over the wall, if there is one."""
+    if not solution.corrections.get("wall_gain_found"):
+        return []
+    low, high = solution.corrections["wall_gain_range"]
+    return [Note("wall_gain", {"low": low, "high": high})]

@@ -254,7 +254,8 @@ def make_tracer(
     hidden = scenario.hidden
     white = dict.fromkeys(hidden, np.ones((2, 2, 3)))
     scene = build_scene(scenario.scene, hidden, white, only_hidden=True)
-    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    camera = camera_of(scene, scenario.view.camera)
+    wall = shape_of(scene, scenario.view.wall)
     rows, columns = scenario.photograph_shape
     shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS

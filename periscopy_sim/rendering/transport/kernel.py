@@ -32,9 +32,10 @@ class Kernel:
     """
 
     def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
-        source = scenario.scene.source
+        source, view = scenario.scene.source, scenario.view
         self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
-        self._camera, self._wall = camera_of(self._scene), shape_of(self._scene, "wall")
+        self._camera = camera_of(self._scene, view.camera)
+        self._wall = shape_of(self._scene, view.wall)
         self._surface, self._shape = scenario.hidden[name], shape_of(self._scene, name)
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
         self._samples, self._strata = samples, strata

@@ -118,8 +118,7 @@ def plan_transport(
     if by == "areas":
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
-    # Of a monitor at right angles to the wall, a pixel's centre may see what its border does not.
-    if by == "areas" or (by is None and samples is None and has_areas(scenario.averaged(across))):
+    if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         return _plan_areas(scenario, across, noise)
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
@@ -269,9 +268,12 @@ def transport(
         seen = Scenario(seen, hidden)
     plan = plan_transport(seen, noise, by=by, seed=seed)
     if plan.error > noise:
+        remedy = "the camera or the hidden image fewer pixels"
+        if plan.by == "areas":
+            remedy = "the camera more pixels, or curved surfaces more patches"
         warnings.warn(
             f"A by {plan.by} errs by {plan.error:.2g} of its mean, more than the noise of "
-            f"{noise:.2g}; give the camera or the hidden image fewer pixels",
+            f"{noise:.2g}; give {remedy}",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -155,7 +155,7 @@ def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
     assert (layout.axes, layout.signs, layout.wall) == ((0, 1, 2), [1, -1, 1], (0, 1))
     figure = laboratory_figure(scenario)
     found = {ax.get_title(): ax for ax in figure.axes}
-    assert list(found) == ["from the front", "from the side", TITLES[0]]
+    assert list(found) == ["from the front", "from the side", TITLES[0], "in space"]
     wall = found[TITLES[0]]
     assert wall.get_ylim()[0] > wall.get_ylim()[1] and wall.get_xlim()[0] < wall.get_xlim()[1]
     assert {"hidden_room", "door", "seen by the camera"} <= {t.get_text() for t in wall.texts}

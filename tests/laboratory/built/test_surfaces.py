@@ -7,8 +7,11 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.laboratory.build import build_laboratory
+from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.scene_parts import corners_seen
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.load import load_scenario, load_scene
 from periscopy_sim.rendering.scene.mesh_formats import read_mesh
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.shipped import scenes_folder
@@ -133,6 +136,30 @@ def test_laboratory_turned_until_its_wall_lies_has_the_same_matrices(built, kind
     assert np.count_nonzero(np.abs(one[0] - two[0]) > 1e-4 * one[0].max()) < 0.01 * one[0].size
 
 
+@pytest.mark.parametrize(("kind", "height"), [("floor", -0.2), ("ceiling", 2.5)])
+def test_oblique_camera_has_up_at_the_top_of_a_wall_that_lies(built, tmp_path, kind, height):
+    """The middle row has the target; a floor's top row is the farthest, a ceiling's nearest."""
+    up = kind == "ceiling"
+    text = f"""wall: {{kind: {kind}, height: {height} m}}
+camera: {{kind: perspective, film: 13x17, position: [1 m, -1 m, 1.2 m], target: [40 cm, 60 cm],
+ field_of_view: 25 deg, roll: 4 deg}}
+monitor: {{width: 20 cm, height: 20 cm, center: [0 m, -1 m, 1 m], tilt: {70 if up else -70} deg}}
+"""
+    scenario = built(EXACT, text, hidden=(1, 1))
+    points = scenario.view.centers.reshape(13, 17, 3)
+    np.testing.assert_allclose(points[..., 2], height, atol=2e-6)
+    np.testing.assert_allclose(points[6, 8], [0.4, 0.6, height], atol=1e-5)
+    far = np.linalg.norm(points[[0, 12], 8] - [1, -1, 1.2], axis=1)
+    assert (far[0] < far[1]) == up
+    seen = load_laboratory(tmp_path / "lab.yaml")
+    corners = corners_seen(seen.camera, seen.wall)
+    ends = scenario.view.corners[1][:, :2]  # of the centres of the corner pixels
+    off = np.linalg.norm(ends - corners, axis=1)
+    assert (off < 0.08 * np.linalg.norm(corners[0] - corners[2])).all()
+    assert (np.linalg.norm(corners - points[6, 8, :2], axis=1)
+            > np.linalg.norm(ends - points[6, 8, :2], axis=1)).all()  # fmt: skip
+
+
 def test_edge_and_doorway_have_their_corners_at_their_places(built):
     parts = """occluders:
  - {kind: edge, name: end, position: [90 cm, 40 cm, 0 m], turn: 30 deg, width: 2 m, height: 1 m}
@@ -200,10 +227,23 @@ def test_laboratory_without_a_hidden_surface_is_refused(built):
         built(WALL, CAMERA, f"hidden: [{card}, {card}]\n")
 
 
+def test_every_kind_of_the_commented_example_makes_a_scene(tmp_path):
+    """What the example has in comments, but for a mesh file of the user's."""
+    text = EXAMPLE.read_text("utf-8")
+    surfaces = text[text.index("# hidden:") : text.index("# -- what stands between")]
+    parts = text[text.index("  # - name: cap") : text.index("  # - name: chair")]
+    text = text.replace(surfaces, re.sub("(?m)^# ?", "", surfaces))
+    text = text.replace(parts, re.sub("(?m)^  # ", "  ", parts))
+    (tmp_path / "all.yaml").write_text(text, "utf-8")
+    scene, *_ = build_laboratory(tmp_path / "all.yaml", tmp_path / "all.xml")
+    loaded = load_scene(scene)
+    assert list(loaded.emission) == ["monitor", "hidden_second", "hidden_card", "hidden_room"]
+    names = {occluder.name for occluder in loaded.occluders}
+    assert {"cap", "end", "door_jamb", "door_lintel", "door_corner"} <= names
+
+
 @pytest.mark.parametrize("name", ["doorway", "corner"])
 def test_shipped_scene_is_what_its_measurements_make(name, tmp_path):
-    from periscopy_sim.laboratory.build import build_laboratory
-
     folder = scenes_folder()
     written = build_laboratory(folder / f"{name}.yaml", tmp_path / f"{name}.xml")
     for file in written:
