@@ -23,8 +23,9 @@ from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 FOOT = 0.01
 """Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""
 
-FACET = 2.5
-"""Degrees that a facet of an angular surface spans at most: it is flat to 2.4e-4 of the radius."""
+FACET = 1.5
+"""Degrees of azimuth and elevation of a facet of an angular surface, at most. At 2.5, A of the
+doorway at 24 x 24 patches errs by 0.65 %, at 1 by 0.15 %; the mesh has six times the size."""
 
 
 def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
