@@ -54,6 +54,9 @@ PIXELS = 64
 MOST_POINTS = 1 << 20
 """Wall points at which the error of A by areas is measured: 0.1 GB."""
 
+ROUGH = 12
+"""Rows and columns of patches, at most, of a curved surface whose white light a plan looks at."""
+
 FINEST = 4
 """Times as many wall points along each side of a pixel, at most, as `points_across`, by areas."""
 
@@ -150,7 +153,12 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
             view = view.of_pixels(used.reshape(view.shape))
         return np.asarray(area_transport(Scenario(view, hidden)).sum(axis=1, dtype=np.float64))
 
-    light, most = white(across), FINEST * across
+    shapes = scenario.hidden.shapes
+    few = {name: (min(R, ROUGH), min(C, ROUGH)) for name, (R, C) in shapes.items()}
+    is_curved = any(surface.curved is not None for surface in scenario.hidden.values())
+    # Where white light bends, large patches show as well as small ones.
+    rough = Hidden.of_scene(scenario.scene, few) if is_curved else scenario.hidden
+    light, most = white(across, None, rough), FINEST * across
     mean = float(light.mean()) or 1.0
     bends = _bends(light, scenario.view)
     chances = (1 + bends / (bends.mean() or 1.0)) / 2 / len(light)
@@ -163,7 +171,8 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
         return float(np.sqrt((squares[places] / (len(light) * chances[drawn])).mean())) / mean
 
     coarse, bent = light[rows], 0.0
-    if any(surface.curved is not None for surface in scenario.hidden.values()):
+    if is_curved:
+        coarse = white(across, rows)
         # A curved patch counts as flat where it is cut; a quarter of it errs by a fourth.
         whole, halved = (
             white(across, rows, Hidden.of_scene(scenario.scene, sizes))
