@@ -32,7 +32,7 @@ WORLDS = {
         "glow.xml", "lit.xml", {"card": ("still_life", SCREEN)}, {"spot_light": "1"}
     ),
     "a scene outside a window": World("window.xml", "window.xml", {"outside": ("sunset", SCREEN)}),
-    "a frosted window": World("pane.xml", "pane.xml", {"pane": ("sunset", SCREEN)}),
+    "a frosted window": World("pane.xml", "pane.xml", {"outside": ("sunset", SCREEN)}),
     "the scene outside, taken for a frosted window": World(
         "window.xml", "pane.xml", {"outside": ("sunset", SCREEN)}
     ),
