@@ -184,11 +184,11 @@ class Hidden(Mapping[str, Surface]):
         moved = {n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()}
         return Hidden(moved, by_distance=self.by_distance)
 
-    def shifted(self, across: float = 0.0, up: float = 0.0) -> "Hidden":
-        """Return the surfaces moved within themselves, by so many patches across and up."""
+    def shifted(self, shifts: Array) -> "Hidden":
+        """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
         moved = {
             name: replace(each, centers=each.centers + across * each.across + up * each.up)
-            for name, each in self.items()
+            for (name, each), (across, up) in zip(self.items(), shifts, strict=True)
         }
         return Hidden(moved, by_distance=self.by_distance)
 
@@ -211,10 +211,14 @@ class Hidden(Mapping[str, Surface]):
         flat = (images[name].reshape(-1, *images[name].shape[2:]) for name in self)
         return np.concatenate(list(flat))
 
+    def unwrapped(self, by_id: Mapping[str, Any]) -> Any:
+        """Return the value of the only surface, else those of all by their ids, in order."""
+        values = {name: by_id[name] for name in self}
+        return values if len(values) > 1 else next(iter(values.values()))
+
     def image(self, f: NDArray[Any]) -> Any:
         """Return (N, ...) as the image (R, C, ...) of the only surface, else as a mapping by id."""
-        images = self.split(f)
-        return images if len(images) > 1 else next(iter(images.values()))
+        return self.unwrapped(self.split(f))
 
     def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
         """Return the image of each surface by its id, of any size; an InputError if one lacks."""

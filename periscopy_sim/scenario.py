@@ -34,8 +34,8 @@ class Scenario:
     Raises
     ------
     SceneError
-        If the scene has no such hidden surface, single precision does not resolve the places, or no
-        patch faces a pixel.
+        If the scene has no such hidden surface, single precision does not resolve the places, or
+        of a hidden surface no patch faces what the camera sees of the wall.
     """
 
     view: View
@@ -58,14 +58,20 @@ class Scenario:
                 f"camera sees {max(sides):.3g} of the wall: too far for float32. Move the scene to "
                 "the origin, or widen the camera's view"
             )
-        for center, normal in zip(self.hidden.centers, self.hidden.normals, strict=True):
-            way = center - points
-            if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():
-                return
-        raise SceneError(
-            f"scene '{self.path}': the monitor faces away from the wall, or is behind it; turn it "
-            "round, flip its normals (flip_normals), or move it"
-        )
+        # Of a plane wall, a corner of the photograph sees what any of its pixels sees.
+        points = np.concatenate([points, ends])
+        normals = np.concatenate([normals, np.tile(normals.mean(axis=0), (len(ends), 1))])
+        for name, surface in self.hidden.items():
+            for center, normal in zip(surface.centers, surface.normals, strict=True):
+                way = center - points
+                if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():
+                    break
+            else:
+                raise SceneError(
+                    f"scene '{self.path}': hidden surface '{name}' faces away from the wall that "
+                    "the camera sees, or is behind it; turn it round, flip its normals "
+                    "(flip_normals), or move it"
+                )
 
     def at(self, **values: str | float) -> "Scenario":
         """Return the same scenario with other values for its file's ``<default>``s: `Scene.at`.

@@ -80,10 +80,15 @@ def has_areas(scenario: Scenario) -> bool:
     return True
 
 
-def require_areas(scenario: Scenario) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
+def require_areas(scenario: Scenario, beside: Scenario | None = None) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes.
+
+    So it is unless `area_derivatives` can take differences to another scene, if one is given.
+    """
     for name in scenario.hidden:
-        _local_scene(scenario, name)
+        local = _local_scene(scenario, name)
+        if beside is not None:
+            _require_alike(local, _local_scene(beside, name))
 
 
 def area_derivatives(
@@ -214,13 +219,18 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
-    """Return the derivative of a scene's arrays, from those on either side."""
+def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
+    """Raise a ClosedFormError unless two scenes have the same meshes before a hidden surface."""
     if len(after.meshes) != len(before.meshes) or any(
         len(a) != len(b) or not np.array_equal(f, g)
         for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
     ):
-        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
+        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
+
+
+def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
+    """Return the derivative of a scene's arrays, from those on either side."""
+    _require_alike(after, before)
     slopes = {
         name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
@@ -288,6 +298,6 @@ def tolerance(points: Array) -> float:
 def no_closed_form(scene: Scene, shape: str, reason: str) -> ClosedFormError:
     """Return the error that says why a shape has no closed form."""
     return ClosedFormError(
-        f"scene '{scene.path}': for the analytic model, shape '{shape}' {reason}; the rendered "
-        "model (render_transport) treats it as it is"
+        f"scene '{scene.path}': for A by areas, shape '{shape}' {reason}; A by rays "
+        "(render_transport) treats it as it is, calibration cannot"
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim.analytic.area_transport import require_areas
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.prior import (
     Free,
@@ -25,6 +26,7 @@ from periscopy_sim.calibration.trust import (
     standard_errors,
 )
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -35,10 +37,10 @@ from periscopy_sim.scene import Scene
 def calibrate(
     photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path | Scene,
-    hidden: tuple[int, int],
+    hidden: Sizes,
     free: Free | None = None,
     *,
-    shown: Sequence[Image] = (),
+    shown: Sequence[Image | Mapping[str, Image]] = (),
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
     seed: int = 0,
@@ -60,14 +62,16 @@ def calibrate(
     scene
         A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
-        (R, C) of the hidden image; the search uses at most 36 patches along a side.
+        (R, C) of the hidden image; of several surfaces a mapping of such by id. The search uses at
+        most 36 patches along a side of each.
     free
         Names of the ``<default>``s to find, or a mapping of them to the standard deviations of
         their measured values, None for the one that the scene declares. By default, all whose error
         the scene declares as the ``<default>`` ``NAME_error``, except those in `uncertain`.
     shown
-        (R, C, P) pictures that the monitor showed, linear, one for each of the first photographs.
-        A known picture determines the place of the scene, and a colour matrix.
+        (R, C, P) pictures that the monitor showed, linear, one for each of the first photographs;
+        of several surfaces mappings of such by id. A known picture determines the place of the
+        scene, and a colour matrix.
     parameters
         Values of ``<default>``s: measured values of free ones; others keep them.
     uncertain
@@ -107,6 +111,7 @@ def calibrate(
     centers = ruled_values(scenario.document, names)
     held = uncertain_parameters(scenario.document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
+    require_areas(scenario)
     if doubt := shadow_doubt(scenario):
         raise SceneError(
             f"scene '{scenario.path}': {doubt}; calibration starts from shadows: "

@@ -137,11 +137,11 @@ class SmoothImages:
 
     @classmethod
     def shown(cls, picture: Matrix) -> SmoothImages:
-        """Return a known picture, (R, C, 3), in any mixture of its colours.
+        """Return a known picture, (N, P), in any mixture of its colours.
 
         A PhotographError says that it is black.
         """
-        colours = np.asarray(picture, np.float64).reshape(-1, picture.shape[2])
+        colours = np.asarray(picture, np.float64)
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")

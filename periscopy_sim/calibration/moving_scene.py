@@ -11,8 +11,9 @@ from periscopy_sim.analytic.area_transport import area_derivatives, area_transpo
 from periscopy_sim.calibration.prior import check_error, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
 
@@ -31,12 +32,13 @@ light of larger ones is interpolated."""
 class MovingScene:
     """A scene, P of whose parameters vary, seen by M of its camera's pixels.
 
-    Of P + 2 values, the last two move the monitor in its plane, by patches across and up.
+    Of P + 2 S values, the last move each of the S hidden surfaces within itself, by patches across
+    and up.
     """
 
     scenario: Scenario  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
-    errors: Array  # (P,) or (P + 2,) scales: a derivative moves each value by a fraction of its own
+    errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
 
     @property
     def pixels(self) -> Mask:
@@ -51,7 +53,8 @@ class MovingScene:
         """
         count = len(self.names)
         moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
-        return Scenario(moved.view, moved.hidden.shifted(*values[count:]))
+        shifts = values[count:].reshape(-1, 2)
+        return Scenario(moved.view, moved.hidden.shifted(shifts)) if len(shifts) else moved
 
     def is_physical(self, values: Array) -> bool:
         """Return whether some values make a scene."""
@@ -68,18 +71,21 @@ class MovingScene:
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
+        sides = [(scenario, *self._beside(scenario, values, k)) for k in range(len(values))]
         A = area_transport(scenario)
         return A, area_derivatives(scenario, sides, A)
 
-    def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
-        """Return the scene with a parameter moved a little to either side, and how far."""
+    def _beside(self, scenario: Scenario, values: Array, k: int) -> tuple[Scenario, float]:
+        """Return the scene with a parameter moved a little to either side, and how far.
+
+        To the other side of where one hidden surface comes before another there is no derivative.
+        """
         for step in (STEP * self.errors[k], -STEP * self.errors[k]):
             moved = values.copy()
             moved[k] += step
             try:
                 beside = self.at(moved)
-                require_areas(beside)
+                require_areas(beside, scenario)
                 return beside, step
             except SceneError as error:
                 unphysical = error
@@ -91,6 +97,11 @@ def limit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
     factor = min(1.0, longest / max(size))
     rows, columns = (max(1, round(factor * n)) for n in size)
     return rows, columns
+
+
+def limit_sizes(hidden: Hidden, longest: int) -> dict[str, Size]:
+    """Return the (rows, columns) of each hidden surface, each shrunk as by `limit_size`."""
+    return {name: limit_size(shape, longest) for name, shape in hidden.shapes.items()}
 
 
 def uncertain_transport(
@@ -121,13 +132,13 @@ def uncertain_transport(
         directions = np.diag(list(errors.values()))
     require_areas(scenario)
     shape = scenario.photograph_shape
-    coarse = limit_size(shape, max(LARGEST, *scenario.hidden.shape))
+    coarse = limit_size(shape, max(LARGEST, *map(max, scenario.hidden.shapes.values())))
     deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
     # Two bands for three parameters: their derivatives take 1.5 times the memory of A.
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-2 * len(names) // 3)))
 
-    def slopes(image: Array) -> NDArray[np.float32]:
-        f, parts = image.reshape(scenario.hidden.patches, -1).astype(np.float32), []
+    def slopes(image: Image | Mapping[str, Image]) -> NDArray[np.float32]:
+        f, parts = scenario.hidden.vector(image).astype(np.float32), []
         for band in bands:
             pixels = np.zeros(coarse, bool)
             pixels[band] = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +10,12 @@ import numpy as np
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import LARGEST, MovingScene, limit_size
+from periscopy_sim.calibration.moving_scene import (
+    LARGEST,
+    MovingScene,
+    limit_size,
+    limit_sizes,
+)
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpImages
@@ -26,7 +31,7 @@ from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
 MOST_PATCHES = 36
-"""Along a side of the hidden image: of more, a coarser image serves."""
+"""Along a side of each hidden image: of more, a coarser image serves."""
 
 COARSE_PIXELS, COARSE_HATS = 1000, 24
 """Pixels of the coarse level, about, and hat functions along the longer side of its images."""
@@ -38,6 +43,15 @@ PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 def finest_view(scene: Scene, shape: Size) -> View:
     """Return the view of averaged photographs, over `LARGEST` wall points along a side at least."""
     return View.of(scene, shape, across=-(-LARGEST // max(shape)))
+
+
+def shown_light(picture: Image | Mapping[str, Image], hidden: Hidden) -> Array:
+    """Return the light of the N patches, (N, P), that show a picture, (R, C, P) of any R and C.
+
+    Of several hidden surfaces it is a mapping of such by id.
+    """
+    images = hidden.images(picture)
+    return hidden.join({n: area_average(each, hidden[n].shape) for n, each in images.items()})
 
 
 def ambient_basis(view: View, pixels: Mask, photograph: Photograph) -> Array:
@@ -60,7 +74,7 @@ class CalibrationProblem:
     errors: Array  # (P,) standard deviations of these
     uncertain: UncertainParameters  # the U that are held
     photographs: Sequence[Photograph]  # of one laboratory and one mask
-    pictures: Sequence[Image]  # (R, C, 3) what the monitor showed in each of the first ones
+    pictures: Sequence[Image | Mapping[str, Image]]  # of the first ones, see `shown_light`
 
     @property
     def has_unknown_images(self) -> bool:
@@ -81,34 +95,32 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        images = SharpImages(self._in_patches(self._hidden), self.photographs[0].channels)
+        images = SharpImages(self._in_patches(MOST_PATCHES), self.photographs[0].channels)
         return self._level(PIXELS_A_PATCH, images)
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
-        Unknown images may stand anywhere on the monitor: the last two numbers move it. Else the
-        images' prior, which is dark beyond the border, would pretend to measure their place.
+        Unknown images may stand anywhere on their surfaces: the last numbers move these, two each.
+        Else the images' prior, which is dark beyond the border, would pretend to measure their
+        place.
         """
         level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
         names = (*self.names, *self.uncertain.names)
-        place = () if self.pictures else self._hidden[::-1]
+        shapes = [] if self.pictures else level.scene.scenario.hidden.shapes.values()
+        place = [size for shape in shapes for size in reversed(shape)]
         centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)
         return replace(level, scene=scene, centers=centers)
 
     @property
-    def _hidden(self) -> Size:
-        return limit_size(self.scenario.hidden.shape, MOST_PATCHES)
-
-    @property
     def _smooth(self) -> SmoothImages:
-        coarse = limit_size(self._hidden, COARSE_HATS)
-        return SmoothImages.hats(*map(self._in_patches, (self._hidden, coarse)))
+        return SmoothImages.hats(*map(self._in_patches, (MOST_PATCHES, COARSE_HATS)))
 
-    def _in_patches(self, size: Size) -> Hidden:
-        return Hidden.of_scene(self.scenario.scene, size)
+    def _in_patches(self, longest: int) -> Hidden:
+        """Return the hidden surfaces in at most so many patches along a side."""
+        return Hidden.of_scene(self.scenario.scene, limit_sizes(self.scenario.hidden, longest))
 
     @cached_property
     def _averaged(self) -> list[Photograph]:
@@ -120,13 +132,14 @@ class CalibrationProblem:
 
         `COARSE_PIXELS` is the least.
         """
-        first, count = self._averaged[0], max(COARSE_PIXELS, a_patch * np.prod(self._hidden))
+        hidden = self._in_patches(MOST_PATCHES)
+        first, count = self._averaged[0], max(COARSE_PIXELS, a_patch * hidden.patches)
         stride = max(1, round(np.sqrt(first.pixels.sum() / count)))
         pixels = np.zeros_like(first.pixels)
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
         pixels &= first.pixels
         view = finest_view(self.scenario.scene, first.shape)
-        part = Scenario(view.of_pixels(pixels), self._in_patches(self._hidden))
+        part = Scenario(view.of_pixels(pixels), hidden)
         scene = MovingScene(part, self.names, self.errors)
         Q = ambient_basis(view, pixels, first)
         if len(Q) <= 2 * Q.shape[1]:
@@ -136,7 +149,7 @@ class CalibrationProblem:
             )
         light = [each.values[pixels] for each in self._averaged]
         groups = [
-            Group(y[None], SmoothImages.shown(area_average(picture, self._hidden)))
+            Group(y[None], SmoothImages.shown(shown_light(picture, hidden)))
             for y, picture in zip(light, self.pictures, strict=False)
         ]
         if self.has_unknown_images:

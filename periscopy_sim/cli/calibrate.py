@@ -1,10 +1,11 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 import periscopy_sim as ps
@@ -66,7 +67,7 @@ class CalibrationSession(PhotoSession):
         return {
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
-            "hidden": self.size,
+            "hidden": self.sizes,
             "shown": [self.hidden_image(name) for name in self.shown or ()],
             "seed": self.seed,
         }
@@ -115,6 +116,9 @@ DISTRUSTED = (
 )
 """What to do with a calibration that is not to be trusted."""
 
+NEGLIGIBLE = 0.1
+"""Of how far an error of a fixed number moves the free ones, over the errors of their rulers."""
+
 DOUBTED = (
     "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
     "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask for "
@@ -159,7 +163,25 @@ def find_parameters(
     say_calibration(result, document.units)
     say_written(*outputs)
     if result.doubts:
-        warn_boxed("this calibration is not to be trusted", result.doubts, DISTRUSTED)
+        reasons = (*result.doubts, *fixed_numbers(result, document.units))
+        warn_boxed("this calibration is not to be trusted", reasons, DISTRUSTED)
+
+
+def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[str]:
+    """Yield a sentence on the fixed numbers whose errors move the result most."""
+    from periscopy_sim.model.residual import with_error
+
+    fixed, free = result.uncertain, np.array([p.ruler_error for p in result.parameters])
+    effects = np.sqrt(np.sum((result.moves / free[:, None]) ** 2, axis=0))
+    most = [k for k in np.argsort(-effects)[:3] if effects[k] > NEGLIGIBLE]
+    if most:
+        numbers = (
+            f"{name} {with_error(value, error, units.get(name, ''))}"
+            for name, value, error in (
+                (fixed.names[k], fixed.values[k], fixed.standard_errors[k]) for k in most
+            )
+        )
+        yield f"fixed numbers may be wrong, above all {', '.join(numbers)}: free these"
 
 
 def _distrust(result: str, doubts: Sequence[str]) -> str:
@@ -180,7 +202,7 @@ def _write_copy(
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
-            ps.load_scenario(staged, session.size)
+            ps.load_scenario(staged, session.sizes)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "

@@ -41,11 +41,14 @@ def demo(
     with staged_file(ambient) as file:
         require_vectorized("the demo")
         say(f"rendering with {use_variant()}")
-        chair = "chair", hidden, [f"resolution={resolution}"], seed
+        chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
         write_exr(file, light, scene.metadata)
-    photograph(scene, image, photo, max(1, round(effort * 4096)), str(ambient), sbr=0.5, snr=60.0)
+    photograph(
+        session=scene, image=image, out=photo, samples=max(1, round(effort * 4096)),
+        ambient=str(ambient), sbr=0.5, snr=60.0,
+    )  # fmt: skip
     truth, y = scene.hidden_image(image), scene.photograph(photo).values
     noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
     snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))
@@ -54,7 +57,7 @@ def demo(
     for method, title in METHODS.items():
         reconstruct(
             photo=photo, session=PhotoSession(*chair), light=Light(), out=out / method,
-            method=method, numbers=options.StillNumbers(), truth=image, uncertain="none",
+            method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")
         matched = ps.gain_matched(recovered, truth)

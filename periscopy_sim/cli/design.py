@@ -35,7 +35,7 @@ class By(StrEnum):
 
 
 def design(
-    session: Annotated[Session, {"hidden": "15x18"}],
+    session: Annotated[Session, {"hidden": ["15x18"]}],
     light: Light,
     vary: Annotated[
         str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
@@ -81,13 +81,13 @@ def design(
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:
         """Return the errors of the scene with these values."""
-        scenario = ps.load_scenario(session.path, session.size, {**session.definitions, **values})
+        scenario = ps.load_scenario(session.path, session.sizes, {**session.definitions, **values})
         A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
         B, images = light.backgrounds(scenario), list(pictures.values())
         return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
 
     settings = {
-        "hidden_shape": list(session.size),
+        "hidden_shape": session.hidden_shape,
         "ranges": {name: list(ends) for name, ends in ranges.items()},
         "grid": grid,
         "seed": session.seed,
@@ -121,7 +121,7 @@ def _write_results(
 
     best = ranking[0] if ranking else None
     caption = "{} patches, SNR {:g} dB, SBR {:g}".format(
-        session.hidden, settings["snr"], float(settings["sbr"])
+        session.scenario.hidden.sizes, settings["snr"], float(settings["sbr"])
     )
     with staged_file(out / PICTURE) as file:
         draw_design(file, rows, best, caption=caption, metadata=session.metadata)
@@ -130,7 +130,7 @@ def _write_results(
         remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
         with staged_file(out / BEST) as file:
             write_copy(session.scenario.document, values_of(best), file, remark)
-            ps.load_scenario(file, session.size)
+            ps.load_scenario(file, session.sizes)
     record = {
         **settings,
         "best": best,

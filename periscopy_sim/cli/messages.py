@@ -88,15 +88,16 @@ def assumptions(uncertain: Iterable[str]) -> str:
     return f"{scene}, and that unseen details vary like seen ones"
 
 
-def comparison(compared: Mapping[str, Any]) -> str:
-    """Return metrics against the truth."""
+def comparison(compared: Mapping[str, Any], surface: str = "") -> str:
+    """Return metrics against the truth, of a surface if it is named."""
     limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
     ways = zip(compared["shift"], (("down", "up"), ("to the right", "to the left")), strict=True)
     moves = [
         f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n
     ]
     return (
-        f"against the truth: PSNR {compared['psnr']:.2f} dB, {compared['psnr_registered']:.2f} dB "
+        f"{surface and f'{surface} '}against the truth: PSNR {compared['psnr']:.2f} dB, "
+        f"{compared['psnr_registered']:.2f} dB "
         f"after the best shift ({', '.join(moves) or 'none'}{limit}), "
         f"{compared['psnr_colour_matched']:.2f} dB after the matrix of colours that fits it best"
     )

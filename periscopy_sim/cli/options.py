@@ -3,7 +3,7 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -13,7 +13,8 @@ import typer
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
-from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
+from periscopy_sim.hidden import Sizes
+from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
@@ -80,7 +81,7 @@ class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
     A command that takes such an object has these options on the command line; for
-    ``Annotated[Group, {"hidden": "29x36"}]`` with other defaults.
+    ``Annotated[Group, {"hidden": ["29x36"]}]`` with other defaults.
     """
 
     @classmethod
@@ -130,7 +131,8 @@ class Model(StrEnum):
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
-IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden)"
+IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden); of several surfaces ID=IMAGE, repeated"
+_HIDDEN = "Size of the hidden image in patches: 29x36; of several surfaces ID=29x36, repeated."
 _MASK = "A picture of the photograph's size; its black pixels are not used."
 _OFF = "Background photograph, with the monitor off; repeatable."
 _COLOURS = (
@@ -152,9 +154,7 @@ _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient lig
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
-Hidden = Annotated[
-    str, option("ROWSxCOLUMNS", "Size of the hidden image in patches: 29x36.", group=SCENE)
-]
+Hidden = Annotated[list[str], option("[ID=]ROWSxCOLUMNS", _HIDDEN, group=SCENE)]
 Define = Annotated[
     list[str] | None,
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
@@ -302,6 +302,14 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
     if empty := [name for name, value in pairs.items() if not value]:
         raise PeriscopyError(f"{flag} '{empty[0]}=' is not of the form name=value")
     return pairs
+
+
+def parse_sizes(entries: Sequence[str]) -> Sizes:
+    """Read ``--hidden``: ``ROWSxCOLUMNS`` of the only surface, or ``ID=ROWSxCOLUMNS`` of each."""
+    if entries and not any("=" in entry for entry in entries):
+        return size_of(entries[-1])  # the last counts, as of options that are not repeated
+    pairs = parse_definitions(entries, "--hidden")
+    return {name: size_of(size) for name, size in pairs.items()}
 
 
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:

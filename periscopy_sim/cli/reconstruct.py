@@ -1,5 +1,6 @@
 """`periscopy reconstruct`: from a photograph to the hidden image."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,8 @@ from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.options import OUTPUT
+from periscopy_sim.cli.output import by_file, fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
@@ -22,8 +24,12 @@ _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
 )
-OPTIONAL = ["certainty.png", "comparison.png", "residual.png", "stages.png", "standard_error.npy"]
-"""Files that depend on the method and the options."""
+_TRUTH = f"Hidden image, if known: {options.IMAGE}."
+OPTIONAL = [
+    *("certainty.png", "comparison.png", "residual.png", "stages.png"),
+    *("reconstruction*.npy", "reconstruction*.png", "standard_error*.npy"),
+]
+"""Files that depend on the scene, the method and the options."""
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report
@@ -38,10 +44,7 @@ def reconstruct(
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
-    truth: Annotated[
-        str | None,
-        options.option("IMAGE", f"Hidden image, if known: {options.IMAGE}.", group=options.OUTPUT),
-    ] = None,
+    truth: Annotated[list[str] | None, options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
     uncertain: Annotated[
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
@@ -60,7 +63,8 @@ def reconstruct(
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         wall = session.wall(photo)
-        known = None if truth is None else session.hidden_image(truth)
+        names = session.by_surface(truth, "--truth") if truth else None
+        known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
         moved = _uncertain_light(session, named) if counts else None
         fitted = session.fit(method, settings, light, matrix, wall, moved)
@@ -71,26 +75,27 @@ def reconstruct(
             own_errors(method, f"failed on {photo}"),
         ):
             solution = fitted.solve(wall)
-            image = np.asarray(solution.image, np.float64)
+            found = session.scenario.hidden.images(solution.image)
+            images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
             report, verdict = session.judge(str(photo), fitted, wall, solution)
         with session.timed("draw"), progress("drawing"):
-            write_report(folder, report, image, wall.values, session.metadata)
-        compared = {} if known is None else _compare(folder, image, known, wall.values, session)
+            write_report(folder, report, images, wall.values, session.metadata)
+        compared = _compare(folder, images, known, wall.values, session) if known else {}
         summary = {
             "method_sha256": source_sha256(method),
             "photograph": str(photo),
             "verdict": verdict,
             **report.numbers,
-            "truth": truth,
-            **compared,
+            "truth": names and session.scenario.hidden.unwrapped(names),
+            **session.by_metric(compared),
         }
         session.write_summary(folder / "summary.json", summary)
     for note in report.notes:
         say(messages.sentence(note.code, **note.values))
-    if compared:
-        say(messages.comparison(compared))
+    for name, each in compared.items():
+        say(messages.comparison(each, name if len(compared) > 1 else ""))
     say(verdict)
 
 
@@ -115,46 +120,72 @@ def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.Uncertain
 
 
 def write_report(
-    folder: Path, report: "Report", image: Image, photograph: Array, text: dict[str, str]
+    folder: Path,
+    report: "Report",
+    images: Mapping[str, Image],
+    photograph: Array,
+    text: dict[str, str],
 ) -> None:
-    """Write the image, (R, C, channels), and what the method reports beside it."""
-    np.save(folder / "reconstruction.npy", image.astype(np.float32))
-    panels.write_enlarged(folder / "reconstruction.png", panels.displayable(image), text)
+    """Write images, (R, C, channels), by their surfaces, and what the method reports beside them.
+
+    They have one exposure: their relative brightness is a result, too.
+    """
+    hidden = ps.Hidden.of({name: image.shape[:2] for name, image in images.items()})
+    white, wall = panels.common_white(images.values()), panels.displayable(photograph)
+    for name, image in by_file("reconstruction", images).items():
+        np.save(folder / f"{name}.npy", image.astype(np.float32))
+        panels.write_enlarged(folder / f"{name}.png", panels.displayable(image, white), text)
     if report.stages:
-        stages = [("photograph", photograph), *report.stages]
-        shown = [(title, panels.displayable(stage)) for title, stage in stages]
+        stages = [(title, hidden.images(stage)) for title, stage in report.stages]
+        rows = {
+            name: [(title, panels.displayable(stage[name])) for title, stage in stages]
+            for name in hidden
+        }
+        shown = {name: [("photograph", wall), *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
-        np.save(folder / "standard_error.npy", report.standard_errors.astype(np.float32))
+        errors = hidden.images(report.standard_errors)
+        for name, each in by_file("standard_error", errors).items():
+            np.save(folder / f"{name}.npy", each.astype(np.float32))
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
-        file = folder / "certainty.png"
-        panels.draw_certainty(file, image, report.standard_errors, counted, text)
+        panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)
     if report.residual is not None:
         caption = messages.verdict(report)
         panels.draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
 
 
 def _compare(
-    folder: Path, image: Array, truth: Array, photograph: Array, session: Session
-) -> dict[str, Any]:
-    """Return metrics against the truth; draw both beside the photograph."""
-    psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)
-    panels.draw_panels(
-        folder / "comparison.png",
-        [
+    folder: Path,
+    images: Mapping[str, Image],
+    truths: Mapping[str, Image],
+    photograph: Array,
+    session: Session,
+) -> dict[str, dict[str, Any]]:
+    """Return metrics against the truth by surface; draw both beside the photograph."""
+    compared: dict[str, dict[str, Any]] = {}
+    rows, lines, wall = {}, [], panels.displayable(photograph)
+    for name, image in images.items():
+        truth = truths[name]
+        psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)
+        compared[name] = {
+            "psnr": psnr,
+            "mean_squared_error": metrics.mean_squared_error(image, truth),
+            "psnr_registered": best.psnr,
+            "psnr_colour_matched": metrics.colour_matched_psnr(image, truth),
+            "shift": best.shift,
+            "shift_at_limit": best.at_limit,
+        }
+        rows[name] = [
             ("hidden image", panels.displayable(truth, white=1)),
-            ("photograph", panels.displayable(photograph)),
+            ("photograph", wall),
             ("reconstruction", metrics.gain_matched(image, truth)),
-        ],
-        caption=f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
-        f"{best.psnr:.1f} dB after the best shift",
-        metadata=session.metadata,
-    )
-    return {
-        "psnr": psnr,
-        "mean_squared_error": metrics.mean_squared_error(image, truth),
-        "psnr_registered": best.psnr,
-        "psnr_colour_matched": metrics.colour_matched_psnr(image, truth),
-        "shift": best.shift,
-        "shift_at_limit": best.at_limit,
-    }
+        ]
+        lines.append(
+            f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
+            f"{best.psnr:.1f} dB after the best shift"
+        )
+    if len(lines) > 1:
+        lines = [f"{name}: {line}" for name, line in zip(rows, lines, strict=True)]
+    file = folder / "comparison.png"
+    panels.draw_panels(file, rows, caption="\n".join(lines), metadata=session.metadata)
+    return compared

@@ -27,10 +27,15 @@ TargetOption = Annotated[
 
 
 def photograph(
-    session: Annotated[Session, {"hidden": "29x36"}],
+    *,
+    session: Annotated[Session, {"hidden": ["29x36"]}],
     image: Annotated[
-        str, typer.Argument(metavar="IMAGE", help="The hidden image: a file, or a shipped one.")
-    ],
+        str | None,
+        typer.Argument(metavar="IMAGE", help="The hidden image: a file, or a shipped one."),
+    ] = None,
+    images: Annotated[
+        list[str] | None, option("ID=IMAGE", "Image of a hidden surface; repeatable.", "--image")
+    ] = None,
     out: options.OutFile,
     samples: Annotated[
         int, option("NUMBER", "Camera samples a pixel.", kind="camera samples", group=LIGHT)
@@ -51,14 +56,17 @@ def photograph(
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
+    names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
+    hidden = session.scenario.hidden
     settings: dict[str, Any] = {
-        "image": image, "hidden": session.hidden, "samples": samples, "ambient": ambient,
+        "image": hidden.unwrapped(names), "hidden": hidden.sizes, "samples": samples,
+        "ambient": ambient,
         "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with staged_file(out) as file:
         session.check_shadows()
-        picture = session.hidden_image(image)
+        picture = session.hidden_image(names)
         background = None if ambient is None else session.ambient_light(ambient, target)
         with progress("path tracing the photograph") as report:
             y = ps.render_photograph(
@@ -87,7 +95,7 @@ def ambient(
     The command path traces each condition and writes NAME.exr.
     """
     chosen = names or CONDITIONS
-    scenario = Session(scene, "1x1", define).scenario
+    scenario = Session(scene, [], define).scenario
     ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
     for file in (out / f"{Path(name).stem}.exr" for name in chosen):
         metadata = read_exr(file)[1]
@@ -119,7 +127,7 @@ def write_transport(
         A = light.transport(session.scenario, plan, session.seed)
         record = {
             "photograph_shape": session.scenario.photograph_shape,
-            "hidden_shape": session.scenario.hidden.shape,
+            "hidden_shape": session.hidden_shape,
             **plan.origin,
             **session.provenance,
         }

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,6 @@ from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
-from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -59,12 +58,12 @@ class Session(options.OptionGroup):
     """
 
     scene: options.SceneArgument
-    hidden: options.Hidden
+    hidden: options.Hidden  # none: a patch for each surface, where no image is recovered
     define: options.Define = None
     seed: options.Seed = 0
 
     def __post_init__(self) -> None:
-        self.size, self.path = size_of(self.hidden), find_scene(self.scene)
+        self.sizes, self.path = options.parse_sizes(self.hidden), find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -81,7 +80,8 @@ class Session(options.OptionGroup):
     def scenario(self) -> ps.Scenario:
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
-            return ps.load_scenario(self.path, self.size, self.definitions)
+            scene = ps.load_scene(self.path, self.definitions)
+            return ps.load_scenario(scene, self.sizes or dict.fromkeys(scene.emission, (1, 1)))
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
@@ -93,6 +93,17 @@ class Session(options.OptionGroup):
         return provenance(scenario.document, self.seed, ["periscopy", *sys.argv[1:]])
 
     @property
+    def hidden_shape(self) -> Any:
+        """[R, C] of the hidden image, of several surfaces by id, for a record."""
+        return self.scenario.hidden.unwrapped(self.scenario.hidden.shapes)
+
+    def by_metric(self, by_id: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+        """Return the numbers of each surface by their names, each as a record has it."""
+        first = next(iter(by_id.values()), {})
+        hidden = self.scenario.hidden
+        return {n: hidden.unwrapped({i: by_id[i][n] for i in hidden}) for n in first}
+
+    @property
     def metadata(self) -> dict[str, str]:
         """The provenance as text, for the metadata of pictures."""
         return as_text(self.provenance)
@@ -101,7 +112,7 @@ class Session(options.OptionGroup):
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         from periscopy_sim.evaluation.methods import check_able
 
-        check_able(method, self.scenario.hidden.shape)
+        check_able(method, self.scenario.hidden)
         check_memory(self.scenario, method)
         self.check_lights()
         self.check_shadows()
@@ -123,9 +134,26 @@ class Session(options.OptionGroup):
         warn(line)
         self.warnings.append(line)
 
-    def hidden_image(self, name: str) -> NDArray[np.float64]:
-        """Read a hidden image, (R, C, 3), of the session's patches: a file, or a shipped one."""
-        return read_hidden_image(find_image(name), self.scenario.hidden.shape)
+    def by_surface(self, entries: Sequence[str], flag: str) -> dict[str, str]:
+        """Read ``VALUE`` of the only hidden surface, or ``ID=VALUE`` of each, by the ids."""
+        first, *others = hidden = self.scenario.hidden
+        if len(entries) == 1 and not (others or entries[0].startswith(f"{first}=")):
+            return {first: entries[0]}
+        pairs = options.parse_definitions(entries, flag)
+        if pairs.keys() != hidden.keys():
+            form = " ".join(f"{flag} {name}=..." for name in hidden)
+            raise PeriscopyError(f"{flag}: name each of the scene's hidden surfaces once: {form}")
+        return pairs
+
+    def hidden_image(self, names: str | Mapping[str, str]) -> Any:
+        """Read the hidden image, (R, C, 3), of the session's patches: a file, or a shipped one.
+
+        Of several surfaces it is a mapping by id; a name alone is shown by all of them.
+        """
+        hidden = self.scenario.hidden
+        by_id = dict.fromkeys(hidden, names) if isinstance(names, str) else names
+        images = {n: read_hidden_image(find_image(by_id[n]), hidden[n].shape) for n in hidden}
+        return hidden.unwrapped(images)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
         """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
@@ -203,7 +231,7 @@ class Session(options.OptionGroup):
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
         summary = {
             "photograph_shape": self.scenario.photograph_shape,
-            "hidden_shape": self.scenario.hidden.shape,
+            "hidden_shape": self.hidden_shape,
             **self.record,
             **values,
             "warnings": self.warnings,

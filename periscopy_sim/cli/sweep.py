@@ -147,7 +147,7 @@ def _settings(
     return {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "base_seed": session.seed,
-        "hidden_shape": session.scenario.hidden.shape,
+        "hidden_shape": session.hidden_shape,
         "model": light.model and light.model.value,
         "samples": light.samples,
         **light.origin,

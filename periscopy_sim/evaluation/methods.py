@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import require
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import InputError, plain_array
@@ -80,16 +81,16 @@ def find_method(name: str) -> MethodEntry | OwnEntry:
     return OwnEntry(name, factory, "mask" in signature.parameters)
 
 
-def check_able(name: str, hidden_shape: tuple[int, int]) -> None:
-    """Raise a PeriscopyError if a method lacks its library or does not support this size."""
+def check_able(name: str, hidden: Hidden) -> None:
+    """Raise a PeriscopyError if a method lacks its library or does not support these surfaces."""
     entry = METHODS.get(name)
     if entry is None:
         return
-    if entry.hidden is not None and tuple(hidden_shape) != entry.hidden:
+    if entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
         rows, columns = entry.hidden
         raise PeriscopyError(
-            f"method '{name}' learned from hidden images of {rows}x{columns} patches alone: take "
-            "this size, or train networks of your own (make learned)"
+            f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
+            "take this size, or train networks of your own (make learned)"
         )
     if entry.needs:
         require(entry.needs)

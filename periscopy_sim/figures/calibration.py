@@ -92,14 +92,16 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
 def draw_silhouette(
     path: Path, photograph: Array, solution: "Silhouette", metadata: Mapping[str, str] | None = None
 ) -> None:
-    """Draw the photograph, the mask as seen facing the wall, the image, and the residual.
+    """Draw the photograph, the mask as seen facing the wall, each image, and the residual.
 
     The photograph is (rows, columns, 3), linear.
     """
     residual = 100 * solution.residual.mean(axis=2)
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(12, 3.4)
-        axes = figure.subplots(1, 4)
+        image = solution.image
+        images = image if isinstance(image, Mapping) else {"image": image}
+        figure.set_size_inches(9 + 3 * len(images), 3.4)
+        axes = figure.subplots(1, 3 + len(images))
         show_light(axes[0], "photograph", photograph)
         cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
         height, width = solution.plane.sides
@@ -107,7 +109,8 @@ def draw_silhouette(
         show(axes[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
         axes[1].set_axis_on()
         axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
-        show_light(axes[2], "image with this silhouette", solution.image)
+        for ax, (name, image) in zip(axes[2:-1], images.items(), strict=True):
+            show_light(ax, f"{name} with this silhouette", image)
         title = f"unexplained: {100 * solution.unexplained:.2f} %"
-        show_signed(axes[3:], {title: residual}, "% of the photograph's rms")
+        show_signed(axes[-1:], {title: residual}, "% of the photograph's rms")
         figure.suptitle("\n".join(solution.doubts), color="#cb181d")

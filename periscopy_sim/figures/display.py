@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import displayable, panel_row
+from periscopy_sim.figures.panels import displayable, show_rows
 from periscopy_sim.figures.style import mpl
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.srgb import srgb_encode
@@ -88,7 +88,7 @@ def show(
     names += [title.replace("_", " ") for title in titled]
     plt = mpl.pyplot
     figure: Any = plt.figure(layout="constrained")
-    panel_row(figure, list(zip(names, pictures, strict=True)), 3.0)
+    show_rows(figure, list(zip(names, pictures, strict=True)), 3.0)
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     elif plt.get_backend().endswith("inline"):

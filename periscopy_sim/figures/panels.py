@@ -1,10 +1,10 @@
 """Pictures of images, maps and errors, side by side."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
 
 
+Panels: TypeAlias = Sequence[tuple[str, Image]]
+"""Titles and pictures, side by side."""
+
+Rows: TypeAlias = Panels | Mapping[str, Panels]
+"""One row of panels, or rows by their names."""
+
+
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
     """Scale a linear image for display: negatives and NaN black, `white` white.
 
@@ -32,6 +39,11 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
     shown = values[..., :3] if values.shape[-1] >= 3 else values.mean(axis=-1, keepdims=True)
     light = np.nan_to_num(np.clip(shown / (level if level > 0 else 1.0), 0, 1))
     return np.broadcast_to(light, (*light.shape[:-1], 3))
+
+
+def common_white(images: Iterable[Image]) -> float:
+    """Return one white for several images of one unit: `displayable`'s, of all their values."""
+    return float(np.nanpercentile(np.concatenate([np.ravel(image) for image in images]), 99.5))
 
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
@@ -68,39 +80,52 @@ def show_signed(
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8, label=unit)
 
 
-def panel_row(figure: Any, panels: Sequence[tuple[str, Image]], height: float) -> Any:
-    """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles; return the axes.
+def show_rows(figure: Any, rows: Rows, height: float) -> None:
+    """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles, in named rows.
 
-    The figure becomes as large as pictures of `height` inches need, but no wider than a page.
+    The figure becomes as large as pictures of `height` inches need, but no wider than a page. A
+    single row has no name.
     """
-    aspects = [picture.shape[1] / picture.shape[0] for _, picture in panels]
-    height = min(height, 8 / sum(aspects))
-    figure.set_size_inches(height * sum(aspects) + 0.2, height + 0.4)
-    axes = figure.subplots(1, len(panels), width_ratios=aspects, squeeze=False)[0]
-    for ax, (title, picture) in zip(axes, panels, strict=True):
-        show(ax, title, picture)
-    return axes
+    named = rows if isinstance(rows, Mapping) else {"": rows}
+    aspects = {n: [p.shape[1] / p.shape[0] for _, p in panels] for n, panels in named.items()}
+    height = min(height, *(8 / sum(each) for each in aspects.values()))
+    width = height * max(sum(each) for each in aspects.values())
+    figure.set_size_inches(width + 0.2, len(named) * (height + 0.4))
+    parts = [figure]
+    if len(named) > 1:
+        parts = figure.subfigures(len(named), 1)
+    for part, (name, panels) in zip(parts, named.items(), strict=True):
+        axes = part.subplots(1, len(panels), width_ratios=aspects[name], squeeze=False)[0]
+        for ax, (title, picture) in zip(axes, panels, strict=True):
+            show(ax, title, picture)
+        if len(named) > 1:
+            part.supylabel(name)
 
 
 def draw_panels(
     path: Path,
-    panels: Sequence[tuple[str, Image]],
+    panels: Rows,
     *,
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title."""
+    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title.
+
+    The panels are one row, or rows by their names.
+    """
+    named = panels if isinstance(panels, Mapping) else {"": panels}
+    encoded = {n: [(title, srgb_encode(image)) for title, image in p] for n, p in named.items()}
     with drawn(path, metadata) as figure:
-        panel_row(figure, [(title, srgb_encode(image)) for title, image in panels], 2.6)
+        show_rows(figure, encoded, 2.6)
         if caption:
             width, height = figure.get_size_inches()
-            figure.set_size_inches(width, height + 0.25)
+            figure.set_size_inches(width, height + 0.1 + 0.15 * len(caption.split("\n")))
             figure.supxlabel(caption)
 
 
 def draw_maps(
     path: Path,
-    maps: Sequence[tuple[str, Image]],
+    maps: Rows,
     label: str,
     *,
     caption: str = "",
@@ -108,18 +133,22 @@ def draw_maps(
 ) -> None:
     """Draw maps of one positive quantity on one logarithmic colour scale, with a colour bar.
 
-    The maps are (rows, columns). The label is the quantity and its unit.
+    The maps, (rows, columns), are one row, or as many in each row by its name. The label is the
+    quantity and its unit.
     """
-    values = np.concatenate([np.ravel(values) for _, values in maps])
+    named = maps if isinstance(maps, Mapping) else {"": maps}
+    values = np.concatenate([np.ravel(values) for row in named.values() for _, values in row])
     norm = mpl.colors.LogNorm(float(values.min()), float(values.max()))
-    aspect = max(each.shape[0] / each.shape[1] for _, each in maps)
+    aspects = [max(each.shape[0] / each.shape[1] for _, each in row) for row in named.values()]
+    columns = len(next(iter(named.values())))
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(3.6 * len(maps) + 0.9, 3.1 * aspect + 1.1)
-        axes = figure.subplots(1, len(maps), squeeze=False)[0]
-        for ax, (title, values) in zip(axes, maps, strict=True):
-            picture = ax.imshow(values, norm=norm, cmap="viridis")
-            ax.set(title=title, xlabel="patch column")
-        axes[0].set_ylabel("patch row")
+        figure.set_size_inches(3.6 * columns + 0.9, 3.1 * sum(aspects) + 0.5 + 0.6 * len(named))
+        axes = figure.subplots(len(named), columns, squeeze=False, height_ratios=aspects)
+        for line, (name, row) in zip(axes, named.items(), strict=True):
+            for ax, (title, values) in zip(line, row, strict=True):
+                picture = ax.imshow(values, norm=norm, cmap="viridis")
+                ax.set(title=title, xlabel="patch column")
+            line[0].set_ylabel(f"{name}\npatch row".lstrip())
         bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
         plain_ticks(bar.ax.yaxis)
         figure.supxlabel(caption)
@@ -127,26 +156,31 @@ def draw_maps(
 
 def draw_certainty(
     path: Path,
-    image: Image,
-    standard_errors: Image,
+    images: Mapping[str, Image],
+    standard_errors: Mapping[str, Image],
     assumed: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a reconstruction beside the standard errors of its patches, and their assumption.
+    """Draw reconstructions beside the standard errors of their patches, and their assumption.
 
-    Both are (R, C, 3) in one unit; the errors are shown as the root mean square over the channels,
-    in percent of the image's 99th percentile.
+    Both are (R, C, 3) by the surfaces' ids, in one unit; the errors are shown as the root mean
+    square over the channels, in percent of the 99th percentile of all images.
     """
-    white = float(np.percentile(image, 99)) or 1.0
-    errors = 100 / white * np.sqrt(np.mean(np.asarray(standard_errors) ** 2, axis=2))
-    width = max(5.2 * image.shape[1] / image.shape[0] + 1.0, 4.5)
+    white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
+    errors = {
+        name: 100 / white * np.sqrt(np.mean(np.asarray(each) ** 2, axis=2))
+        for name, each in standard_errors.items()
+    }
+    width = max(5.2 * max(f.shape[1] / f.shape[0] for f in images.values()) + 1.0, 4.5)
+    top = max(float(each.max()) for each in errors.values()) or 1.0
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(width, 3.4)
-        left, right = figure.subplots(1, 2)
-        show_light(left, "reconstruction", image, white)
-        top = float(errors.max()) or 1.0
-        shown = show(right, "standard error", errors, cmap="magma", vmin=0, vmax=top)
-        figure.colorbar(shown, ax=right, shrink=0.9, label="% of white")
+        figure.set_size_inches(width, 0.6 + 2.8 * len(images))
+        axes = figure.subplots(len(images), 2, squeeze=False)
+        for (left, right), (name, image) in zip(axes, images.items(), strict=True):
+            of = f" of {name}" if len(images) > 1 else ""
+            show_light(left, f"reconstruction{of}", image, white)
+            shown = show(right, "standard error", errors[name], cmap="magma", vmin=0, vmax=top)
+        figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label="% of white")
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
         sentences += [f"This assumes that {assumed}."] * bool(assumed)
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))

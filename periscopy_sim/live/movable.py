@@ -12,7 +12,7 @@ from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import CALIBRATED
+from periscopy_sim.scene import CALIBRATED, HIDDEN
 
 SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
@@ -159,6 +159,7 @@ def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Arra
         points = np.concatenate([parts[name] for name in sorted(group)])
         center = (points.min(axis=0) + points.max(axis=0)) / 2
         start = np.array([values[name] for name in shifts])
-        title = " + ".join(dict.fromkeys(name.split("_")[0] for name in sorted(group)))
+        heads = (name.removeprefix(f"{HIDDEN}_").split("_")[0] for name in sorted(group))
+        title = " + ".join(dict.fromkeys(heads))
         handles.append(Handle(title, tuple(shifts), np.array(list(shifts.values())), center, start))
     return handles

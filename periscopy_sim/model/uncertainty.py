@@ -28,7 +28,7 @@ With a colour matrix M, Π = Mᵀ diag(1/σ_c²) M replaces 1/σ² and couples t
 Π = V diag(π) Vᵀ, the channels Vᵀf are independent.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,17 +149,17 @@ class UncertainTransport:
         (P, K) L, in the units of the parameters.
     slopes
         Returns the derivatives by the parameters, (P, M, channels), of the light of an image,
-        (R, C, channels).
+        (R, C, channels), or of several surfaces a mapping of such by id.
     """
 
     names: tuple[str, ...]
     directions: Array
-    slopes: Callable[[Array], Image]
+    slopes: Callable[[Image | Mapping[str, Image]], Image]
 
-    def lights(self, image: Array, mask: Mask | None = None) -> Array:
+    def lights(self, image: Image | Mapping[str, Image], mask: Mask | None = None) -> Array:
         """Return D f, (K, 3, M'): what each direction's standard error does to an image's light.
 
-        The image is (R, C, channels); M' counts the pixels used.
+        The image is that of `slopes`; M' counts the pixels used.
         """
         used = slice(None) if mask is None else mask.ravel()
         light = self.slopes(image)[:, used]

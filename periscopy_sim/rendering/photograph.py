@@ -57,7 +57,8 @@ def render_photograph(
     require_vectorized("a photograph")
     images = scenario.hidden.images(image)
     for each in images.values():
-        if each.ndim != 3 or each.shape[2] != 3 or not (0 <= each.min() <= each.max() < np.inf):
+        is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
+        if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if samples < 1 or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")

@@ -112,7 +112,7 @@ def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT)
         settings = {
             "scene_sha256": scene_sha256(scenario.document),
             "parameters": dict(scenario.parameters),
-            "hidden_shape": scenario.hidden.shape,
+            "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
             "bounces": bounces_in_words(bounces),
         }
         _check(path, record, settings)

@@ -51,7 +51,7 @@ def images(request: pytest.FixtureRequest) -> SmoothImages:
         "patches": SmoothImages.hats(HIDDEN, HIDDEN),
         "hats": SmoothImages.hats(HIDDEN, COARSE),
         "edges": SmoothImages.like(HIDDEN, PICTURE.reshape(-1, 3)),
-        "shown": SmoothImages.shown(PICTURE),
+        "shown": SmoothImages.shown(PICTURE.reshape(-1, 3)),
     }
     return kinds[request.param]
 
@@ -224,6 +224,6 @@ def test_a_known_picture_in_mixed_colours_is_explained_to_the_noise(wall: Wall) 
     mixture = np.array([[0.9, 0.2, 0.1], [0.1, 0.8, 0.2], [0, 0.3, 0.7]])
     light = wall.A @ PICTURE.reshape(-1, 3) @ mixture.T
     y = light + 1e-4 * np.random.default_rng(0).standard_normal(light.shape)
-    found = SmoothImages.shown(PICTURE).explain(wall.A, wall.Q, y)
+    found = SmoothImages.shown(PICTURE.reshape(-1, 3)).explain(wall.A, wall.Q, y)
     np.testing.assert_allclose(found.coefficients.T, mixture, atol=1e-3)
     np.testing.assert_allclose(found.noise, 1e-4, rtol=0.3)

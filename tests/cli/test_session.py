@@ -8,7 +8,7 @@ from periscopy_sim.errors import PeriscopyError
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
-CHAIR = ("chair", "4x5", ["resolution=24"])
+CHAIR = ("chair", ["4x5"], ["resolution=24"])
 MASK = np.random.default_rng(3).random((24, 24)) > 0.2
 MASK[4:9, 10:18] = False
 LEFT_OUT = int((~MASK).sum())
@@ -37,7 +37,7 @@ def saved(tmp_path):
 
 
 def test_scene_without_shadows_is_warned_of(capfd):
-    session = Session("chair", "4x5", ["resolution=24", "occluder_dy=-0.8"])
+    session = Session("chair", ["4x5"], ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
     (line,) = session.warnings
     assert line.startswith("chair: ") and line in capfd.readouterr().err

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter
-from periscopy_sim.cli.calibrate import say_calibration
-from periscopy_sim.figures.calibration import draw_calibration
+from periscopy_sim.calibration.silhouette.plane import MaskPlane
+from periscopy_sim.calibration.silhouette.result import Silhouette
+from periscopy_sim.cli.calibrate import fixed_numbers, say_calibration
+from periscopy_sim.figures.calibration import draw_calibration, draw_silhouette
 from tests.scenes.calibration import calibration
 from tests.scenes.pictures import read
 
@@ -73,3 +76,29 @@ def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
         assert any(label.endswith(source) for label in labels) and source in line
     doubted = replace(measured[0], trusted=False)
     assert doubted.determined_by is DeterminedBy.NOTHING and not doubted.determined
+
+
+def test_a_silhouette_s_figure_shows_the_image_of_each_surface(
+    tmp_path: Path, saved: list[Figure]
+) -> None:
+    plane = MaskPlane(np.zeros(3), np.array([0.1, 0, 0]), np.array([0, 0, -0.05]))
+    cells, image = np.eye(2), np.full((3, 2, 3), 0.5)
+    residual = np.random.default_rng(0).standard_normal((32, 36, 3))
+    images = {"monitor": image, "hidden_card": 2 * image}
+    for shown, titles in ((image, ["image"]), (images, [*images])):
+        found = Silhouette("card", plane, cells, cells > 0, shown, 0.1, 1.0, residual, 0.0)
+        draw_silhouette(tmp_path / "mask.png", PHOTOGRAPH, found)
+        panels = [ax.get_title() for ax in saved[-1].axes]
+        shows = [f"{name} with this silhouette" for name in titles]
+        assert panels[2 : 2 + len(titles)] == shows
+
+
+def test_a_box_names_the_fixed_numbers_that_move_a_doubted_result_most() -> None:
+    held = UncertainParameters(
+        ("a", "b", "c"), np.array([0.0, 2.0, 3.0]), np.array([0.1, 0.01, 0.2])
+    )
+    moves = np.array([[0.001, 0.04, 0.01], [0.0, 0.0, 0.4]])  # rulers' errors are 0.05 and 0.5
+    shown = replace(calibration(("why",)), uncertain=held, moves=moves)
+    (sentence,) = fixed_numbers(shown, {"b": "m"})
+    assert "above all c 3.00 ± 0.20, b 2.000 ± 0.010 m:" in sentence
+    assert not [*fixed_numbers(calibration(("why",)), {})]

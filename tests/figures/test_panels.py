@@ -90,7 +90,9 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(saved, tmp_p
     image = np.full((*shape, 3), 4.0)
     errors = np.zeros((*shape, 3))
     errors[2, 3] = (0.1, 0.2, 0.2)
-    draw_certainty(tmp_path / "certainty.png", image, errors, "the scene is right")
+    draw_certainty(
+        tmp_path / "certainty.png", {"monitor": image}, {"monitor": errors}, "the scene is right"
+    )
     (figure,) = saved
     _, right, bar = figure.axes
     shown = right.images[0].get_array()

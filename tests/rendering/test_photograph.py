@@ -140,6 +140,7 @@ def test_a_wavefront_is_what_mitsuba_renders(room):
         (np.full((2, 3, 3), -1e-9), {}),
         (np.ones((1, 1, 3)), {"samples": 0}),
         (np.ones((1, 1, 3)), {"bounces": 0}),
+        (np.ones((0, 2, 3)), {}),
     ],
 )
 def test_impossible_images_samples_and_bounces_are_refused(room, image, options):

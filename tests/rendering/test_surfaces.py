@@ -75,13 +75,73 @@ def test_light_that_bounces_is_told_apart_by_surface(room):
     [
         ((2, 3), "'hidden_card'"),
         ({"monitor": (2, 3)}, "'hidden_card'"),
-        ({**SIZES, "hidden_cord": (1, 1)}, "'hidden_cord'.*hidden_card"),
+        ({**SIZES, "hidden_cord": (1, 1)}, "'monitor', 'hidden_card', no 'hidden_cord'"),
         ({**SIZES, "monitor": (9, 9)}, "9x9"),
     ],
 )
 def test_each_surface_needs_a_size(two, sizes, offender):
     with pytest.raises(SceneError, match=offender):
         ps.load_scenario(two.path, sizes)
+
+
+def placed(card, turn=180, x=0.1, y=0.3):
+    """Return the card's tag, elsewhere."""
+    place = f'<rotate z="1" angle="{turn}"/>\n<translate x="{x}" y="{y}" z="0.3"/>'
+    moved = card.replace('<rotate z="1" angle="180"/>\n<translate x="0.1" y="0.3" z="0.3"/>', place)
+    assert place in moved
+    return moved
+
+
+@pytest.mark.parametrize(
+    ("card", "offender"),
+    [
+        (placed(CARD, turn=0), "'hidden_card' faces away"),
+        (placed(CARD, y=1.5), "'hidden_card' faces away .* or is behind it"),
+        (placed(CARD, x=0.35, y=0), "'monitor' coincides with 'hidden_card' in 20% of its area"),
+    ],
+)
+def test_a_surface_that_nothing_sees_or_that_lies_in_another_is_an_error(room, card, offender):
+    path = room.write(card, monitor=room.monitor(room.area))
+    with pytest.raises(SceneError, match=offender):
+        ps.load_scenario(path, SIZES)
+
+
+@pytest.mark.parametrize("by", ["areas", "rays"])
+def test_a_surface_whose_light_is_kept_off_the_wall_is_an_error(room, by):
+    before = room.cube((0.1, 0.4, 0.3), (0.3, 0.01, 0.4))
+    monitor = room.monitor(room.area).replace('x="0.2" y="0"', 'x="0.7" y="0"')
+    scene = ps.load_scenario(room.write(CARD, before, monitor=monitor), SIZES)
+    with pytest.raises(SceneError, match="no light of 'hidden_card'"):
+        ps.transport(scene, by=by)
+
+
+def test_surfaces_side_by_side_in_one_plane_light_the_wall_as_one_does(room):
+    half = '<translate x="0.1" y="0" z="0.3"/>'
+    monitor = room.monitor(room.area, scale=(0.1, 0.15))
+    right = monitor.replace('id="monitor"', 'id="hidden_right"').replace(
+        '<translate x="0.2" y="0" z="0.3"/>', half
+    )
+    left = monitor.replace('x="0.2" y="0"', 'x="0.3" y="0"')
+    sizes = {"monitor": (2, 2), "hidden_right": (2, 2)}
+    two = ps.load_scenario(room.write(PLATE, right, monitor=left), sizes)
+    one = ps.load_scenario(room.write(PLATE, monitor=room.monitor(room.area)), (2, 4))
+    whole = ps.transport(one, by="areas").reshape(-1, 2, 4)
+    parts = two.hidden.split(ps.transport(two, by="areas").T).values()
+    np.testing.assert_allclose(
+        np.concatenate([each.transpose(2, 0, 1) for each in parts], axis=2),
+        whole, rtol=1e-4, atol=1e-6 * whole.max(),
+    )  # fmt: skip
+
+
+def test_bounced_light_of_some_pixels_has_their_rows(two):
+    pixels = np.zeros(two.photograph_shape, bool)
+    pixels[1:3, 2:] = True
+    part = ps.Scenario(two.view.of_pixels(pixels), two.hidden)
+    A, whole = (
+        ps.add_bounces(each, ps.transport(each, by="areas", noise=0.1), 2) for each in (part, two)
+    )
+    np.testing.assert_array_equal(A.bounced.over_wall, whole.bounced.over_wall[pixels.ravel()])
+    assert A.shape == part.transport_shape
 
 
 @pytest.mark.parametrize("faces", [12, 31, 96])

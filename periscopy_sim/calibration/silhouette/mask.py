@@ -117,11 +117,11 @@ class Mask:
 def known_pictures(
     background: Array, photographs: Sequence[Array], pictures: Sequence[Array]
 ) -> Likelihood:
-    """Return the likelihood of P photographs, (M, 3), of pictures, (R, C, 3), in any mixtures.
+    """Return the likelihood of P photographs, (M, 3), of pictures, (N, 3), in any mixtures.
 
     The columns of A are the light of each picture's three colours, (M, 3 P).
     """
-    columns = np.hsplit(np.eye(sum(picture.shape[2] for picture in pictures)), len(pictures))
+    columns = np.hsplit(np.eye(sum(picture.shape[1] for picture in pictures)), len(pictures))
     images = [
         replace(SmoothImages.shown(picture), basis=basis)
         for picture, basis in zip(pictures, columns, strict=True)
@@ -136,7 +136,7 @@ def known_pictures(
         return Explained(
             sum(fit.cost for fit in fits),
             slope,
-            pictures[0].reshape(-1, pictures[0].shape[2]) @ fits[0].coefficients,
+            pictures[0] @ fits[0].coefficients,
             np.array([fit.residual for fit in fits]),
         )
 

@@ -41,8 +41,8 @@ class MaskPlane:
             raise SceneError(
                 f"scene '{scenario.path}': '{name}' is no occluder of flat faces; {hint}"
             )
-        points, monitor = vertices[name], hidden.centers.mean(axis=0)
-        ahead = (monitor - wall.center) / np.linalg.norm(monitor - wall.center)
+        points, way = vertices[name], hidden.centers.mean(axis=0) - wall.center
+        ahead = way / np.linalg.norm(way)
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         normal = axes[2] * np.sign(axes[2] @ ahead)
         down = -wall.up + (wall.up @ normal) * normal
@@ -54,9 +54,12 @@ class MaskPlane:
         plane = cls(corner, size[0] * axes[0], size[1] * axes[1])
         ends = plane.points(np.stack(np.meshgrid([0, 1], [0, 1]), axis=-1).reshape(-1, 2))
         from_wall = (ends - wall.center) @ wall.normal
-        from_monitor = (ends - monitor) @ hidden.normals.mean(axis=0)
+        from_hidden = [
+            (ends - each.centers.mean(axis=0)) @ each.normals.mean(axis=0)
+            for each in hidden.values()
+        ]
         flat = sizes[2] <= SLENDER * sizes[1] and normal @ ahead > SLENDER
-        if not (flat and min(*size[:2], *from_wall, *from_monitor) > 0):
+        if not (flat and min(*size[:2], *from_wall, np.min(from_hidden)) > 0):
             raise SceneError(
                 f"scene '{scenario.path}': occluder '{name}' is not flat, has no area, is edge on "
                 "to the monitor, or not between monitor and wall; put a rectangle in its place "

@@ -10,20 +10,19 @@ circle, if the image has one colour and is as bright as dark.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import LARGEST, limit_size
+from periscopy_sim.calibration.moving_scene import LARGEST, limit_size, limit_sizes
 from periscopy_sim.calibration.problem import (
     COARSE_HATS,
     MOST_PATCHES,
     ambient_basis,
     finest_view,
+    shown_light,
 )
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, MaskFit, known_pictures
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
@@ -32,13 +31,13 @@ from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import STARTS, UnknownImage, search
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError, SceneError
-from periscopy_sim.hidden import Hidden
+from periscopy_sim.hidden import Hidden, Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
-from periscopy_sim.storage.pictures import area_average, averaged_photograph
+from periscopy_sim.storage.pictures import averaged_photograph
 from periscopy_sim.view import View
 
 FEW = 8
@@ -53,11 +52,11 @@ UNSEEN = 1e-2
 def recover_silhouette(
     photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path | Scene,
-    hidden: tuple[int, int],
+    hidden: Sizes,
     shape: str,
     cells: tuple[int, int] | None = None,
     *,
-    shown: Sequence[NDArray[np.floating[Any]]] = (),
+    shown: Sequence[Image | Mapping[str, Image]] = (),
     parameters: Mapping[str, str | float] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
@@ -71,16 +70,17 @@ def recover_silhouette(
     scene, parameters, progress
         As of `calibrate`.
     hidden
-        (R, C) of the hidden image. Of an unknown one, the search uses at most 24 patches along a
-        side, of a known one 36.
+        (R, C) of the hidden image; of several surfaces a mapping of such by id. Of unknown ones,
+        the search uses at most 24 patches along a side, of known ones 36.
     shape
         The occluder's id. Its form does not matter, only the rectangle about it, see `MaskPlane`.
     cells
         (rows, columns) into which that is cut; by default 16 along its longer side, as square as
         they can be.
     shown
-        (R, C, P) pictures that the monitor showed, linear, one for each photograph. Two of them
-        make the silhouette far more certain than any unknown image.
+        (R, C, P) pictures that the monitor showed, linear, one for each photograph; of several
+        surfaces mappings of such by id. Two of them make the silhouette far more certain than any
+        unknown image.
     seed
         Of the random masks from which a search for an unknown image starts.
 
@@ -111,12 +111,13 @@ def recover_silhouette(
             "each picture, or one photograph of an unknown one"
         )
     averaged = [averaged_photograph(each, finest) for each in photographs]
-    patches = limit_size(hidden, MOST_PATCHES if shown else COARSE_HATS)
+    sizes = limit_sizes(scenario.hidden, MOST_PATCHES if shown else COARSE_HATS)
+    patches = Hidden.of_scene(scenario.scene, sizes)
     place = _Place(scenario, shape, plane, patches)
     # Products this small gain less from threads than these cost, see `calibrate`.
     with threadpool_limits(1):
         if shown:
-            pictures = [area_average(each, patches) for each in shown]
+            pictures = [shown_light(each, patches) for each in shown]
             end = _behind_pictures(place, cells, averaged, pictures)
         else:
             coarse = averaged_photograph(photographs[0], limit_size(size, LARGEST // 4))
@@ -140,7 +141,7 @@ def recover_silhouette(
         plane=plane,
         opacities=end.fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
-        image=explained.image.reshape(*patches, -1),
+        image=patches.image(explained.image),
         unexplained=unexplained,
         unexplained_open=unexplained_open,
         residual=residual,
@@ -152,17 +153,17 @@ def recover_silhouette(
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a mask stands, in an occluder's place, and the hidden image's (R, C) patches."""
+    """Where a mask stands, in an occluder's place, and the hidden patches."""
 
     scenario: Scenario
     name: str
     plane: MaskPlane
-    patches: tuple[int, int]
+    hidden: Hidden
 
     def mask(self, cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, Array]:
         """Return a mask before a photograph's pixels, and a basis of range(B), (M, r)."""
-        used, scene = photograph.pixels, self.scenario.scene
-        view, hidden = View.of(scene, photograph.shape), Hidden.of_scene(scene, self.patches)
+        used, scene, hidden = photograph.pixels, self.scenario.scene, self.hidden
+        view = View.of(scene, photograph.shape)
         fine = finest_view(scene, photograph.shape).of_pixels(used)
         A = area_transport(Scenario(replace(fine, scene=scene.without(self.name)), hidden))
         shadows = CellShadows.of(A, Scenario(view, hidden), self.plane, cells, used)
@@ -191,10 +192,9 @@ def _behind_pictures(
     photographs: Sequence[Photograph],
     pictures: Sequence[Array],
 ) -> _End:
-    """Find the mask behind known pictures, (R, C, P) each: one descent from half opaque cells."""
+    """Find the mask behind known pictures, (N, P) each: one descent from half opaque cells."""
     mask, Q = place.mask(cells, photographs[0])
-    colours = np.hstack([picture.reshape(-1, picture.shape[2]) for picture in pictures])
-    mask = replace(mask, shadows=mask.shadows.before(colours))
+    mask = replace(mask, shadows=mask.shadows.before(np.hstack(pictures)))
     likelihood = known_pictures(Q, [each.used for each in photographs], pictures)
     start = np.full(cells, 0.5), np.zeros(len(mask.terms))
     return _End(mask, likelihood, mask.descend(*start, likelihood))
@@ -209,8 +209,7 @@ def _behind_unknown_image(
     report: Callable[[float], None],
 ) -> _End:
     """Find the mask behind an unknown image: few cells first, from random starts, then all."""
-    hidden = Hidden.of_scene(place.scenario.scene, place.patches)
-    images = SmoothImages.hats(hidden, hidden)
+    images = SmoothImages.hats(place.hidden, place.hidden)
 
     def level(cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, UnknownImage]:
         mask, Q = place.mask(cells, photograph)

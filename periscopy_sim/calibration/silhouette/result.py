@@ -1,6 +1,7 @@
 """The silhouette of an occluder nobody measured, and how far it is to be believed."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,8 @@ class Silhouette:
     seen
         (rows, columns) whether the photograph shows the cell's shadow; else its neighbours decide.
     image
-        (R, C, 3) the hidden image, linear: the one estimated with the mask, or the first one shown.
+        (R, C, 3) the hidden image, linear, of several surfaces a mapping by id: the one estimated
+        with the mask, or the first one shown.
     unexplained, unexplained_open
         Residual of the photographs with the mask and without one, over their root mean square.
     residual
@@ -46,7 +48,7 @@ class Silhouette:
     plane: MaskPlane
     opacities: Array
     seen: Cells
-    image: Array = field(repr=False)
+    image: Any = field(repr=False)
     unexplained: float
     unexplained_open: float
     residual: Array = field(repr=False)

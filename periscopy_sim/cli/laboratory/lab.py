@@ -41,7 +41,7 @@ def lab(
         raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     say_written(*ps.build_laboratory(measurements, out))
-    _Trial(str(out), "1x1").check_shadows()
+    _Trial(str(out), []).check_shadows()
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
 
@@ -55,7 +55,7 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
-        session = _Trial(scene, "18x24", define)
+        session = _Trial(scene, [], define)
         figure = laboratory_figure(session.scenario)
         with progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
@@ -63,10 +63,16 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     session.check_shadows()
 
 
+PATCHES = 18, 24
+"""Of each hidden surface, as many as shadows need."""
+
+
 class _Trial(Session):
-    """A session whose photograph has few pixels."""
+    """A session of few pixels and patches."""
 
     @cached_property
     def scenario(self) -> ps.Scenario:
         """The scene, loaded at first use."""
-        return ps.load_scenario(self.path, self.size, self.definitions, photograph=(32, 32))
+        scene = ps.load_scene(self.path, self.definitions)
+        sizes = dict.fromkeys(scene.emission, PATCHES)
+        return ps.load_scenario(scene, sizes, photograph=(64, 64))

@@ -64,7 +64,7 @@ def prepare(
     outside of the photograph; and NAME_preview.png, black outside of the mask.
     """
     options.require_suffix(out, ".exr", "the photograph")
-    session = Session(scene, "1x1", define)
+    session = Session(scene, [], define)
     if points is not None and tags is not None:
         raise PeriscopyError("--points and --tags exclude each other; give one")
     outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
@@ -76,7 +76,7 @@ def prepare(
         film: list[str] = []
         if bin_by is not None:
             film = _film(light, session, bin_by, marks)
-            session = Session(scene, "1x1", [*(define or []), *film])
+            session = Session(scene, [], [*(define or []), *film])
         with progress("averaging its pixels"):
             wall = None if mask is None else read_mask(mask)
             prepared = ps.prepare(light, session.scenario, marks=marks, mask=wall)

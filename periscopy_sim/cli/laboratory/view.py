@@ -34,7 +34,7 @@ WRITING = Lock()
 
 def view(
     scene: options.SceneArgument,
-    hidden: options.Hidden = "29x36",
+    hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
     photo: Annotated[
         Path | None,
         typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
@@ -112,7 +112,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
     record: dict[str, Any] = {
         **asdict(choice),
         "photograph": None if photo is None else str(photo),
-        "hidden_shape": scenario.hidden.shape,
+        "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
         "psnr": pictures.psnr,
         "notes": report_sentences(report),
         **({} if report.residual is None else report.residual.numbers()),
@@ -122,6 +122,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
-        write_report(folder, report, pictures.image, photograph, as_text(provenance))
+        images = scenario.hidden.images(pictures.image)
+        write_report(folder, report, images, photograph, as_text(provenance))
         write_json(folder / "view.json", record)
     return f"wrote {out}"

@@ -7,14 +7,16 @@ show what is missed.
 """
 
 from collections.abc import Iterator
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.rendering.scene.nodes import SceneNodes, numbers_of
 from periscopy_sim.rendering.scene.wall import map_points, surface_at
-from periscopy_sim.rendering.variant import dr
+from periscopy_sim.rendering.variant import dr, mi
 
 OPAQUE = {
     "diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "pplastic", "principled",
@@ -26,14 +28,23 @@ makes sure."""
 GRID = 64
 """Points along each side of a hidden surface's UV square at which to look for its surface."""
 
+ALONG = 0.9
+"""Cosine of the angle between the normals of surfaces that coincide rather than cross, at least."""
+
 UV_ERROR = 1e-3
 """Error of UV coordinates and areas in single precision, generously."""
 
 
 def check_nodes(nodes: SceneNodes) -> None:
-    """Reject what light passes, wherever it stands, or is changed by on its way."""
+    """Reject what light passes or is changed by on its way, and boxes turned inside out."""
     check_media(nodes)
     for props in nodes.of_type("Shape"):
+        place = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)
+        if props.plugin_name() == "cube" and np.linalg.det(place) < 0:
+            raise nodes.error(
+                f"shape '{props.id()}' is a cube turned inside out: it would stand on the other "
+                "side of a face; give its sizes, and factors of them, positive numbers"
+            )
         for name in _see_through(nodes, props):
             raise nodes.error(
                 f"shape '{props.id()}' may let light through (bsdf '{name}'), and A would count it "
@@ -84,6 +95,21 @@ def check_surface(shape: Any, what: str) -> None:
             "once; give each of its points UV coordinates of its own, from 0 to 1, and let other "
             "surfaces be shapes of their own (of a box, its front alone)"
         )
+
+
+def check_apart(hidden: Hidden, where: str) -> None:
+    """Reject hidden surfaces of which one lies in another: each would be counted as seen."""
+    for (name, surface), (other, base) in permutations(hidden.items(), 2):
+        side = np.sqrt(np.linalg.norm(np.cross(base.across, base.up), axis=1, keepdims=True))
+        edges = np.stack([base.across, base.up, side * base.normals], axis=1)
+        ways = surface.centers[:, None] - base.centers
+        places = np.abs(np.einsum("mni,nij->mnj", ways, np.linalg.inv(edges)))
+        along = np.abs(surface.normals @ base.normals.T) > ALONG
+        if shared := ((places <= [0.5, 0.5, UV_ERROR]).all(axis=2) & along).any(axis=1).mean():
+            raise SceneError(
+                f"{where}: hidden surface '{name}' coincides with '{other}' in {shared:.0%} of its "
+                "area; move one of them, or leave it out"
+            )
 
 
 def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:

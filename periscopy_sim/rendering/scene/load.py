@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.checks import check_nodes, check_surface
+from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
@@ -39,6 +39,10 @@ SIDES = 128
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
+
+
+COARSE = 16, 16
+"""Patches of hidden surfaces at whose centres to look for another surface."""
 
 
 def load_scenario(
@@ -76,14 +80,19 @@ def load_scenario(
     ------
     SceneError
         If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
-        lack a surface, or A cannot treat a material, a medium, or a surface's place or UV.
+        lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
+        or a surface's place or UV.
     """
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
     elif parameters:
         scene = scene.at(**parameters)
     view = View.of(scene, photograph)
-    return Scenario(view, Hidden.of_scene(scene, sizes_by_id(scene, hidden, view)))
+    sizes = sizes_by_id(scene, hidden, view)
+    if len(sizes) > 1:
+        coarse = Hidden.of_scene(scene, dict.fromkeys(sizes, COARSE))
+        check_apart(coarse, f"scene '{scene.path}'")
+    return Scenario(view, Hidden.of_scene(scene, sizes))
 
 
 def _size(rows: int, columns: int) -> Size:
@@ -94,18 +103,16 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
     names = ", ".join(f"'{name}'" for name in scene.emission)
+    where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
-        meant = did_you_mean(unknown[0], scene.emission) or f"it has {names}"
-        raise SceneError(f"scene '{scene.path}' has no hidden surface '{unknown[0]}'; {meant}")
+        meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
+        raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(
-            f"scene '{scene.path}' has hidden surfaces {names}; give a size to each, in Python: "
-            "hidden={id: (R, C), ...}"
+            f"{where}; give a size to each: ID=ROWSxCOLUMNS, in Python hidden={{ID: (R, C), ...}}"
         )
     if missing := [name for name in scene.emission if name not in given]:
-        raise SceneError(
-            f"scene '{scene.path}': give a size for hidden surface '{missing[0]}', too"
-        )
+        raise SceneError(f"{where}; give a size to '{missing[0]}', too")
     try:
         sizes = {name: _size(*given[name]) for name in scene.emission}
     except TypeError:

@@ -179,10 +179,10 @@ def render_bounced_light(
         raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
     require_vectorized("light that bounces")
     shape, patches = scenario.photograph_shape, scenario.hidden.patches
-    sites, everywhere = chosen_sites(shape), np.arange(np.prod(shape))
+    sites, everywhere = chosen_sites(shape), scenario.view.numbers
     trace = make_tracer(scenario, sites, bounces)
-    pixels = np.random.default_rng(seed).choice(everywhere, min(SITES, len(everywhere)), False)
-    direct = RenderedTransport(scenario, 1, seed=seed).white(pixels)
+    rows = np.random.default_rng(seed).choice(len(everywhere), min(SITES, len(everywhere)), False)
+    direct = RenderedTransport(scenario, 1, seed=seed).white(rows)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), patches, 3))
     error = np.inf
@@ -191,7 +191,7 @@ def render_bounced_light(
             total[replica] += trace(one)
         with threadpool_limits(1):  # the last bits follow the number of threads
             fit = best_fit(_of_blocks(total, scenario.hidden) / done, sites, shape)
-            white = fit.functions(pixels) @ fit.coefficients[..., :3].mean(axis=1)
+            white = fit.functions(everywhere[rows]) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
         if progress is not None:

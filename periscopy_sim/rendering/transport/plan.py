@@ -118,7 +118,8 @@ def plan_transport(
     if by == "areas":
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
-    if by == "areas" or (by is None and samples is None and has_areas(scenario)):
+    # Of a monitor at right angles to the wall, a pixel's centre may see what its border does not.
+    if by == "areas" or (by is None and samples is None and has_areas(scenario.averaged(across))):
         return _plan_areas(scenario, across, noise)
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)

@@ -74,12 +74,13 @@ def render_transport(
 
 
 def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
-    """Check that a transport matrix is not all black; else raise a SceneError."""
-    if not A.any():
-        raise SceneError(
-            f"scene '{scenario.path}': no light of the monitor reaches the wall; look for what "
-            "stands between them, or an emitter that shines in other directions"
-        )
+    """Check that every hidden surface lights a pixel; else raise a SceneError."""
+    for name, part in scenario.hidden.slices.items():
+        if not A[:, part].any():
+            raise SceneError(
+                f"scene '{scenario.path}': no light of '{name}' reaches the wall; look for what "
+                "stands between them, or an emitter that shines in other directions"
+            )
 
 
 @dataclass(frozen=True, eq=False)

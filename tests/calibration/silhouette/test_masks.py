@@ -57,9 +57,9 @@ def unknown(random, mask, background):
 @pytest.fixture
 def shown(random, mask):
     """Two pictures and their photographs."""
-    A, pictures = mask.transport(RIGHT, GAIN), [random.random((*HIDDEN, 3)) for _ in range(2)]
+    A, pictures = mask.transport(RIGHT, GAIN), [random.random((PATCHES, 3)) for _ in range(2)]
     mixture = np.eye(3) + 0.1 * random.random((3, 3))
-    light = [A @ f.reshape(-1, 3) @ mixture for f in pictures]
+    light = [A @ f @ mixture for f in pictures]
     return light + 1e-3 * random.standard_normal((2, PIXELS, 3)), pictures
 
 
@@ -70,7 +70,7 @@ def known(background, shown):
 
 @pytest.fixture
 def before_pictures(mask, shown):
-    colours = np.hstack([picture.reshape(-1, 3) for picture in shown[1]])
+    colours = np.hstack(shown[1])
     return replace(mask, shadows=mask.shadows.before(colours))
 
 

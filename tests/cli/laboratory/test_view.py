@@ -16,7 +16,7 @@ from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
-SESSION = Session("plate", "3x4")
+SESSION = Session("plate", ["3x4"])
 
 
 def test_missing_extra_is_named(monkeypatch, refused):

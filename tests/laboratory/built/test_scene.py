@@ -25,7 +25,7 @@ def test_names_of_files_are_no_markup_of_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("monitor", "occluder", "said"),
     [
-        (MONITOR.replace("}", ", turn: 180 deg}"), "", "the monitor faces away"),
+        (MONITOR.replace("}", ", turn: 180 deg}"), "", "'monitor' faces away"),
         (MONITOR, occluders("box", "width: 2 m, depth: 1 cm, height: 1 m"), "192 of 192 camera"),
     ],
 )

@@ -123,6 +123,7 @@ REFUSED = {
         "principled",
         lambda r: ball(r, f'<bsdf type="principled">{number("spec_trans", 0.7)}</bsdf>'),
     ),
+    "box inside out": ("'box'", lambda r: {"extra": r.cube((0.4, 0.5, 0.3), (-0.1, 0.1, 0.1))}),
     "box of no width": ("'box'", lambda r: {"extra": r.cube((0.4, 0.5, 0.3), (0, 0.1, 0.1))}),
     "box of a trace": ("'box'", lambda r: {"extra": r.cube((0.4, 0.5, 0.3), (1e-308, 0.1, 0.1))}),
     "ball of no radius": ("'ball'", lambda r: {"extra": r.blocker(radius=0)}),

@@ -293,7 +293,7 @@ def both(scenario):
 
 def test_monitor_within_a_box_lights_nothing(room):
     closed = room.load(room.cube((0, 0, 0), (1, 0.1, 1)))
-    with pytest.raises(SceneError, match="no light of the monitor reaches the wall"):
+    with pytest.raises(SceneError, match="no light of 'monitor' reaches the wall"):
         render_transport(closed)
 
 
