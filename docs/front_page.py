@@ -61,7 +61,7 @@ def draw_schematic(path: Path) -> None:
     low, high = survey.view_points[:4].min(axis=0), survey.view_points[:4].max(axis=0)
     wall = [[-0.15, 1.03, 0], [1.45, 1.03, 0], [1.45, 1.03, 0.62], [-0.15, 1.03, 0.62]]
     floor = [[-0.15, -0.16, 0], [1.45, -0.16, 0], [1.45, 1.03, 0], [-0.15, 1.03, 0]]
-    monitor = survey.monitor_points
+    monitor = survey.corners["monitor"].reshape(-1, 3)
     left, right = monitor.min(axis=0), monitor.max(axis=0)
     with drawn(path) as figure:
         figure.set_size_inches(6.6, 4.0)

@@ -41,6 +41,7 @@ from .reconstruction.iterative import IterativePeriscope, IterativeReconstructio
 from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
+from .reconstruction.noise_aware.views import NoiseAwareViews
 from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
 from .reconstruction.preconditioned.still import Periscope, Reconstruction, repair
 from .reconstruction.preconditioned.video import Video
@@ -81,6 +82,7 @@ __all__ = [
     "NoiseAware",
     "NoiseAwareReconstruction",
     "NoiseAwareVideo",
+    "NoiseAwareViews",
     "Periscope",
     "PeriscopyError",
     "Photograph",

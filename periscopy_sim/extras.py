@@ -15,6 +15,7 @@ EXTRA_OF = {
     "deepinv": "deepinv",
     "websockets": "live",
     "av": "video",
+    "h5py": "published",
 }
 """The extra that brings each library."""
 

@@ -6,6 +6,7 @@ Arrays over all patches are row-major, surface after surface, with row 0 at a vi
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.scene import MONITOR, Scene
+
+GAUSS = 0.5 / np.sqrt(3.0)
+"""From the middle of an interval to either of Gauss and Legendre's two points, in its widths."""
 
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
@@ -24,6 +28,16 @@ Sizes: TypeAlias = Size | Mapping[str, Size]
 EVEN = 1e-4
 """Relative difference of distances between patches, up to which they count as equal: rounding of
 single precision in a scene's coordinates leaves less."""
+
+
+def named(stem: str, by_id: Any) -> dict[str, Any]:
+    """Return the values of surfaces by names: of the only one the stem, of several ``stem_ID``.
+
+    They are a mapping by id, or the value of the only surface.
+    """
+    if not isinstance(by_id, Mapping):
+        return {stem: by_id}
+    return {f"{stem}_{name}" if len(by_id) > 1 else stem: each for name, each in by_id.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +58,9 @@ class Surface:
     mirrored
         Whether the shape's u coordinate runs to a viewer's left, so that the columns run against
         it.
+    curved
+        Of a surface that is not flat its 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches of
+        a quarter's edges.
     """
 
     shape: Size
@@ -52,6 +69,7 @@ class Surface:
     across: Array
     up: Array
     mirrored: bool = False
+    curved: "Surface | None" = None
 
     @classmethod
     def flat(cls, shape: Size) -> "Surface":
@@ -61,6 +79,26 @@ class Surface:
         centers = np.stack([x, -y, np.zeros_like(x)], axis=1).astype(np.float64)
         across, up, normals = (np.tile(axis, (len(centers), 1)) for axis in np.eye(3))
         return cls(shape, centers, normals, across, up)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(R + 1, C + 1, 3) corners of the patches in metres; where patches meet, their mean."""
+        rows, columns = self.shape
+        total, count = np.zeros((rows + 1, columns + 1, 3)), np.zeros((rows + 1, columns + 1, 1))
+        for down, right in product((0, 1), (0, 1)):
+            ends = self.centers + (right - 0.5) * self.across + (0.5 - down) * self.up
+            part = slice(down, down + rows), slice(right, right + columns)
+            total[part] += ends.reshape(rows, columns, 3)
+            count[part] += 1
+        return np.asarray(total / count)
+
+    def patches_at(self, uv: Array) -> NDArray[np.intp]:
+        """Return the numbers of the patches, (n,), at places in the UV square, (n, 2)."""
+        rows, columns = self.shape
+        u, v = uv.T
+        row = np.clip(((1 - v) * rows).astype(int), 0, rows - 1)
+        column = np.clip(((1 - u if self.mirrored else u) * columns).astype(int), 0, columns - 1)
+        return np.asarray(row * columns + column)
 
     def moved(self, motion: Array) -> "Surface":
         """Return the surface moved by a matrix, (4, 4)."""
@@ -72,7 +110,34 @@ class Surface:
             normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
             across=self.across @ linear.T,
             up=self.up @ linear.T,
+            curved=self.curved and self.curved.moved(motion),
         )
+
+    def shifted(self, across: float, up: float) -> "Surface":
+        """Return the surface moved within itself, by so many patches across and up."""
+        centers = self.centers + across * self.across + up * self.up
+        curved = self.curved and self.curved.shifted(2 * across, 2 * up)
+        return replace(self, centers=centers, curved=curved)
+
+    @property
+    def gauss(self) -> "Surface":
+        """The 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches of a quarter's edges."""
+        if self.curved is not None:
+            return self.curved
+        (rows, columns), places = self.shape, np.array([-GAUSS, GAUSS])
+
+        def spread(values: Array) -> Array:
+            """Return what is alike in all of a patch at its points, (R, 2, C, 2, 3)."""
+            grid = values.reshape(rows, 1, columns, 1, 3)
+            return np.broadcast_to(grid, (rows, 2, columns, 2, 3))
+
+        centers, normals, across, up = map(
+            spread, (self.centers, self.normals, self.across, self.up)
+        )
+        offsets = places[:, None] * across - places[:, None, None, None] * up
+        fine = (centers + offsets, normals, across / 2, up / 2)
+        points, normals, across, up = (each.reshape(-1, 3) for each in fine)
+        return Surface((2 * rows, 2 * columns), points, normals, across, up, self.mirrored)
 
 
 class Hidden(Mapping[str, Surface]):
@@ -177,6 +242,11 @@ class Hidden(Mapping[str, Surface]):
             raise InputError(f"there are hidden surfaces {', '.join(self)}; this takes one alone")
         return next(iter(self.values())).shape
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether this is one flat surface."""
+        return len(self) == 1 and float(np.ptp(self.normals, axis=0).max()) < EVEN
+
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
         if not self.keys() & motions.keys():
@@ -186,10 +256,7 @@ class Hidden(Mapping[str, Surface]):
 
     def shifted(self, shifts: Array) -> "Hidden":
         """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        moved = {
-            name: replace(each, centers=each.centers + across * each.across + up * each.up)
-            for (name, each), (across, up) in zip(self.items(), shifts, strict=True)
-        }
+        moved = {n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)}
         return Hidden(moved, by_distance=self.by_distance)
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:

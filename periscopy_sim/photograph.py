@@ -327,7 +327,7 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
         raise PhotographError(
             f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the scene's camera has "
             f"{shape[0]} x {shape[1]}; bring it to that size by `periscopy prepare`, or change the "
-            "film size in the scene (of shipped ones by -D resolution=N)"
+            "film size in the scene (of shipped ones by -D resolution=N or -D film=N)"
         )
 
 

@@ -92,8 +92,10 @@ class Scenario:
 
     def _seen(self, scene: Scene, across: int) -> View:
         """Return the view of a scene in the same pixels."""
-        view = View.of(scene, self.view.shape if self.view.is_cut else None, across=across)
-        return view if self.view.pixels is None else view.of_pixels(self.view.pixels)
+        own = self.view
+        shape = own.shape if own.is_cut else None
+        view = View.of(scene, shape, across=across, camera=own.camera)
+        return view if own.pixels is None else view.of_pixels(own.pixels)
 
     def __repr__(self) -> str:
         """Return its file, sizes and parameters on one line."""
@@ -101,7 +103,7 @@ class Scenario:
         rows, columns = self.photograph_shape
         return (
             f"Scenario('{self.path}', {self.hidden.sizes} patches, {rows}x{columns} pixels, "
-            f"{len(self.scene.occluders)} occluders{given})"
+            f"{len(self.view.occluders)} occluders{given})"
         )
 
     @property

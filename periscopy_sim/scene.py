@@ -14,6 +14,9 @@ from periscopy_sim.numerics import Array
 MONITOR, HIDDEN = "monitor", "hidden"
 """Id of a scene file's hidden surface, and how the ids of others begin."""
 
+WALL, CAMERA = "wall", "camera"
+"""How the ids of relay walls begin, and the id of the sensor that photographs by default."""
+
 RULER_ERROR = "_error"
 """Ends the name of a ``<default>`` that says how well the one before that ending is known."""
 
@@ -109,15 +112,21 @@ class Scene:
     plugins
         Mitsuba's kind of each of these, such as ``rectangle``; by id.
     boxes
-        (8, 3) corners of a box about each shape but the wall, by id.
+        (8, 3) corners of a box about each shape, by id.
     occluders
-        Every shape but the wall and the hidden surfaces.
+        Every shape but the relay walls and the hidden surfaces.
     surfaces
         The shapes of the hidden surfaces, which hide each other.
+    transparent
+        Ids of those that hide nothing: light passes their BSDF, which is ``null``.
     emission
         Angular profile of each hidden surface where a closed form is known, else None; by id.
     lights
         Names of the emitters beside the hidden surfaces, whose light is not in A.
+    reflecting
+        The hidden surfaces without an emitter, whose images are radiance that they reflect.
+    walls
+        The shapes of the relay walls: all but the one that a camera sees are occluders to it.
     source
         What loaded the scene: it traces the rays of views, and loads the scene at other values.
     """
@@ -130,6 +139,9 @@ class Scene:
     surfaces: tuple[Occluder, ...] = field(repr=False)
     emission: Mapping[str, EmissionProfile | None]
     lights: tuple[str, ...] = ()
+    reflecting: tuple[str, ...] = ()
+    transparent: tuple[str, ...] = ()
+    walls: tuple[Occluder, ...] = field(default=(), repr=False)
     source: Any = field(default=None, repr=False)
 
     @property
@@ -145,9 +157,9 @@ class Scene:
     def at(self, **values: str | float) -> "Scene":
         """Return the same scene with other values for its file's ``<default>``s.
 
-        Values that are not named stay. Where they move, turn or stretch the camera, hidden
-        surfaces, meshes or a plain rectangular wall, these move in a few milliseconds, without
-        rays; anything else loads the file anew.
+        Values that are not named stay. Where they move, turn or stretch cameras, hidden surfaces,
+        meshes or plain rectangular walls, these move in a few milliseconds, without rays; anything
+        else loads the file anew.
 
         Raises
         ------
@@ -159,10 +171,6 @@ class Scene:
         given = {name: str(value) for name, value in values.items()}
         scene: Scene = self.source.at(self, {**self.parameters, **given})
         return scene
-
-    def before(self, name: str) -> tuple[Occluder, ...]:
-        """Return all that may hide a hidden surface: occluders, and the other surfaces."""
-        return *self.occluders, *(each for each in self.surfaces if each.name != name)
 
     def without(self, name: str) -> "Scene":
         """Return the scene without one of its occluders, for closed forms: `at` brings it back."""

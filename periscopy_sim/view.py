@@ -1,4 +1,4 @@
-"""What a camera sees of the relay wall: points in each pixel, and the wall's frame and colour."""
+"""What a camera sees of its relay wall: points in each pixel, and the wall's frame and colour."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,8 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.scene import Scene
+from periscopy_sim.scene import CAMERA, WALL, Occluder, Scene
 
 POINT_SIDE = 1e-6
 """Side of a pixel that counts as a point, in metres."""
@@ -46,6 +47,8 @@ class View:
         (rows, columns) which pixels the view has; None for all.
     is_cut
         Whether the field of view was cut into a shape of its own, not into the film's pixels.
+    camera, wall
+        Ids of the sensor, and of the relay wall that it sees.
     """
 
     scene: Scene
@@ -59,10 +62,19 @@ class View:
     relief: float = 0.0
     pixels: Mask | None = None
     is_cut: bool = False
+    camera: str = CAMERA
+    wall: str = WALL
 
     @classmethod
-    def of(cls, scene: Scene, shape: tuple[int, int] | None = None, *, across: int = 1) -> "View":
-        """Return what a scene's camera sees of the wall.
+    def of(
+        cls,
+        scene: Scene,
+        shape: tuple[int, int] | None = None,
+        *,
+        across: int = 1,
+        camera: str = CAMERA,
+    ) -> "View":
+        """Return what a scene's camera sees of the wall that the middle of its picture shows.
 
         Parameters
         ----------
@@ -72,14 +84,28 @@ class View:
             (rows, columns) into which the field of view is cut; None for the film's own pixels.
         across
             Points along each side of a pixel, over which the pixel is averaged; 1 is its centre.
+        camera
+            Id of the sensor.
 
         Raises
         ------
         SceneError
-            If a pixel misses the wall, or the wall is none that A can treat; see `load_scenario`.
+            If there is no such sensor, a pixel misses the wall, or the wall is none that A can
+            treat; see `load_scenario`.
         """
-        view: View = scene.source.view(scene, shape, across)
+        view: View = scene.source.view(scene, shape, across, camera)
         return view
+
+    @property
+    def occluders(self) -> tuple[Occluder, ...]:
+        """The shapes that may hide hidden surfaces: occluders and walls that it does not see."""
+        others = (each for each in self.scene.walls if each.name != self.wall)
+        return *self.scene.occluders, *others
+
+    def before(self, name: str) -> tuple[Occluder, ...]:
+        """Return all that may hide a hidden surface: occluders, and the other opaque surfaces."""
+        clear = (name, *self.scene.transparent)
+        return *self.occluders, *(each for each in self.scene.surfaces if each.name not in clear)
 
     @property
     def numbers(self) -> NDArray[np.intp]:
@@ -107,13 +133,19 @@ class View:
     @cached_property
     def frame(self) -> "WallFrame":
         """Axes of the field of view, by the photograph's own rows and columns."""
-        shape = self.shape if self.pixels is None else None
-        return wall_frame(self.centers, self.center_normals, shape)
+        corners = None if self.pixels is None else self.corners[1]
+        return wall_frame(self.centers, self.center_normals, self.shape, corners)
 
     @cached_property
     def edges(self) -> Array:
         """(M, 2, 3) edges of the pixels, down and across; of a view with all pixels."""
         return pixel_edges(self.centers, self.center_normals, self.shape)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The part of the wall that the camera sees, its pixels as patches."""
+        down, across = np.moveaxis(self.edges, 1, 0)
+        return Surface(self.shape, self.centers, self.center_normals, across, -down)
 
     def of_pixels(self, pixels: Mask) -> "View":
         """Return the view of some of this view's pixels: True of (rows, columns)."""
@@ -130,9 +162,11 @@ class View:
         while the wall is a plain rectangle and no shape comes near the camera's view of it.
         """
         view = replace(self, scene=scene)
-        if motions.keys() & {"camera", "wall"}:
-            walls = self.scene.places["wall"], scene.places["wall"]
-            camera = motions.get("camera", np.eye(4))
+        if motions.keys() & {self.camera, self.wall}:
+            if scene.plugins[self.wall] != "rectangle":
+                return None
+            walls = self.scene.places[self.wall], scene.places[self.wall]
+            camera = motions.get(self.camera, np.eye(4))
             (eyes, seen), (origins, directions) = self.corners, self.rays
             ends = _met_again(eyes, seen - eyes, camera, walls)
             met = _met_again(origins, directions, camera, walls)
@@ -146,12 +180,12 @@ class View:
         return view if not motions or view.is_free() else None
 
     def is_free(self) -> bool:
-        """Return whether planes separate all of the scene's boxes from the view of the wall."""
+        """Return whether planes separate the boxes of other shapes from the view of the wall."""
         eyes, seen = self.corners
         sides = np.cross(np.roll(seen, -1, axis=0) - seen, eyes - seen)
         planes = np.concatenate([np.eye(3), sides, [(seen - eyes).sum(axis=0)]]).T
         view = np.concatenate([seen, eyes]) @ planes
-        boxes = np.stack([*self.scene.boxes.values()]) @ planes
+        boxes = [box for name, box in self.scene.boxes.items() if name != self.wall] @ planes
         beside = (boxes.min(axis=1) > view.max(axis=0)) | (boxes.max(axis=1) < view.min(axis=0))
         return bool(beside.any(axis=1).all())
 
@@ -238,23 +272,25 @@ class WallFrame:
 
 
 def wall_frame(
-    points: Array, normals: Array, photograph_shape: tuple[int, int] | None = None
+    points: Array, normals: Array, shape: tuple[int, int], corners: Array | None = None
 ) -> WallFrame:
     """Orient the field of view by the photograph's own rows and columns.
 
-    Points (M, 3) are in metres, normals (M, 3) of unit length. A photograph shape of None, or of a
-    single column, takes the horizontal direction of the wall (z up) as across.
+    Points (M, 3) are in metres, normals (M, 3) of unit length, `shape` is the photograph's (rows,
+    columns). Where the points are some of its pixels, `corners`, (4, 3), are what its corner pixels
+    see: top left, top right, bottom right, bottom left. Nothing depends on the scene's own axes,
+    but for a photograph of a single pixel.
     """
     center = points.mean(axis=0)
     normal = normals.mean(axis=0)
     normal /= np.linalg.norm(normal)
-    if photograph_shape is not None and photograph_shape[1] > 1:
-        grid = points.reshape(*photograph_shape, 3)
+    grid = points.reshape(*shape, 3) if corners is None else corners[[[0, 1], [3, 2]]]
+    if shape[1] > 1:
         across = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    elif shape[0] > 1:
+        across = np.cross(normal, (grid[-1] - grid[0]).mean(axis=0))
     else:
-        across = np.cross([0.0, 0.0, 1.0], normal)
-        if np.linalg.norm(across) < 1e-6:  # a floor or a ceiling
-            across = np.array([1.0, 0.0, 0.0])
+        across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     across = across - (across @ normal) * normal
     across /= np.linalg.norm(across)
     return WallFrame(center, across, normal, up=np.cross(across, -normal))

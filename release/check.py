@@ -32,7 +32,7 @@ package = pathlib.Path(ps.__file__).parent
 assert pathlib.Path(sys.prefix) in package.parents, package
 assert not {'numpy', 'mitsuba', 'matplotlib'} & set(sys.modules)
 assert (package / 'py.typed').is_file()
-for scene in ('chair', 'plate', 'plant', 'bright_room', 'ambient/overcast'):
+for scene in ('chair', 'plate', 'plant', 'bright_room', 'doorway', 'ambient/overcast'):
     assert package in ps.find_scene(scene).parents, scene
 assert package in ps.find_image('mushroom').parents
 assert all(getattr(ps, name).__doc__ for name in ps.__all__)

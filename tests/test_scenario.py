@@ -85,19 +85,19 @@ def test_rolled_cameras_columns_say_what_is_across():
     np.testing.assert_allclose(frame.up, [-1, 0, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize("shape", [None, (12, 1)])
-def test_without_columns_across_is_the_walls_horizontal(shape):
+@pytest.mark.parametrize("seed", range(3))
+def test_frame_without_columns_or_of_some_pixels_turns_with_the_scene(seed):
     points, normals = field()
-    frame = wall_frame(points, normals, shape)
-    np.testing.assert_allclose(frame.across, [1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(frame.up, [0, 0, 1], atol=1e-12)
-
-
-def test_without_columns_a_floor_takes_the_x_axis():
-    points, _ = field()
-    frame = wall_frame(points[:, [0, 2, 1]], np.tile([0.0, 0, 1], (12, 1)))
-    np.testing.assert_allclose(frame.across, [1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(frame.normal, [0, 0, 1], atol=1e-12)
+    some, corners = [3, 5, 6, 10], points[[0, 3, 11, 8]]
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    for frame in (
+        wall_frame(points[::4] @ turn.T, normals[::4] @ turn.T, (3, 1)),
+        wall_frame(points[some] @ turn.T, normals[some] @ turn.T, (3, 4), corners @ turn.T),
+    ):
+        np.testing.assert_allclose(frame.across, turn @ [1, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(frame.up, turn @ [0, 0, 1], atol=1e-12)
+    frame = wall_frame(points[:1], normals[:1], (1, 1))
+    assert abs(frame.across @ frame.normal) < 1e-12
 
 
 def test_neighbours_rise_above_a_wall_that_bends_towards_the_room_and_not_else():

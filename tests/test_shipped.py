@@ -52,7 +52,7 @@ def test_a_file_of_ones_own_comes_before_a_shipped_one(tmp_path):
 def test_unknown_name_is_refused_with_the_names_there_are():
     message = refusal(find_scene, "sofa")
     assert message.startswith("scene 'sofa' does not exist; ")
-    assert ": bright_room, chair, plant, plate, ambient/" in message
+    assert ": bright_room, chair, corner, doorway, plant, plate, ambient/" in message
     message = refusal(find_image, "sofa")
     assert message.startswith("image 'sofa' does not exist; ")
     assert "letters, mushroom" in message

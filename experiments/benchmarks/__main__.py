@@ -7,6 +7,7 @@ measured in one run, carry over. One runs only when named: `--only live` needs a
 
 import typer
 
+from experiments.benchmarks.fine_grids import fine_grids
 from experiments.benchmarks.live import live
 from experiments.benchmarks.stills import denoising, stills, video
 from experiments.page import Experiment, Page
@@ -15,6 +16,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "stills": stills,
     "denoising": denoising,
     "video": video,
+    "fine-grids": fine_grids,
     "live": live,
 }
 

@@ -26,7 +26,16 @@ PAGE = Page(
     "are the shipped ones where not said otherwise, as measured by a ruler: an image may stand "
     "beside its place by a patch or two, which 'shifted' allows for. Stated values are those of "
     "the paper (Saunders and Goyal, ICCP 2021).",
-    names=("captures", "placements", "stills", "repeats", "ambient", "video", "single_pixels"),
+    names=(
+        "captures",
+        "placements",
+        "stills",
+        "repeats",
+        "ambient",
+        "video",
+        "single_pixels",
+        "rooms",
+    ),
 )
 
 

@@ -10,11 +10,15 @@ smoothly with the scene: what descends on a scene's parameters needs that.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from periscopy_sim.analytic.border_motion import light_derivatives
+from periscopy_sim.analytic.clipped_light import Patches, clipped_rows, hides_itself, patches_of
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.errors import ClosedFormError
@@ -34,6 +38,9 @@ PIXEL_POINTS = 126
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a surface counts as planar."""
 
+MOST_FACES = 256
+"""Triangles past which clipping by each costs more than rays."""
+
 
 def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     """Compute the light transport matrix by areas, averaged over the points of the view's pixels.
@@ -41,8 +48,8 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     Parameters
     ----------
     scenario
-        A scene with a planar diffuse wall, a monitor that is a planar grid of rectangles of known
-        angular profile, and occluders of triangles between the two.
+        A scene with a planar diffuse wall, hidden surfaces of known angular profile that do not
+        hide themselves, and occluders of triangles.
 
     Returns
     -------
@@ -54,7 +61,7 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    blocks = [_local_scene(scenario, name).light() for name in scenario.hidden]
+    blocks = [_scene_of(scenario, name).light() for name in scenario.hidden]
     return np.hstack(blocks) if len(blocks) > 1 else blocks[0]
 
 
@@ -80,15 +87,10 @@ def has_areas(scenario: Scenario) -> bool:
     return True
 
 
-def require_areas(scenario: Scenario, beside: Scenario | None = None) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes.
-
-    So it is unless `area_derivatives` can take differences to another scene, if one is given.
-    """
+def require_areas(scenario: Scenario) -> None:
+    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
     for name in scenario.hidden:
-        local = _local_scene(scenario, name)
-        if beside is not None:
-            _require_alike(local, _local_scene(beside, name))
+        _scene_of(scenario, name)
 
 
 def area_derivatives(
@@ -121,12 +123,22 @@ def area_derivatives(
         As there, of any of the scenes.
     """
     blocks = []
+    for before, after, _ in sides:
+        _require_alike(after, before)
     for name, part in scenario.hidden.slices.items():
-        local = _local_scene(scenario, name)
+        local = _scene_of(scenario, name)
+        beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
         slopes = [
-            _slope(_local_scene(b, name), _local_scene(a, name), distance)
-            for a, b, distance in sides
+            _slope(after, before, by)
+            for after, before, by in beside
+            if isinstance(after, _LocalScene)
+            and isinstance(before, _LocalScene)
+            and len(after.meshes) == len(before.meshes)
         ]
+        # Outlines move where both sides have them, and nothing passes the surface's plane between.
+        if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
+            blocks.append(_differences(sides, name))
+            continue
         changes = np.empty((len(sides), len(local.points), part.stop - part.start), np.float32)
         _fill_changes(changes, local, slopes)
         changes *= local.scale
@@ -136,6 +148,20 @@ def area_derivatives(
                 change += by.scale / local.scale * A[:, part]
         blocks.append(changes)
     return np.concatenate(blocks, axis=2) if len(blocks) > 1 else blocks[0]
+
+
+def _differences(
+    sides: Sequence[tuple[Scenario, Scenario, float]], name: str
+) -> NDArray[np.float32]:
+    """Return (P, M, N) differences of a surface's columns, over the sides' distances."""
+    steps: list[NDArray[np.float32]] = []
+    last: Scenario | None = None
+    for before, after, distance in sides:
+        if before is not last:  # all may share one side
+            last, start = before, _clipped_scene(before, name).light(np.float64)
+        end = _clipped_scene(after, name).light(np.float64)
+        steps.append(((end - start) / distance).astype(np.float32))
+    return np.array(steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +201,45 @@ class _LocalScene:
         return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
 
-def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
-    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
-    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
-    emission = scene.emission[name]
+@dataclass(frozen=True, eq=False)
+class _ClippedScene:
+    """A scene as `clipped_rows` takes it."""
+
+    points: Array  # (M, K, 3)
+    normals: Array  # (M, K, 3)
+    faces: Array  # (F, 3, 3)
+    patches: Patches
+    exponents: Array  # (2,)
+    scale: float
+
+    def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """Return the surface's columns of A, (M, R C)."""
+        A = np.empty((len(self.points), len(self.patches.centers)), dtype)
+
+        def part(some: tuple[int, int]) -> None:
+            at = slice(*some)
+            points, normals = self.points[at], self.normals[at]
+            clipped_rows(points, normals, self.faces, self.patches, self.exponents, A[at])
+
+        in_parallel(part, ranges(len(A)))
+        A *= self.scale
+        return A
+
+
+def _scene_of(scenario: Scenario, name: str) -> _LocalScene | _ClippedScene:
+    """Return a scene before a hidden surface: by outlines on a plane where that is possible."""
+    try:
+        return _local_scene(scenario, name)
+    except ClosedFormError:
+        return _clipped_scene(scenario, name)
+
+
+def _emission(scenario: Scenario, name: str) -> tuple[Array, float]:
+    """Return the exponents, (2,), of a surface's profile, and the wall's albedo over π.
+
+    A ClosedFormError says that the wall or the profile has no closed form.
+    """
+    view, scene, emission = scenario.view, scenario.scene, scenario.scene.emission[name]
     if view.reflectance is None:
         raise no_closed_form(scene, "wall", "is not diffuse; give it a diffuse bsdf")
     if emission is None:
@@ -187,6 +248,32 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     wall = wall_plane(view)
     if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
+    exponents = np.array([emission.vertical, emission.horizontal])
+    return exponents, float(view.reflectance.mean()) / np.pi
+
+
+def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
+    """Return a scene for clipping by faces; a ClosedFormError says that it cannot."""
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+    exponents, scale = _emission(scenario, name)
+    faces = [np.empty((0, 3, 3))]
+    for occluder in view.before(name):
+        if occluder.vertices is None or occluder.faces is None:
+            raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
+        faces.append(occluder.vertices[occluder.faces])
+    if (count := sum(map(len, faces))) > MOST_FACES:
+        reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
+        raise no_closed_form(scene, view.before(name)[-1].name, reason)
+    if hides_itself(surface, tuple(view.corners[1].ravel())):
+        raise no_closed_form(scene, name, "hides parts of itself; split it")
+    stacked = np.concatenate(faces)
+    return _ClippedScene(view.points, view.normals, stacked, patches_of(surface), exponents, scale)
+
+
+def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
+    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+    exponents, scale = _emission(scenario, name)
     axes = surface_axes(scene, name, surface)
     if abs(axes[0] @ axes[1]) > FLATNESS:
         raise no_closed_form(scene, name, "has patches that are not rectangular")
@@ -200,37 +287,44 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     points, normals = (view.points - first) @ turned / unit, view.normals @ turned
     if points[..., 2].min() <= 0:
         raise no_closed_form(scene, name, "does not face all of the wall that the camera sees")
+    # All light runs within the hull of these corners.
+    rectangle = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0)]) * [*(shape * cut)[::-1], 0]
+    ends = np.concatenate([rectangle, (seen_corners(view) - first) @ turned / unit])
     meshes = []
-    for occluder in scene.before(name):
+    for occluder in view.before(name):
         if occluder.vertices is None or occluder.faces is None:
             raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
         vertices = (occluder.vertices - first) @ turned / unit
         above = vertices[:, 2] / points[..., 2].min()
         if above.max() <= FLATNESS:  # behind the surface, it hides nothing of it
             continue
-        meshes.append((vertices, occluder.faces))
         if above.min() <= FLATNESS or above.max() >= 1 - FLATNESS:
+            if are_apart(vertices, ends):
+                continue
             end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
             raise no_closed_form(
                 scene, occluder.name, f"reaches the {end}; move it between the two"
             )
-    exponents = np.array([emission.vertical, emission.horizontal])
-    scale = float(view.reflectance.mean()) / np.pi * width * height
+        meshes.append((vertices, occluder.faces))
+    scale *= width * height
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
 
 
-def _require_alike(after: _LocalScene, before: _LocalScene) -> None:
-    """Raise a ClosedFormError unless two scenes have the same meshes before a hidden surface."""
-    if len(after.meshes) != len(before.meshes) or any(
-        len(a) != len(b) or not np.array_equal(f, g)
-        for (a, f), (b, g) in zip(after.meshes, before.meshes, strict=True)
+def _require_alike(after: Scenario, before: Scenario) -> None:
+    """Raise a ClosedFormError unless two scenes have occluders of the same faces."""
+    pairs = zip_longest(after.scene.occluders, before.scene.occluders)
+    if any(
+        a is None
+        or b is None
+        or not np.array_equal(np.array(a.faces), np.array(b.faces))
+        or np.array(a.vertices).shape != np.array(b.vertices).shape
+        for a, b in pairs
     ):
-        raise ClosedFormError("a parameter changes an occluder's faces, or what hides a surface")
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
 
 
 def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
     """Return the derivative of a scene's arrays, from those on either side."""
-    _require_alike(after, before)
     slopes = {
         name: (getattr(after, name) - getattr(before, name)) / distance
         for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
@@ -267,6 +361,29 @@ def wall_plane(view: View) -> WallFrame:
         reason = f"is not one plane where the camera sees it (off by {deviation:.2g} m); flatten it"
         raise no_closed_form(view.scene, "wall", reason)
     return wall
+
+
+def seen_corners(view: View) -> Array:
+    """Return the corners, (4, 3), of the rectangle about all points of a view of a plane."""
+    wall = view.frame
+    axes = np.stack([wall.across, wall.up])
+    places = (view.points.reshape(-1, 3) - wall.center) @ axes.T
+    (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
+    ends = np.array([(left, low), (left, high), (right, low), (right, high)])
+    return np.asarray(wall.center + ends @ axes)
+
+
+def are_apart(points: Array, others: Array) -> bool:
+    """Return whether a plane parts two sets of points, (n, 3) and (m, 3).
+
+    A linear program looks for the plane that is farthest from both.
+    """
+    scale = np.abs(np.concatenate([points, others])).max()
+    sides = [np.insert(-points, 3, 1, axis=1), np.insert(others, 3, -1, axis=1)]
+    rows = np.insert(np.concatenate(sides) / [scale, scale, scale, 1], 4, 1, axis=1)
+    bounds = [(-1, 1)] * 3 + [(None, None), (0, 1)]  # the plane's normal, place and distance
+    found = optimize.linprog([0, 0, 0, 0, -1], rows, np.zeros(len(rows)), bounds=bounds)
+    return bool(found.success and found.x[4] > FLATNESS)
 
 
 def surface_axes(scene: Scene, name: str, surface: Surface) -> Array:

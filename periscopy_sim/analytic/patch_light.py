@@ -21,11 +21,9 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
+from periscopy_sim.hidden import GAUSS
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled, compiled_reordered
-
-GAUSS = 0.5 / np.sqrt(3.0)
-"""From a cell's middle to either of Gauss and Legendre's two points, in cells."""
 
 
 class Lighting(NamedTuple):  # which compiled functions take

@@ -31,7 +31,7 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.survey import shadow_doubt
-from periscopy_sim.scene import Scene
+from periscopy_sim.scene import CAMERA, Scene
 
 
 def calibrate(
@@ -43,6 +43,7 @@ def calibrate(
     shown: Sequence[Image | Mapping[str, Image]] = (),
     parameters: Mapping[str, str | float] | None = None,
     uncertain: Mapping[str, float] | None = None,
+    camera: str = CAMERA,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:
@@ -79,6 +80,8 @@ def calibrate(
         only enlarge the errors of the free ones ("consider" analysis: Bierman, Factorization
         Methods for Discrete Sequential Estimation, 1977, chapter 8). By default, those that the
         scene declares of all that is not free.
+    camera
+        Id of the sensor that photographed.
     seed
         Of the draws.
     progress
@@ -98,7 +101,7 @@ def calibrate(
         If photographs are not of the camera's size or fewer than the shown pictures, or a shown
         picture is black or given beside a colour matrix.
     """
-    scenario = load_scenario(scene, hidden, parameters)
+    scenario = load_scenario(scene, hidden, parameters, camera=camera)
     photographs = of_one_wall(photograph, scenario.photograph_shape)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(

@@ -71,21 +71,18 @@ class MovingScene:
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        sides = [(scenario, *self._beside(scenario, values, k)) for k in range(len(values))]
+        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
         A = area_transport(scenario)
         return A, area_derivatives(scenario, sides, A)
 
-    def _beside(self, scenario: Scenario, values: Array, k: int) -> tuple[Scenario, float]:
-        """Return the scene with a parameter moved a little to either side, and how far.
-
-        To the other side of where one hidden surface comes before another there is no derivative.
-        """
+    def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
+        """Return the scene with a parameter moved a little to either side, and how far."""
         for step in (STEP * self.errors[k], -STEP * self.errors[k]):
             moved = values.copy()
             moved[k] += step
             try:
                 beside = self.at(moved)
-                require_areas(beside, scenario)
+                require_areas(beside)
                 return beside, step
             except SceneError as error:
                 unphysical = error
@@ -133,7 +130,8 @@ def uncertain_transport(
     require_areas(scenario)
     shape = scenario.photograph_shape
     coarse = limit_size(shape, max(LARGEST, *map(max, scenario.hidden.shapes.values())))
-    deviations, view = np.sqrt(np.sum(directions**2, axis=1)), View.of(scenario.scene, coarse)
+    deviations = np.sqrt(np.sum(directions**2, axis=1))
+    view = View.of(scenario.scene, coarse, camera=scenario.view.camera)
     # Two bands for three parameters: their derivatives take 1.5 times the memory of A.
     bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-2 * len(names) // 3)))
 

@@ -26,7 +26,6 @@ from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import Scene
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
@@ -40,9 +39,9 @@ PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Of the fine level, and of the one for errors, at least."""
 
 
-def finest_view(scene: Scene, shape: Size) -> View:
+def finest_view(view: View, shape: Size) -> View:
     """Return the view of averaged photographs, over `LARGEST` wall points along a side at least."""
-    return View.of(scene, shape, across=-(-LARGEST // max(shape)))
+    return View.of(view.scene, shape, across=-(-LARGEST // max(shape)), camera=view.camera)
 
 
 def shown_light(picture: Image | Mapping[str, Image], hidden: Hidden) -> Array:
@@ -138,7 +137,7 @@ class CalibrationProblem:
         pixels = np.zeros_like(first.pixels)
         pixels[stride // 2 :: stride, stride // 2 :: stride] = True
         pixels &= first.pixels
-        view = finest_view(self.scenario.scene, first.shape)
+        view = finest_view(self.scenario.view, first.shape)
         part = Scenario(view.of_pixels(pixels), hidden)
         scene = MovingScene(part, self.names, self.errors)
         Q = ambient_basis(view, pixels, first)

@@ -11,6 +11,7 @@ from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
+from periscopy_sim.hidden import named
 
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
@@ -39,7 +40,7 @@ def analyze(
     """
     from periscopy_sim.evaluation import diagnostics
 
-    with output_folder(out) as folder:
+    with output_folder(out, ["bounds*.npy"]) as folder:
         session.check_scene()
         scenario = session.scenario
         mask, monitor_off = session.companions()
@@ -50,14 +51,18 @@ def analyze(
             result = diagnostics.diagnose(
                 A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance
             )
-        np.save(folder / "bounds.npy", result.bounds)
-        np.save(folder / "bounds_without_background.npy", result.bounds_without_background)
+        hidden = scenario.hidden
+        bounds = hidden.images(result.bounds)
+        alone = hidden.images(result.bounds_without_background)
+        files = named("bounds", bounds) | named("bounds_without_background", alone)
+        for name, values in files.items():
+            np.save(folder / f"{name}.npy", values)
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(wall.used.mean())
-        alone, both = noise * result.bounds_without_background, noise * result.bounds
+        both = noise * hidden.vector(result.bounds)
         panels.draw_maps(
             folder / "bounds.png",
-            [("A alone", alone), ("[A, B]", both)],
+            {n: [("A alone", noise * alone[n]), ("[A, B]", noise * bounds[n])] for n in hidden},
             "standard error of a patch, white = 1",
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
-    "The pictures of further photographs are unknown."
+    "The pictures of further photographs are unknown. Of several surfaces: ID=IMAGE,ID=IMAGE."
 )
 _FREE = (
     "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
@@ -51,13 +51,13 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[list[str] | None, option("IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:
         """The files that are read."""
-        others = self.path, self.mask, self.colour_matrix
-        return [*self.photo, *(self.monitor_off or ()), *others]
+        others = self.path, self.colour_matrix
+        return [*self.photo, *(self.mask or ()), *(self.monitor_off or ()), *others]
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
@@ -68,9 +68,15 @@ class CalibrationSession(PhotoSession):
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
             "hidden": self.sizes,
-            "shown": [self.hidden_image(name) for name in self.shown or ()],
+            "camera": self.sensor,
+            "shown": [self.picture(text) for text in self.shown or ()],
             "seed": self.seed,
         }
+
+    def picture(self, text: str) -> Any:
+        """Read what the hidden surfaces showed in a photograph."""
+        entries = text.split(",") if len(self.scenario.hidden) > 1 else [text]
+        return self.hidden_image(self.by_surface(entries, "--shown"))
 
     def write(self, file: Path, record: dict[str, Any]) -> None:
         """Write a result's record, and where it is from, as JSON."""
@@ -202,7 +208,7 @@ def _write_copy(
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
-            ps.load_scenario(staged, session.sizes)
+            ps.load_scenario(staged, session.sizes, camera=session.sensor)
     except SceneError as error:
         raise SceneError(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "

@@ -56,7 +56,7 @@ def demo(
     pictures.append(("photograph of the wall", panels.displayable(y)))
     for method, title in METHODS.items():
         reconstruct(
-            photo=photo, session=PhotoSession(*chair), light=Light(), out=out / method,
+            photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
             method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
         )  # fmt: skip
         recovered = np.load(out / method / "reconstruction.npy")

@@ -81,7 +81,8 @@ def design(
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:
         """Return the errors of the scene with these values."""
-        scenario = ps.load_scenario(session.path, session.sizes, {**session.definitions, **values})
+        given = {**session.definitions, **values}
+        scenario = ps.load_scenario(session.path, session.sizes, given, camera=session.sensor)
         A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
         B, images = light.backgrounds(scenario), list(pictures.values())
         return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
@@ -130,7 +131,7 @@ def _write_results(
         remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
         with staged_file(out / BEST) as file:
             write_copy(session.scenario.document, values_of(best), file, remark)
-            ps.load_scenario(file, session.sizes)
+            ps.load_scenario(file, session.sizes, camera=session.sensor)
     record = {
         **settings,
         "best": best,

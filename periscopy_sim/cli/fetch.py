@@ -11,7 +11,7 @@ from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import output_folder, progress, say
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.published import fetch as fetch_set
-from periscopy_sim.storage.published import published_sets, read_capture
+from periscopy_sim.storage.published import published_sets
 
 Name = Annotated[str, typer.Argument(metavar="[NAME]", help="A set; all are listed without it.")]
 Out = Annotated[Path | None, option("DIR", "Folder to copy the set into.")]
@@ -20,16 +20,16 @@ Out = Annotated[Path | None, option("DIR", "Folder to copy the set into.")]
 def fetch(name: Name = "", out: Out = None) -> None:
     """Download published photographs.
 
-    Raw captures as their authors lay them out, and an NPZ file of each for `reconstruct`.
+    Files as their authors lay them out, and an NPZ file of each photograph for `reconstruct`.
     """
     sets = published_sets()
     if not name and out is not None:
         raise PeriscopyError("--out: name the set to fetch")
     if not name:
         for each, data in sets.items():
-            say(f"{each}: {data.what} ({len(data.files)} captures)")
+            say(f"{each}: {data.what} ({len(data.files)} files)")
         return
-    with progress(f"fetching {name}", "captures") as report:
+    with progress(f"fetching {name}", "files") as report:
         folder = fetch_set(name, report)
     data_set = sets[name]
     for entry in ("cite", "licence", "geometry"):
@@ -37,11 +37,12 @@ def fetch(name: Name = "", out: Out = None) -> None:
     values = "".join(f" -D {key}={value:g}" for key, value in data_set.parameters.items())
     say(f"scene: --scene {data_set.scene}{values}")
     if out is None:
-        say(f"captures are in {folder}")
+        say(f"files are in {folder}")
         return
     with output_folder(out) as staged:
         for file in data_set.files:
             (staged / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, staged / file)
-            arrays: dict[str, Any] = {**read_capture(folder / file)}
-            np.savez((staged / file).with_suffix(".npz"), **arrays)
+        for each, arrays in data_set.arrays(folder):
+            named: dict[str, Any] = dict(arrays)
+            np.savez(staged / f"{each}.npz", **named)

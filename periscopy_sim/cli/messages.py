@@ -19,6 +19,13 @@ SENTENCES = {
         "If the scene's numbers err as declared, the image may sit ± {most:.1f} patches from its "
         "place; the photograph cannot show this."
     ),
+    "exposure_of": (
+        "the exposure of {camera} is {exposure:.4g} ± {error:.2g} times that of {first}"
+    ),
+    "exposure": (
+        "the views hardly show the same parts of the hidden scene: the exposure of {camera} is "
+        "known to {percent:.2g} %, and so is the brightness of what it alone shows"
+    ),
     "fits": "The scene fits: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise.",
     "does_not_fit": (
         "The scene does not fit: {unexplained_by_any:.3g} % unexplained, {noise_alone:.3g} % noise."
@@ -44,9 +51,13 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} by rays has an error of {error:.2g} % of the light, more than the noise of "
-        "{noise:.2g} %"
+        "{name} has an error of {error:.2g} % of the light, more than the noise of {noise:.2g} %"
     ),
+    "fine_grid": (
+        "{patches:,} patches: {method} needs about {memory:.1f} GB of memory, and {seconds:.0f} s "
+        "on two cores once A is known"
+    ),
+    "reflecting": "Without an emitter, {names}: the image is radiance, not albedo.",
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (

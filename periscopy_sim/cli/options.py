@@ -16,7 +16,7 @@ from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
-from periscopy_sim.scene import SceneDocument
+from periscopy_sim.scene import CAMERA, SceneDocument
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -119,6 +119,19 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+def file_of_view(entry: str) -> Path:
+    """Return ``FILE``, or ``CAMERA=FILE`` of one of several views, if there is the file."""
+    if not (file := split_of_view(entry)[1]).exists():
+        raise typer.BadParameter(f"Path '{file}' does not exist.")
+    return Path(entry)
+
+
+def split_of_view(entry: str | Path) -> tuple[str, Path]:
+    """Return the camera and the file of ``CAMERA=FILE``, or no camera and ``FILE``."""
+    camera, equals, file = str(entry).partition("=")
+    return (camera, Path(file)) if equals and not Path(entry).exists() else ("", Path(entry))
+
+
 # -- the options ---------------------------------------------------------------------------------
 
 
@@ -131,10 +144,13 @@ class Model(StrEnum):
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
+_EACH = "Of several views one for each --camera, in their order."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden); of several surfaces ID=IMAGE, repeated"
 _HIDDEN = "Size of the hidden image in patches: 29x36; of several surfaces ID=29x36, repeated."
-_MASK = "A picture of the photograph's size; its black pixels are not used."
-_OFF = "Background photograph, with the monitor off; repeatable."
+_VIEWS = "of several views CAMERA=FILE, repeated."
+_MASK = f"A picture of the photograph's size; its black pixels are not used; {_VIEWS}"
+_OFF = f"Background photograph, with the monitor off; repeatable; {_VIEWS}"
+_CAMERA = f"Id of the scene's sensor. [default: {CAMERA}]"
 _COLOURS = (
     "3x3 matrix (NPY, JSON, CSV) from the monitor's primaries to the camera's channels, or a raw "
     "file of the camera."
@@ -159,15 +175,30 @@ Define = Annotated[
     list[str] | None,
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
 ]
-PhotoArgument = Annotated[Path, typer.Argument(metavar="PHOTO", help=_PHOTO, exists=True)]
-MaskOption = Annotated[Path | None, option("FILE", _MASK, group=PHOTOGRAPH, exists=True)]
-MonitorOffOption = Annotated[list[Path] | None, option("FILE", _OFF, group=PHOTOGRAPH, exists=True)]
+Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
+PhotoArguments = Annotated[
+    list[Path], typer.Argument(metavar="PHOTO", help=f"{_PHOTO} {_EACH}", exists=True)
+]
+FilesOfViews = list[Path] | None
+MaskOption = Annotated[
+    FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH, parser=file_of_view)
+]
+MonitorOffOption = Annotated[
+    FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH, parser=file_of_view)
+]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
+_MATRIX = "Read A from an NPY file"
 MatrixOption = Annotated[
-    Path | None, option("FILE", "Read A from an NPY file.", "--transport", group=LIGHT, exists=True)
+    Path | None, option("FILE", f"{_MATRIX}.", "--transport", group=LIGHT, exists=True)
+]
+MatricesOption = Annotated[
+    FilesOfViews,
+    option(
+        "[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT, parser=file_of_view
+    ),
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]

@@ -98,11 +98,6 @@ def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
     say_written(*(out / path for path in sorted(written) if len(path.parts) == 1))
 
 
-def by_file(stem: str, by_id: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of hidden surfaces by the stems of their files: of several ``stem_ID``."""
-    return {f"{stem}_{name}" if len(by_id) > 1 else stem: each for name, each in by_id.items()}
-
-
 _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
 

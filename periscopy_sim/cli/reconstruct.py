@@ -1,6 +1,7 @@
 """`periscopy reconstruct`: from a photograph to the hidden image."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,13 +13,17 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.output import by_file, fixable, output_folder, progress, say
-from periscopy_sim.cli.session import PhotoSession, Session
+from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
+from periscopy_sim.figures.space import draw_space
+from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
@@ -26,21 +31,27 @@ _UNCERTAIN = (
 )
 _TRUTH = f"Hidden image, if known: {options.IMAGE}."
 OPTIONAL = [
-    *("certainty.png", "comparison.png", "residual.png", "stages.png"),
+    *("certainty.png", "comparison.png", "residual*.png", "stages.png", "space.png", "hidden.glb"),
     *("reconstruction*.npy", "reconstruction*.png", "standard_error*.npy"),
 ]
 """Files that depend on the scene, the method and the options."""
 
+OF_VIEW = {
+    *("model", "samples", "transport_error", "transport", "relative_noise"),
+    *("mask", "backgrounds", "pixels_left_out"),
+}
+"""Entries of a session's record that belong to one of several views."""
+
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Report
+    from periscopy_sim.reconstruction.method import Report, StillMethod
 
 
 def reconstruct(
     *,
-    photo: options.PhotoArgument,
+    photo: options.PhotoArguments,
     session: PhotoSession,
     light: Light,
-    matrix: options.MatrixOption = None,
+    matrix: options.MatricesOption = None,
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
@@ -49,71 +60,152 @@ def reconstruct(
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,
 ) -> None:
-    """Recover the hidden image from one photograph of the wall."""
+    """Recover the hidden image from one photograph of the wall.
+
+    Of several views it takes one photograph each, with its --camera.
+    """
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
-    named = options.known_errors(text, session.scenario.document) if text else {}
+    views = session.views(photo)
+    session = next(iter(views.values()))
+    matrices = files_of_view("--transport", matrix, list(views))
+    several = len(views) > 1
+    if several:
+        _check_views(method)
+    errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
-    if named and not counts_errors:
+    if errors and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
     with output_folder(out, OPTIONAL) as folder:
-        session.check_scene(method)
-        wall = session.wall(photo)
+        walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
+        for (camera, view), file in zip(views.items(), photo, strict=True):
+            view.check_scene(method)
+            walls[camera] = view.wall(file)
         names = session.by_surface(truth, "--truth") if truth else None
         known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
-        moved = _uncertain_light(session, named) if counts else None
-        fitted = session.fit(method, settings, light, matrix, wall, moved)
+        for camera, view in views.items():
+            moved = _uncertain_light(view, errors) if counts else None
+            matrix_file = next(reversed(matrices[camera]), None)  # the last counts
+            fit = method, settings, light, matrix_file, walls[camera], moved
+            methods[camera] = view.fit(*fit)
+        of = ", ".join(map(str, photo))
         with (
             session.timed("reconstruct"),
             progress("reconstructing"),
-            fixable(f"{photo} by {method}"),
-            own_errors(method, f"failed on {photo}"),
+            fixable(f"{of} by {method}"),
+            own_errors(method, f"failed on {of}"),
         ):
-            solution = fitted.solve(wall)
+            joint: Any = METHODS[method].of_views(methods) if several else methods[session.sensor]
+            solution = joint.solve(walls if several else walls[session.sensor])
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
-            report, verdict = session.judge(str(photo), fitted, wall, solution)
+            report, reports = _reports(joint, walls, solution)
+            verdicts = {
+                camera: views[camera].judge(str(file), reports[camera])
+                for camera, file in zip(views, photo, strict=True)
+            }
+            for note in report.warnings if several else ():
+                session.warn(f"{of}: {messages.sentence(note.code, **note.values)}")
+        titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
+        shown = {title: wall.values for title, wall in zip(titles, walls.values(), strict=True)}
         with session.timed("draw"), progress("drawing"):
-            write_report(folder, report, images, wall.values, session.metadata)
-        compared = _compare(folder, images, known, wall.values, session) if known else {}
+            write_report(folder, report, session.scenario, images, shown, session.metadata)
+            for camera, own in reports.items() if several else ():
+                file = folder / f"residual_{camera}.png"
+                _draw_residual(file, own, walls[camera].values, session.metadata)
+        compared = _compare(folder, images, known, shown, session) if known else {}
         summary = {
             "method_sha256": source_sha256(method),
-            "photograph": str(photo),
-            "verdict": verdict,
+            **_of_views(views, photo, verdicts, reports),
             **report.numbers,
             "truth": names and session.scenario.hidden.unwrapped(names),
             **session.by_metric(compared),
         }
         session.write_summary(folder / "summary.json", summary)
-    for note in report.notes:
+    for note in chain(*(own.notes for own in reports.values() if several), report.notes):
         say(messages.sentence(note.code, **note.values))
+    if reflecting := session.scenario.scene.reflecting:
+        say(messages.sentence("reflecting", names=", ".join(reflecting)))
     for name, each in compared.items():
         say(messages.comparison(each, name if len(compared) > 1 else ""))
-    say(verdict)
+    for camera, verdict in verdicts.items():
+        say(f"{camera}: {verdict}" if several else verdict)
 
 
-def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.UncertainTransport | None":
+def _reports(
+    method: Any, walls: Mapping[str, ps.Photograph], solution: Any
+) -> "tuple[Report, dict[str, Report]]":
+    """Return the report of an image, and that of each view; of one view they are the same."""
+    if len(walls) > 1:
+        both: tuple[Report, dict[str, Report]] = method.report(walls, solution)
+        return both
+    ((camera, wall),) = walls.items()
+    report = method.report(wall, solution)
+    return report, {camera: report}
+
+
+def _of_views(
+    views: Mapping[str, PhotoSession],
+    photos: Sequence[Path],
+    verdicts: Mapping[str, str],
+    reports: "Mapping[str, Report]",
+) -> dict[str, Any]:
+    """Return the entries of a summary on the views; of several by camera.
+
+    The first view's session then has the warnings and the seconds of all.
+    """
+    own: dict[str, dict[str, Any]] = {
+        camera: {"photograph": str(file), "verdict": verdicts[camera]}
+        for camera, file in zip(views, photos, strict=True)
+    }
+    first, *others = views.values()
+    if not others:
+        return own[first.sensor]
+    settings = {n: each for n, each in first.record.items() if n not in OF_VIEW}
+    for camera, view in views.items():
+        record = {n: each for n, each in view.record.items() if n in OF_VIEW}
+        shape = {"photograph_shape": view.scenario.photograph_shape}
+        own[camera] |= {**shape, **record, **reports[camera].numbers}
+    for view in others:
+        first.warnings += view.warnings
+        for stage, seconds in view.seconds.items():
+            first.seconds[stage] = round(first.seconds.get(stage, 0.0) + seconds, 4)
+    first.record = settings
+    shapes = {camera: each["photograph_shape"] for camera, each in own.items()}
+    return {"photograph_shape": shapes, "views": own}
+
+
+def _check_views(method: str) -> None:
+    """Reject a method that takes one view alone."""
+    able = [name for name, entry in METHODS.items() if entry.views]
+    if method not in able:
+        raise PeriscopyError(
+            f"--method {method}: it takes one view; several take {', '.join(able)}"
+        )
+
+
+def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 
     scenario, scene = session.scenario, session.scene
-    known = None if named else scene_covariance(scenario.document)
+    known = None if given else scene_covariance(scenario.document)
     if known and not known.trusted:
         session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None
-    errors = known or named or free_parameters(scenario.document)
+    errors = known or given or free_parameters(scenario.document)
     if not (known.names if known else errors):
         return None
-    if named or has_areas(scenario):
+    if given or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
     say(messages.sentence("no_derivatives", scene=scene))
     return None
@@ -122,48 +214,63 @@ def _uncertain_light(session: Session, named: dict[str, float]) -> "ps.Uncertain
 def write_report(
     folder: Path,
     report: "Report",
+    scenario: ps.Scenario,
     images: Mapping[str, Image],
-    photograph: Array,
+    photographs: Mapping[str, Array],
     text: dict[str, str],
 ) -> None:
     """Write images, (R, C, channels), by their surfaces, and what the method reports beside them.
 
+    The photographs are by title.
+
     They have one exposure: their relative brightness is a result, too.
     """
-    hidden = ps.Hidden.of({name: image.shape[:2] for name, image in images.items()})
-    white, wall = panels.common_white(images.values()), panels.displayable(photograph)
-    for name, image in by_file("reconstruction", images).items():
+    hidden, white = scenario.hidden, panels.common_white(images.values())
+    lit = {name: panels.displayable(image, white) for name, image in images.items()}
+    walls = [(title, panels.displayable(each)) for title, each in photographs.items()]
+    for name, image in named("reconstruction", images).items():
         np.save(folder / f"{name}.npy", image.astype(np.float32))
-        panels.write_enlarged(folder / f"{name}.png", panels.displayable(image, white), text)
+    for name, image in named("reconstruction", lit).items():
+        panels.write_enlarged(folder / f"{name}.png", image, text)
+    if not hidden.is_flat:
+        wall = walls[0][1]  # of the scenario's view
+        if is_vectorized():  # ray by ray it would take an hour
+            draw_space(folder / "space.png", scenario, lit, wall, text)
+        write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]
         rows = {
             name: [(title, panels.displayable(stage[name])) for title, stage in stages]
             for name in hidden
         }
-        shown = {name: [("photograph", wall), *row] for name, row in rows.items()}
+        shown = {name: [*walls, *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
-        for name, each in by_file("standard_error", errors).items():
+        for name, each in named("standard_error", errors).items():
             np.save(folder / f"{name}.npy", each.astype(np.float32))
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)
+    _draw_residual(folder / "residual.png", report, next(iter(photographs.values())), text)
+
+
+def _draw_residual(file: Path, report: "Report", photograph: Array, text: dict[str, str]) -> None:
+    """Draw the residual beside its photograph, if the report has one."""
     if report.residual is not None:
-        caption = messages.verdict(report)
-        panels.draw_residual(folder / "residual.png", photograph, report.residual, caption, text)
+        panels.draw_residual(file, photograph, report.residual, messages.verdict(report), text)
 
 
 def _compare(
     folder: Path,
     images: Mapping[str, Image],
     truths: Mapping[str, Image],
-    photograph: Array,
+    photographs: Mapping[str, Array],
     session: Session,
 ) -> dict[str, dict[str, Any]]:
     """Return metrics against the truth by surface; draw both beside the photograph."""
     compared: dict[str, dict[str, Any]] = {}
-    rows, lines, wall = {}, [], panels.displayable(photograph)
+    rows, lines = {}, []
+    walls = [(title, panels.displayable(each)) for title, each in photographs.items()]
     for name, image in images.items():
         truth = truths[name]
         psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)
@@ -177,7 +284,7 @@ def _compare(
         }
         rows[name] = [
             ("hidden image", panels.displayable(truth, white=1)),
-            ("photograph", wall),
+            *walls,
             ("reconstruction", metrics.gain_matched(image, truth)),
         ]
         lines.append(

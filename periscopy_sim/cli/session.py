@@ -1,5 +1,6 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light
 from periscopy_sim.cli.messages import sentence, verdict
-from periscopy_sim.cli.output import fixable, progress, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask, machine
@@ -26,6 +27,7 @@ from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
+from periscopy_sim.scene import CAMERA
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 from periscopy_sim.storage.photographs import read_mask, read_photograph
@@ -36,17 +38,37 @@ if TYPE_CHECKING:
 
 
 def check_memory(scenario: ps.Scenario, method: str = "") -> None:
-    """Reject a scene whose A, and a method fitted to it, need more memory than there is."""
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is.
+
+    Print the memory and time that a fine grid of patches needs.
+    """
+    from periscopy_sim.model import spectral_basis
+
     pixels, patches = scenario.transport_shape
-    bytes_per_entry = METHODS.get(method, METHODS[DEFAULT]).bytes_per_entry if method else 4
+    entry = METHODS.get(method, METHODS[DEFAULT])
+    own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
     # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
-    needed, available = 0.6e9 + bytes_per_entry * pixels * patches, machine.available_memory()
+    needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
+    available = machine.available_memory()
     if available is not None and needed > available:
         raise PeriscopyError(
             f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
             f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
             "(--hidden)"
         )
+    if own and patches > spectral_basis.MOST_PATTERNS:
+        values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
+        say(sentence("fine_grid", method=method, **values))
+
+
+def check_file_names(scene: ps.Scene) -> None:
+    """Reject hidden surfaces whose ids cannot be parts of files' names."""
+    for name in scene.emission:
+        if not re.fullmatch(r"[\w.-]+", name):
+            raise PeriscopyError(
+                f"scene '{scene.path}': hidden surface '{name}' names files of results; give it an "
+                "id of letters, digits, '_', '-' and '.'"
+            )
 
 
 @dataclass(eq=False)
@@ -61,6 +83,7 @@ class Session(options.OptionGroup):
     hidden: options.Hidden  # none: a patch for each surface, where no image is recovered
     define: options.Define = None
     seed: options.Seed = 0
+    camera: options.Cameras = None
 
     def __post_init__(self) -> None:
         self.sizes, self.path = options.parse_sizes(self.hidden), find_scene(self.scene)
@@ -81,7 +104,18 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
-            return ps.load_scenario(scene, self.sizes or dict.fromkeys(scene.emission, (1, 1)))
+            if len(scene.emission) > 1:
+                check_file_names(scene)
+            sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
+            return ps.load_scenario(scene, sizes, camera=self.sensor)
+
+    @property
+    def sensor(self) -> str:
+        """The id of the sensor that photographs; one alone."""
+        first, *others = self.camera or [CAMERA]
+        if others:
+            raise PeriscopyError(f"--camera {others[0]}: this command takes one view; give one")
+        return first
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
@@ -139,9 +173,9 @@ class Session(options.OptionGroup):
         first, *others = hidden = self.scenario.hidden
         if len(entries) == 1 and not (others or entries[0].startswith(f"{first}=")):
             return {first: entries[0]}
-        pairs = options.parse_definitions(entries, flag)
-        if pairs.keys() != hidden.keys():
-            form = " ".join(f"{flag} {name}=..." for name in hidden)
+        pairs = dict(entry.split("=", 1) for entry in entries if "=" in entry)
+        if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
+            form = ", ".join(f"{name}=..." for name in hidden)
             raise PeriscopyError(f"{flag}: name each of the scene's hidden surfaces once: {form}")
         return pairs
 
@@ -223,6 +257,8 @@ class Session(options.OptionGroup):
             return ""
         if origin["model"] == "file":
             return "a --transport of more rays"
+        if origin["model"] == "analytic":
+            return "a --hidden of more patches, or a film of more pixels"
         if has_areas(self.scenario):
             return "--model analytic"
         return f"--samples {4 * (origin['samples'] or SAMPLES)}"
@@ -250,10 +286,11 @@ class WallSession(Session):
 
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
-        mask = None if self.mask is None else read_mask(self.mask, self.scenario.photograph_shape)
-        files = self.monitor_off or []
+        masks = files_of_view("--mask", self.mask, [self.sensor])[self.sensor]
+        mask = read_mask(masks[-1], self.scenario.photograph_shape) if masks else None
+        files = files_of_view("--monitor-off", self.monitor_off, [self.sensor])[self.sensor]
         monitor_off = {str(file): self.photograph(file, mask).values for file in files}
-        self.record |= {"mask": self.mask, "backgrounds": list(monitor_off)}
+        self.record |= {"mask": masks[-1] if masks else None, "backgrounds": list(monitor_off)}
         self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
         return mask, monitor_off
 
@@ -312,18 +349,32 @@ class PhotoSession(WallSession):
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
             return fit_method(method, self.scenario, A, B, wall, uncertain, **settings)
 
-    def judge(
-        self, name: str, fitted: "StillMethod[Any]", wall: ps.Photograph, solution: Any
-    ) -> "tuple[Report, str]":
-        """Return a report and its verdict, one line with a remedy; print the other warnings."""
-        report = fitted.report(wall, solution)
+    def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
+        """Return the session of each photograph's view, by its camera."""
+        cameras = self.camera or [CAMERA]
+        if len(photos) != len(cameras) or len({*cameras}) < len(cameras):
+            raise PeriscopyError(
+                f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
+                "a --camera of its own, in their order"
+            )
+        if len(cameras) == 1:
+            return {cameras[0]: self}
+        masks = files_of_view("--mask", self.mask, cameras)
+        off = files_of_view("--monitor-off", self.monitor_off, cameras)
+        return {
+            each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
+            for each in cameras
+        }
+
+    def judge(self, name: str, report: "Report") -> str:
+        """Return the verdict of a report, one line with a remedy; print the other warnings."""
         line = verdict(report, self._remedy(report))
         for note in report.warnings:
             if note.code == report.verdict.code:
                 self.warnings.append(f"{name}: {line}")
             else:
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        return report, line
+        return line
 
     def _remedy(self, report: "Report") -> str:
         """Return the sentence of the likeliest remedy; empty where the scene fits."""
@@ -339,3 +390,19 @@ class PhotoSession(WallSession):
             return sentence("measure")
         is_calibrated = scene_covariance(self.scenario.document) is not None
         return sentence("look" if is_calibrated else "calibrate")
+
+
+def files_of_view(
+    flag: str, entries: Sequence[Path] | None, cameras: Sequence[str]
+) -> dict[str, list[Path]]:
+    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
+    files = {camera: list[Path]() for camera in cameras}
+    for entry in entries or ():
+        camera, file = options.split_of_view(entry)
+        if not camera and len(cameras) == 1:
+            camera = cameras[0]
+        if camera not in files:
+            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
+            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
+        files[camera].append(file)
+    return files

@@ -52,9 +52,13 @@ def sweep(
         Path | None,
         option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
     ] = None,
-    truth: Annotated[str | None, option("IMAGE", "The hidden image of --photograph.")] = None,
+    truth: Annotated[
+        list[str] | None,
+        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
+    ] = None,
     hidden_image: Annotated[
-        str | None, option("IMAGE", "A hidden image whose photograph is path traced.")
+        list[str] | None,
+        option("[ID=]IMAGE", "A hidden image whose photograph is path traced; likewise."),
     ] = None,
     sbr: Annotated[
         str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
@@ -80,13 +84,16 @@ def sweep(
 
     # Reject wrong values here, before hours of rendering.
     require_all()
-    if (photograph is None) == (hidden_image is None) or (photograph is None) != (truth is None):
+    if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     ratios, lights = options.parse_ratios(sbr), options.parse_ambient(ambient)
     names = options.parse_list("--methods", methods)
     light.check_methods(*names)
     check_scheduler(scheduler)
-    image = session.hidden_image(truth or hidden_image or "")
+    shown = session.by_surface(
+        truth or hidden_image or [], "--truth" if truth else "--hidden-image"
+    )
+    image = session.hidden_image(shown)
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
     measured = {n: session.photograph(path, mask).values for n, path in lights.items() if path}
@@ -104,7 +111,7 @@ def sweep(
     with resumed_folder(out, settings, "sweep", (*RESULTS, *RENDERED), VARIED):
         session.check_scene()
         if wall is None:
-            traced = _path_traced(session, str(hidden_image), out / "photograph.exr")
+            traced = _path_traced(session, shown, out / "photograph.exr")
             wall = replace(traced, mask=mask, monitor_off=monitor_off)
         noise = noise_to_signal(snr, max(ratios))
         plans = {n: light.plan(session.scenario, noise, session.seed, n) for n in names}
@@ -157,10 +164,11 @@ def _settings(
     }
 
 
-def _path_traced(session: Session, hidden_image: str, file: Path) -> Photograph:
-    """Return the photograph of a hidden image, from its file if a former run wrote it."""
+def _path_traced(session: Session, shown: Mapping[str, str], file: Path) -> Photograph:
+    """Return the photograph of hidden images, from its file if a former run wrote it."""
     if not file.is_file():
-        take_photograph(session=session, image=hidden_image, out=file)
+        images = [f"{name}={image}" for name, image in shown.items()]
+        take_photograph(session=session, images=images, out=file)
     return session.photograph(file)
 
 
@@ -221,10 +229,11 @@ def _backgrounds(
 
 def _say_means(results: "xr.Dataset") -> None:
     """Print the mean error of each method at each SBR, and the failures."""
-    errors = results["mean_squared_error"].mean(("background", "seed"))  # without failures
-    table = errors.transpose("algorithm", "sbr").to_pandas()
-    say("mean squared error")
-    say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+    for name, each in panels.errors_of(results).items():
+        errors = each.mean(("background", "seed"))  # without failures
+        table = errors.transpose("algorithm", "sbr").to_pandas()
+        say(name)
+        say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
     for name in table.index:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
         failed = messages[messages != ""]

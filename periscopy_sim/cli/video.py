@@ -15,13 +15,17 @@ from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
 from periscopy_sim.figures.panels import draw_residual
+from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
-OPTIONAL = "frames/*.png", "frames_sheet.png", "residual.png", "video.mp4", "video.webm"
-"""Files that depend on the options and on the number of frames."""
+OPTIONAL = (
+    *("frames*/*.png", "frames*.npy", "frames_sheet.png", "residual.png"),
+    *("video.mp4", "video.webm"),
+)
+"""Files that depend on the scene, the options and the number of frames."""
 
 _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack."
 
@@ -37,7 +41,11 @@ def video(
     coupling: options.Coupling = "l1",
     numbers: options.VideoNumbers,
     truth: Annotated[
-        str | None, option("IMAGES", "The hidden images: a folder, an NPY stack, or one image.")
+        list[str] | None,
+        option(
+            "[ID=]IMAGES",
+            "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each.",
+        ),
     ] = None,
     rate: Annotated[
         float, option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate")
@@ -59,26 +67,26 @@ def video(
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         names, photographs, wall = _read(session, frames)
-        known = None
-        if truth is not None:
-            path = Path(truth) if Path(truth).is_dir() else find_image(truth)
-            hidden = session.scenario.hidden.shape
-            known = np.stack([*sequences.read_hidden_frames(path, hidden, len(names))])
+        shown = session.by_surface(truth, "--truth") if truth else {}
+        known = {n: _frames_of(session, n, images, len(names)) for n, images in shown.items()}
         still = session.fit(method, for_still, light, matrix, wall)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report, verdict = session.judge(f"{frames}, first frame", still, wall, first)
-        np.save(folder / "frames.npy", images)
-        text, white = session.metadata, animation.white_of(images)
+            report = still.report(wall, first)
+            verdict = session.judge(f"{frames}, first frame", report)
+        flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
+        text, white = session.metadata, animation.white_of(flat)
         with session.timed("draw"):
-            if known is not None:
-                video_metrics.compare(records, images, known)
-                errors = [record["mean_squared_error"] for record in records]
+            for of, name in named("", {name: name for name in known}).items():
+                video_metrics.compare(records, images[name], known[name], of)
+            if known:
                 sheet = folder / "frames_sheet.png"
-                animation.draw_sheet(sheet, photographs, known, images, errors, text)
-            with progress("drawing the frames") as drawn:
-                animation.draw_frames(folder / "frames", images, white, text, drawn)
+                animation.draw_sheet(sheet, photographs, known, images, text)
+            for stem, stack in named("frames", images).items():
+                np.save(folder / f"{stem}.npy", stack)
+                with progress("drawing the frames") as drawn:
+                    animation.draw_frames(folder / stem, stack, white, text, drawn)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
                     file = folder / f"video.{ending}"
@@ -98,15 +106,23 @@ def video(
             "rate": rate,
             "formats": formats,
             "white": white,
-            "truth": truth,
+            "truth": session.scenario.hidden.unwrapped(shown) if shown else None,
             "median": medians,
             "frames_per_second": 1 / medians["seconds"],
         }
         session.write_summary(folder / "summary.json", summary)
     say(f"{len(names)} frames, {1 / medians['seconds']:.1f} a second")
-    if truth is not None:
-        say(f"against the truth: median gain-matched PSNR {medians['psnr']:.2f} dB")
+    for of, name in named("", {name: name for name in known}).items():
+        psnr = f"median gain-matched PSNR {medians[f'psnr{of}']:.2f} dB"
+        say(f"{name} against the truth: {psnr}" if of else f"against the truth: {psnr}")
     say(f"first frame: {verdict}")
+
+
+def _frames_of(session: PhotoSession, name: str, images: str, count: int) -> Image:
+    """Read what a hidden surface showed, (count, R, C, 3)."""
+    path = Path(images) if Path(images).is_dir() else find_image(images)
+    shape = session.scenario.hidden[name].shape
+    return np.stack([*sequences.read_hidden_frames(path, shape, count)])
 
 
 def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:
@@ -124,13 +140,14 @@ def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps
 
 def _recover(
     session: Session, recovery: Any, names: Sequence[str], photographs: Image
-) -> tuple[Image, list[dict[str, Any]], Any]:
-    """Return the frames, (K, R, C, channels), their rows of the table, and the first's solution."""
+) -> tuple[dict[str, Image], list[dict[str, Any]], Any]:
+    """Return frames, (K, R, C, channels) by id, their rows of the table, the first's solution."""
     from threadpoolctl import threadpool_limits
 
     from periscopy_sim.evaluation import video_metrics
 
-    images: list[Image] = []
+    images: list[dict[str, Image]] = []
+    hidden = session.scenario.hidden
     first: Any = None
     records: list[dict[str, Any]] = []
     # Small products gain little from threads, which wait for each other on a busy machine.
@@ -138,8 +155,9 @@ def _recover(
     with threadpool_limits(1), session.timed("reconstruct"), work as frame_done:
         solved = video_metrics.timed_solutions(recovery, photographs)
         for k, (solution, seconds) in enumerate(solved):
-            images.append(solution.image.astype(np.float32))
+            images.append(hidden.images(solution.image))
             first = solution if k == 0 else first
             records.append(video_metrics.record_of(k, names[k], seconds, solution.numbers()))
             frame_done(k + 1, len(names))
-    return np.stack(images), records, first
+    stacks = {n: np.stack([each[n] for each in images]).astype(np.float32) for n in hidden}
+    return stacks, records, first

@@ -13,7 +13,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import Sizes, Strict, read_yaml
 from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
@@ -161,7 +161,7 @@ class Configuration(Strict):
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
     count: Size
-    hidden: RowsAndColumns
+    hidden: Sizes
     samples_per_geometry: Size = 1000
     samples_per_shard: Annotated[Count, Field(le=1000)] = 50
     clip_length: Count = 1

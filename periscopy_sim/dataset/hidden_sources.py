@@ -176,6 +176,10 @@ def _picture(file: str, shape: tuple[int, int], version: str) -> Array:  # noqa:
     image = read_hidden_image(file, shape)
     if not image.any():
         raise ConfigurationError(f"{file}: is black; leave it out")
+    if image.shape[2] != 3:
+        raise ConfigurationError(
+            f"{file}: has {image.shape[2]} channels; give three, or one of grey"
+        )
     image.flags.writeable = False
     return image
 

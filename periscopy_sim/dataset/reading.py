@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.animation import draw_contact_sheet
+from periscopy_sim.hidden import named
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.store import MAKING, Records, StoreLayout, attributes_of
 
@@ -27,7 +28,6 @@ KIND = "periscopy data set"
 
 CHANNELS = ("red", "green", "blue")
 PIXELS = ("row", "column", "channel")
-PATCHES = ("hidden_row", "hidden_column", "channel")
 
 _EXPOSED = "mean of a photograph of exposure 1"
 PICTURES = {  # long name and units
@@ -70,10 +70,15 @@ class Layout:
     count: Size  # samples
     block: Size  # samples in a block
     photograph_shape: tuple[Size, Size]  # (rows, columns)
-    hidden_shape: tuple[Size, Size]  # (R, C)
+    hidden_shape: tuple[Size, Size] | dict[str, tuple[Size, Size]]  # (R, C), of several by id
     photograph_type: str
     keep_background: bool
     bounced_error: bool = False  # whether there is that label
+
+    @property
+    def hidden(self) -> dict[str, tuple[int, int]]:
+        """(R, C) of the hidden images by the names of their variables: of several ``hidden_ID``."""
+        return named("hidden", self.hidden_shape)
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -86,22 +91,24 @@ class Layout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
-        shape, patches = (
-            (*each, len(CHANNELS)) for each in (self.photograph_shape, self.hidden_shape)
-        )
-        pixels = (shape, PIXELS, self.photograph_type)
-        stacks = {"photograph": pixels, "hidden": (patches, PATCHES, "float32")}
+        pixels = ((*self.photograph_shape, len(CHANNELS)), PIXELS, self.photograph_type)
+        stacks = {"photograph": pixels}
+        for name, patches in self.hidden.items():
+            of = name.removeprefix("hidden")
+            dimensions = f"hidden_row{of}", f"hidden_column{of}", "channel"
+            stacks[name] = (*patches, len(CHANNELS)), dimensions, "float32"
         stacks |= {"background": pixels} if self.keep_background else {}
         laid_out: dict[str, dict[str, Any]] = {}
         for name, (shape, dimensions, dtype) in stacks.items():
             # Noise leaves signs and exponents alike: shuffled bits compress them.
             settings = {"shuffle": "bitshuffle", "typesize": np.dtype(dtype).itemsize}
+            pictured = PICTURES["hidden" if name in self.hidden else name]
             blosc = BloscCodec(cname="zstd", clevel=1, blocksize=0, **settings)
             laid_out[name] = {
                 "shape": (self.count, *shape), "chunks": (1, *shape),
                 "shards": (self.block, *shape), "dtype": dtype, "fill_value": np.nan,
                 "dimension_names": ("sample", *dimensions), "compressors": [blosc, Crc32cCodec()],
-                "attributes": dict(zip(("long_name", "units"), PICTURES[name], strict=True)),
+                "attributes": dict(zip(("long_name", "units"), pictured, strict=True)),
             }  # fmt: skip
         for name, (dtype, long_name, units) in LABELS.items():
             if name == BOUNCED_ERROR and not self.bounced_error:
@@ -230,7 +237,7 @@ def describe(path: str | Path) -> dict[str, Any]:
             "samples": layout.count,
             "finished": sum(map(records.layout.size, whole)),
             "photograph": list(layout.photograph_shape),
-            "hidden": list(layout.hidden_shape),
+            "hidden": layout.attributes["hidden_shape"],
             "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
             "seed": attributes["configuration"]["seed"],
             "versions": attributes["versions"],
@@ -251,18 +258,19 @@ def export_samples(
 ) -> list[str]:
     """Write samples as EXR files, and the first 24 on a contact sheet; return the files' names.
 
-    The folder receives ``NNNNNNNN_photograph.exr`` and ``NNNNNNNN_hidden.exr`` for each sample, and
-    ``sheet.png``, where a photograph is scaled to its brightest value. `progress` is called with
-    the samples written and their number.
+    The folder receives ``NNNNNNNN_photograph.exr`` and ``NNNNNNNN_hidden.exr`` for each sample, of
+    several surfaces ``NNNNNNNN_hidden_ID.exr``, and ``sheet.png``, where a photograph is scaled to
+    its brightest value. `progress` is called with the samples written and their number.
     """
     path = Path(path)
+    _, layout, _ = read_head(path)
     data = open_dataset(path, incomplete=True)
     last = data.sizes["sample"] - 1
     if beyond := [index for index in indices if not 0 <= index <= last]:
         raise DatasetError(f"{path}: has no sample {beyond[0]}; it has 0 to {last}")
     labels = [name for name, values in data.variables.items() if values.dims == ("sample",)]
     written, titles = [], []
-    sheet: dict[str, list[Any]] = {"photograph": [], "hidden": []}
+    sheet: dict[str, list[Any]] = {name: [] for name in ("photograph", *layout.hidden)}
     for done, index in enumerate(indices, 1):
         with _damage_reported(path):
             sample = data.isel(sample=index).load()
@@ -271,7 +279,7 @@ def export_samples(
             image = sample[name].values.astype(np.float32)
             written.append(f"{index:08d}_{name}.exr")
             write_exr(folder / written[-1], image, notes)
-            white = 1.0 if name == "hidden" else max(image.max(), 1e-12)
+            white = 1.0 if name in layout.hidden else max(image.max(), 1e-12)
             pictures.append(np.clip(image / white, 0, 1).astype(np.float64))
         light, sbr = notes["ambient"][:30], float(notes["sbr"])
         kind, split = notes["hidden_kind"], notes["split"]

@@ -28,6 +28,7 @@ from periscopy_sim.dataset.configuration import (
 from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
+from periscopy_sim.hidden import named
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
@@ -72,7 +73,7 @@ class ClipDraw:
     """The hidden frames of a clip, and the light that they share."""
 
     number: int  # of the data set's clips, from 0
-    hidden: Array  # (frames, R, C, 3) linear light
+    hidden: dict[str, Array]  # (frames, R, C, 3) linear light, by the archive's variables
     kind: str  # of hidden image
     ambient: AmbientDraw
     sbr: float  # infinite without ambient light
@@ -117,11 +118,13 @@ def draw_clip(configuration: Configuration, number: int) -> ClipDraw:
     """Draw the frames and the light of a clip."""
     rng = generator(configuration, CLIP, number)
     source = configuration.hidden_images[_weighted(rng, configuration.hidden_images)]
-    size = configuration.hidden
+    frames = configuration.clip_length
     # Every draw is taken, even of an SBR that darkness does not use: other settings of one kind of
     # draw leave the later ones as they are.
-    shown = source.draw(rng, size, configuration.clip_length)
-    hidden = np.broadcast_to(shown, (configuration.clip_length, *size, 3))
+    hidden = {
+        name: np.broadcast_to(source.draw(rng, size, frames), (frames, *size, 3))
+        for name, size in named("hidden", configuration.hidden).items()
+    }
     ambient = _draw_ambient(configuration, rng)
     sbr, snr, exposure = (getattr(configuration, n).draw(rng) for n in ("sbr", "snr", "exposure"))
     dark = ambient.lamps is None and not ambient.mixture
@@ -168,11 +171,12 @@ def make_samples(
     """
     scenario, length = geometry.scenario, configuration.clip_length
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
-    hidden = np.concatenate([clip.hidden for clip in clips])
-    signals = _signals(geometry, hidden)
+    of_surfaces = named("hidden", scenario.hidden)
+    hidden = {name: np.concatenate([clip.hidden[name] for clip in clips]) for name in of_surfaces}
+    signals = _signals(geometry, [*hidden.values()])
     photographs = np.empty(signals.shape, np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
-    scales, colours = np.empty(len(hidden)), configuration.colours
+    scales, colours = np.empty(len(signals)), configuration.colours
     mixed = np.asarray if colours is None else colours.mix
 
     def expose(number: int) -> None:
@@ -209,7 +213,7 @@ def make_samples(
         raise ConfigurationError(f"samples from {start} on do not fit {dtype}; lower the exposure")
     block = {
         "photograph": kept,
-        "hidden": hidden.astype(np.float32),
+        **{name: images.astype(np.float32) for name, images in hidden.items()},
         "signal_scale": scales,
         **_labels(geometry, clips, length),
     }
@@ -218,11 +222,12 @@ def make_samples(
     return block
 
 
-def _signals(geometry: "Geometry", hidden: Array) -> NDArray[np.floating[Any]]:
-    """Return photographs of the monitor's light alone, (n, rows, columns, 3)."""
+def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floating[Any]]:
+    """Return photographs of the hidden surfaces' light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
-    frames, channels = hidden.shape[0], hidden.shape[-1]
-    f = np.moveaxis(hidden.reshape(frames, -1, channels), -1, 1)  # a row for each channel
+    frames, channels = len(hidden[0]), hidden[0].shape[-1]
+    flat = np.concatenate([each.reshape(frames, -1, channels) for each in hidden], axis=1)
+    f = np.moveaxis(flat, -1, 1)  # a row for each channel
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
     # One product with the channels' mean of A serves all frames and channels; bounced light alone
     # differs by channel, and is added as the small difference from that mean.

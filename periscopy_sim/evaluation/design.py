@@ -75,24 +75,26 @@ def errors_of(
     ambient = light[:, None] / (light.mean() or 1.0) * gain
     finer = np.sqrt(len(A) / (pixels or len(A)))
 
-    def exposed(image: Array) -> tuple[Array, float]:
-        """Return an image's photograph, (M, C), and the standard deviation of its noise."""
-        signal = (A @ image.reshape(-1, len(gain))) * gain
+    def exposed(f: Array) -> tuple[Array, float]:
+        """Return the photograph of images, (N, C), (M, C), and its noise's standard deviation."""
+        signal = (A @ f) * gain
         photograph = signal + ambient * (signal.mean() / sbr)
         return photograph, noise_level(photograph, snr) * finer
 
-    _, σ = exposed(np.ones((*scenario.hidden.shape, len(gain))))
+    hidden = scenario.hidden
+    _, σ = exposed(np.ones((hidden.patches, len(gain))))
     grey = σ * np.sqrt(np.mean(1 / gain**2))  # each channel divided by its gain
-    bound = float(grey * _unit_bound(Fit(A, B, hidden=scenario.hidden)))
+    bound = float(grey * _unit_bound(Fit(A, B, hidden=hidden)))
     if not images:
         return {"bound": bound}
     squares = []
     with warnings.catch_warnings(action="ignore"):  # a weak scene shows in its errors
         method = NoiseAware.for_scene(scenario, A, B)
-        for seed, image in enumerate(images):
-            noisy = np.random.default_rng([0, seed]).normal(*exposed(image))
+        for seed, f in enumerate(map(hidden.vector, images)):
+            noisy = np.random.default_rng([0, seed]).normal(*exposed(f))
             solution = method.solve(noisy.reshape(*scenario.photograph_shape, -1))
-            errors = method.standard_errors(solution), solution.image - image
+            reported = hidden.vector(method.standard_errors(solution))
+            errors = reported, hidden.vector(solution.image) - f
             squares.append([np.mean(each**2) for each in errors])
     reported_error, error = np.sqrt(np.mean(squares, axis=0)).tolist()
     return {"bound": bound, "reported_error": reported_error, "error": error}
@@ -100,8 +102,8 @@ def errors_of(
 
 def _unit_bound(fit: Fit) -> float:
     """Return the root of the mean bound for unit noise; infinite if the wall hides a pattern."""
-    curvatures = np.linalg.eigvalsh(fit.gram)
-    light = float(np.vdot(fit.transport, fit.transport)) / len(curvatures)
+    curvatures = np.linalg.eigvalsh(fit.operator.gram)
+    light = fit.operator.whole_squared_norm / len(curvatures)
     is_seen = curvatures[0] > fit.least_curvature * light
     return float(np.sqrt(np.mean(1 / curvatures))) if is_seen else np.inf
 

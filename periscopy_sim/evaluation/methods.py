@@ -151,9 +151,12 @@ def own_errors(name: str, what: str) -> Iterator[None]:
         ) from error
 
 
-def image_by(method: Method, photograph: Image, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Reconstruct from a photograph, and check the image by `promised`."""
-    return promised(method.reconstruct(photograph), shape)
+def images_by(
+    method: Method, photograph: Image, hidden: Hidden, channels: int
+) -> dict[str, NDArray[np.float32]]:
+    """Reconstruct from a photograph; return each surface's image, checked by `promised`."""
+    images = hidden.images(method.reconstruct(photograph))
+    return {n: promised(images[n], (*shape, channels)) for n, shape in hidden.shapes.items()}
 
 
 def promised(image: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -219,16 +222,20 @@ class OwnMethod(StillMethod[np.float64]):
 
     @of_all
     def solve(self, photograph: Image) -> Solution[np.float64]:
-        """Return the method's image; a ValueError unless (R, C, channels), real and finite."""
+        """Return the method's image; a ValueError unless (R, C, channels), real and finite.
+
+        Of several surfaces the method returns a mapping of such by id.
+        """
         light = plain_array(photograph)
         if self.fit.mixing is not None:
             planes = np.moveaxis(self.fit.placed(self.fit.vectors(light)), 0, -1)
             light = planes * self.fit.gain(planes.shape[-1])
         mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
         light = blackened(light, mask)
-        shape = (*self.hidden_shape, light.shape[-1])
-        image = image_by(self.method, light, shape).astype(np.float64)
-        return Solution(image, np.zeros(shape[-1]), 0.0)
+        channels = light.shape[-1]
+        found = images_by(self.method, light, self.hidden, channels)
+        image = self.hidden.image(self.hidden.join(found).astype(np.float64))
+        return Solution(image, np.zeros(channels), 0.0)
 
     @of_all
     def report(self, photograph: Image, solution: Solution[np.float64]) -> Report:
@@ -243,7 +250,8 @@ class OwnMethod(StillMethod[np.float64]):
         y = transport.project_out(self.fit.vectors(photograph))
         light = transport @ self.fit.mixed(solution.image)
         gains = np.sum(light * y, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-100)
-        report = super().report(photograph, replace(solution, image=solution.image * gains))
+        image = self.hidden.image(self.hidden.vector(solution.image) * gains)
+        report = super().report(photograph, replace(solution, image=image))
         return replace(report, numbers=report.residual.numbers() if report.residual else {})
 
 

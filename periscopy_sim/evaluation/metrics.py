@@ -37,7 +37,10 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
     """
     truth = _seen_by(estimate, truth)
     if estimate.shape != truth.shape:
-        raise InputError(f"estimate {estimate.shape} and truth {truth.shape} differ in shape")
+        raise InputError(
+            f"estimate {estimate.shape} and truth {truth.shape} differ in shape; give a truth of "
+            "the estimate's rows, columns and channels"
+        )
     if not (np.min(truth) >= -BEYOND and np.max(truth) <= 1 + BEYOND):
         raise InputError("the truth leaves the range from 0 to 1; divide it by its largest value")
     positive = np.maximum(np.asarray(estimate, np.float64), 0)

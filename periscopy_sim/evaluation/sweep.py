@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import MethodError, image_by, without_addresses
+from periscopy_sim.evaluation.methods import MethodError, images_by, without_addresses
 from periscopy_sim.evaluation.metrics import mean_squared_error, psnr_gain_matched, registered
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.extras import require_all
+from periscopy_sim.hidden import Hidden, named
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import of_one_wall
 from periscopy_sim.reconstruction.method import Method, StillMethod
+from periscopy_sim.scene import MONITOR
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import BlockStore, StoreLayout
 
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
 
 LABELS = ("algorithm", "background", "sbr", "seed")
 """Not `method`: xarray's `sel` takes that for a keyword of its own, and selects nothing."""
-PIXELS = ("row", "column", "channel")
 COLOURS = {1: ["grey"], 3: ["red", "green", "blue"]}
 """Names of an image's channels, where they have some."""
 _NOTE = "gain-matched: uses the truth"
@@ -60,35 +61,37 @@ class Trial(NamedTuple):
 class Outcome(NamedTuple):
     """One method's reconstruction of one photograph; NaN where it failed."""
 
-    image: NDArray[np.float32]  # (R, C, channels)
-    metrics: tuple[float, ...]  # values of `METRICS`, in their order
+    values: dict[str, Any]  # images, (R, C, channels), and `METRICS`, by variables of the store
     failure: str  # why it failed; empty where it did not
 
 
 class SweepStore:
     """A sweep's results, in the making or complete, a trial a block.
 
-    `labels` are the values of each of `LABELS`, `image_shape` is (R, C, channels), and
-    `configuration` all that the results depend on, of JSON's types: the store's attributes.
+    `labels` are the values of each of `LABELS`, the images are those of hidden surfaces with so
+    many channels, and `configuration` is all that the results depend on, of JSON's types: the
+    store's attributes. Of several surfaces each variable is there for each, as ``psnr_ID``.
     """
 
     def __init__(
         self,
         path: Path,
         labels: Mapping[str, Sequence[Any]],
-        image_shape: tuple[int, ...],
+        hidden: Hidden,
+        channels: int,
         configuration: Mapping[str, Any],
     ) -> None:
         self.path, self._shape = path, tuple(len(labels[name]) for name in LABELS)
-        self._image = image_shape
+        self._images = {of: (*shape, channels) for of, shape in named("", hidden.shapes).items()}
         self.trials = [Trial(*place) for place in product(*(labels[n] for n in LABELS[1:]))]
-        channels: Any = COLOURS.get(image_shape[2], range(image_shape[2]))
-        pixels = (*map(range, image_shape[:2]), channels)
-        coordinates = {**labels, **dict(zip(PIXELS, pixels, strict=True))}
-        named = {name: (name, values) for name, values in coordinates.items()}
+        coordinates: dict[str, Any] = dict(labels)
+        for of, shape in self._images.items():
+            coordinates |= dict(zip(_pixels(of)[:2], map(range, shape[:2]), strict=True))
+        coordinates["channel"] = COLOURS.get(channels, range(channels))
+        placed = {name: (name, values) for name, values in coordinates.items()}
         cuts = {name: (len(labels[name]), 1) for name in LABELS[1:]}
         layout = StoreLayout("sweep", self._variables(), cuts)
-        self._store = BlockStore(path, layout, configuration, named)
+        self._store = BlockStore(path, layout, configuration, placed)
 
     def _variables(self) -> dict[str, dict[str, Any]]:
         """Return how each variable is laid out."""
@@ -102,14 +105,20 @@ class SweepStore:
         }  # fmt: skip
         metric = {**common, "dtype": np.float64, "fill_value": np.nan}
         return {
-            **{name: {**metric, "attributes": notes} for name, notes in METRICS.items()},
-            "reconstruction": {
-                **common, "shape": (*self._shape, *self._image),
-                "chunks": (*one_trial, *self._image), "dimension_names": (*LABELS, *PIXELS),
-                "dtype": np.float32, "fill_value": np.nan,
-                "attributes": {
-                    "long_name": "hidden image, linear light", "units": "photograph's over A's"
-                },
+            **{
+                f"{name}{of}": {**metric, "attributes": notes}
+                for of in self._images for name, notes in METRICS.items()
+            },
+            **{
+                f"reconstruction{of}": {
+                    **common, "shape": (*self._shape, *image),
+                    "chunks": (*one_trial, *image), "dimension_names": (*LABELS, *_pixels(of)),
+                    "dtype": np.float32, "fill_value": np.nan,
+                    "attributes": {
+                        "long_name": "hidden image, linear light", "units": "photograph's over A's"
+                    },
+                }
+                for of, image in self._images.items()
             },
             "failure": {
                 **common, "dtype": str, "fill_value": "",
@@ -123,12 +132,12 @@ class SweepStore:
 
     def write(self, trial: Trial, outcomes: Sequence[Outcome]) -> None:
         """Write every method's outcome of a trial, in order, and record that it is complete."""
-        images, metrics, failures = zip(*outcomes, strict=True)
         of_methods: dict[str, NDArray[Any]] = {
-            "reconstruction": np.stack(images),
-            "failure": np.array(failures, np.dtypes.StringDType()),
-            **dict(zip(METRICS, np.transpose(metrics), strict=True)),
+            name: np.stack([outcome.values[name] for outcome in outcomes])
+            for name in outcomes[0].values
         }
+        failures = [outcome.failure for outcome in outcomes]
+        of_methods["failure"] = np.array(failures, np.dtypes.StringDType())
         cell = {name: values[:, None, None, None] for name, values in of_methods.items()}
         self._store.write(self.trials.index(trial), cell)
 
@@ -137,7 +146,7 @@ class SweepStore:
         import xarray as xr
 
         with xr.open_dataset(self.path, engine="zarr", consolidated=False) as dataset:
-            results = dataset[[*METRICS, "reconstruction", "failure"]].load()
+            results = dataset[[*self._variables()]].load()
         # Strings of fixed width, which more of xarray and pandas take than NumPy's newer ones.
         texts = [results[name] for name in results.variables if results[name].dtype.kind == "T"]
         return results.assign(
@@ -156,7 +165,7 @@ class Sweep:
         unit. Its mask says where the wall is used: only there must the photographs be finite, and
         only there count the SBR, the exposure and the noise; elsewhere a measurement is zero.
     truth
-        (R, C, channels) hidden image in [0, 1].
+        (R, C, channels) hidden image in [0, 1]; of several surfaces a mapping of such by id.
     backgrounds
         Name to `Photograph` or array of ambient light, like the signal, in any unit. Their masks
         exclude more pixels.
@@ -185,7 +194,7 @@ class Sweep:
     """
 
     signal: Any
-    truth: Image
+    truth: Image | Mapping[str, Image]
     backgrounds: Mapping[str, Any]
     methods: Mapping[str, Method]
     sbrs: Sequence[float]
@@ -238,11 +247,20 @@ class Sweep:
         }
 
     @property
-    def image_shape(self) -> tuple[int, int, int]:
-        """(R, C, channels) of the images, in the monitor's primaries."""
+    def truths(self) -> Mapping[str, Image]:
+        """(R, C, channels) hidden image of each surface, by its id."""
+        return self.truth if isinstance(self.truth, Mapping) else {MONITOR: self.truth}
+
+    @property
+    def hidden(self) -> Hidden:
+        """The hidden surfaces, by their sizes alone."""
+        return Hidden.of({name: truth.shape[:2] for name, truth in self.truths.items()})
+
+    @property
+    def channels(self) -> int:
+        """Channels of the images, in the monitor's primaries."""
         matrix = self.signal.colour_matrix
-        channels = self.signal.channels if matrix is None else matrix.matrix.shape[1]
-        return self.truth.shape[0], self.truth.shape[1], channels
+        return self.signal.channels if matrix is None else int(matrix.matrix.shape[1])
 
     def photograph(self, background: str, sbr: float, seed: int) -> Array:
         """Return the measurement of these labels (Sec. 4.1).
@@ -281,11 +299,13 @@ def array_sha256(array: NDArray[Any]) -> str:
     return state.hexdigest()
 
 
-def image_sha256(image: Image) -> str:
-    """Return the digest of a hidden image to single precision.
+def image_sha256(image: Image | Mapping[str, Image]) -> Any:
+    """Return the digest of a hidden image to single precision; of several images each by its id.
 
     Its last bits follow how many threads resampled it.
     """
+    if isinstance(image, Mapping):
+        return {name: image_sha256(each) for name, each in image.items()}
     return array_sha256(image.astype(np.float32))
 
 
@@ -331,6 +351,7 @@ def run_sweep(
         Over (algorithm, background, sbr, seed): ``mean_squared_error``, ``psnr``,
         ``psnr_registered``, gain-matched and thus using the truth, NaN where the method failed;
         ``failure``, why it did; ``reconstruction``, float32, with (row, column, channel) besides.
+        Of several surfaces there is each for each, as ``psnr_ID`` and ``row_ID``.
 
     Raises
     ------
@@ -340,9 +361,8 @@ def run_sweep(
         If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
     require_all()
-    store = SweepStore(
-        folder / "sweep.zarr", sweep.labels(), sweep.image_shape, sweep.configuration()
-    )
+    place, surfaces = folder / "sweep.zarr", (sweep.hidden, sweep.channels)
+    store = SweepStore(place, sweep.labels(), *surfaces, sweep.configuration())
     if missing := store.missing():
         with connect(scheduler) as client:
             evaluated = compute(client, _evaluate, sweep, missing)
@@ -351,7 +371,8 @@ def run_sweep(
                 if progress is not None:
                     progress(1 - (len(missing) - finished) / len(store.trials))
     results = store.load()
-    table = results[[*METRICS, "failure"]].to_dataframe(LABELS)
+    metrics = [f"{name}{of}" for of in named("", sweep.truths) for name in METRICS]
+    table = results[[*metrics, "failure"]].to_dataframe(LABELS)
     for column in ("model", "samples", "transport_error"):
         made = {name: plan.get(column) for name, plan in sweep.transport.items()}
         table[column] = table.index.get_level_values("algorithm").map(made.get)
@@ -362,19 +383,30 @@ def run_sweep(
 
 def _evaluate(sweep: Sweep, trial: Trial) -> list[Outcome]:
     """Reconstruct one photograph by every method."""
-    y, truth = sweep.photograph(*trial), np.ascontiguousarray(sweep.truth)
+    y, hidden, channels = sweep.photograph(*trial), sweep.hidden, sweep.channels
     outcomes = []
     for method in sweep.methods.values():
         try:
-            image, failure = image_by(method, y.copy(), sweep.image_shape), ""
+            images, failure = images_by(method, y.copy(), hidden, channels), ""
         except MemoryError:  # says more about the worker than about the method
             raise
         except MethodError as error:  # whatever a user's own method raises
-            image = np.full(sweep.image_shape, np.nan, np.float32)
+            shapes = hidden.shapes.items()
+            images = {n: np.full((*shape, channels), np.nan, np.float32) for n, shape in shapes}
             failure = without_addresses(f"{type(error).__name__}: {error}")
-        values = (np.nan,) * len(METRICS)
-        if not failure:
-            best = registered(image, truth).psnr
-            values = mean_squared_error(image, truth), psnr_gain_matched(image, truth), best
-        outcomes.append(Outcome(image, values, failure))
+        values: dict[str, Any] = {}
+        for of, name in named("", {name: name for name in hidden}).items():
+            image, truth = images[name], np.ascontiguousarray(sweep.truths[name])
+            metrics = (np.nan,) * len(METRICS)
+            if not failure:
+                best = registered(image, truth).psnr
+                metrics = mean_squared_error(image, truth), psnr_gain_matched(image, truth), best
+            values[f"reconstruction{of}"] = image
+            values |= {f"{n}{of}": each for n, each in zip(METRICS, metrics, strict=True)}
+        outcomes.append(Outcome(values, failure))
     return outcomes
+
+
+def _pixels(of: str) -> tuple[str, str, str]:
+    """Return the names of an image's dimensions, of a surface's variables."""
+    return f"row{of}", f"column{of}", "channel"

@@ -40,11 +40,11 @@ def record_of(frame: int, name: str, seconds: float, numbers: Mapping[str, Any])
     return {"frame": frame, "name": name, "seconds": seconds, **means}
 
 
-def compare(records: Sequence[Record], images: Image, known: Image) -> None:
-    """Add each frame's metrics against the truth to its record."""
+def compare(records: Sequence[Record], images: Image, known: Image, of: str = "") -> None:
+    """Add each frame's metrics against the truth to its record, their names ending with `of`."""
     for record, image, truth in zip(records, images, known, strict=True):
-        record["mean_squared_error"] = metrics.mean_squared_error(image, truth)
-        record["psnr"] = metrics.psnr_gain_matched(image, truth)
+        record[f"mean_squared_error{of}"] = metrics.mean_squared_error(image, truth)
+        record[f"psnr{of}"] = metrics.psnr_gain_matched(image, truth)
 
 
 def medians_of(records: Sequence[Record]) -> dict[str, float]:

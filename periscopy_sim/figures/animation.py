@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.evaluation.metrics import gain_matched
+from periscopy_sim.evaluation.metrics import gain_matched, mean_squared_error
 from periscopy_sim.extras import require
 from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.figures.style import drawn
@@ -200,49 +200,51 @@ def draw_frames(
 def draw_sheet(
     path: Path,
     photographs: Image,
-    known: Image,
-    images: Image,
-    errors: Sequence[float],
+    known: Mapping[str, Image],
+    images: Mapping[str, Image],
     text: dict[str, str],
 ) -> None:
-    """Draw photograph, hidden image and gain-matched image of 8 frames evenly chosen (Fig. 7).
+    """Draw photograph, hidden images and gain-matched images of 8 frames evenly chosen (Fig. 7).
 
-    The frames' mean squared errors, `errors`, stand beneath.
+    The images are by the surfaces' ids; their mean squared errors stand beneath.
     """
-    chosen = evenly_spaced(len(errors), 8)
+    chosen = evenly_spaced(len(photographs), 8)
     white = white_of(photographs)
-    rows = [
-        ("photograph", [displayable(photographs[k], white) for k in chosen]),
-        ("hidden image", [displayable(known[k], 1) for k in chosen]),
-        ("reconstruction", [gain_matched(images[k], known[k]) for k in chosen]),
-    ]
-    titles, notes = [f"frame {k}" for k in chosen], [f"MSE {errors[k]:.2g}" for k in chosen]
+    rows = [("photograph", [displayable(photographs[k], white) for k in chosen])]
+    for name, truth in known.items():
+        of = f"\n{name}" if len(known) > 1 else ""
+        matched = [displayable(gain_matched(images[name][k], truth[k]), 1) for k in chosen]
+        rows.append((f"hidden image{of}", [displayable(truth[k], 1) for k in chosen]))
+        rows.append((f"reconstruction{of}", matched))
+    errors = [[mean_squared_error(images[n][k], known[n][k]) for n in known] for k in chosen]
+    notes = ["\n".join(f"MSE {error:.2g}" for error in each) for each in errors]
+    titles = [f"frame {k}" for k in chosen]
     draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
 
 
 def draw_video(
     path: Path,
     photographs: Image,
-    images: Image,
-    known: Image | None,
+    images: Mapping[str, Image],
+    known: Mapping[str, Image],
     white: float,
     rate: float,
     text: dict[str, str],
     progress: Callable[[float], None],
 ) -> None:
-    """Draw photograph, reconstruction and, if it is known, the truth side by side in time.
+    """Draw photograph, reconstructions and, where they are known, truths side by side in time.
 
-    The path's ending sets the format, see `draw_animation`.
+    Images are by the surfaces' ids. The path's ending sets the format, see `draw_animation`.
     """
-    panels = {
-        "photograph": (photographs, white_of(photographs)),
-        "reconstruction": (images, white),
-        **({} if known is None else {"truth": (known, 1.0)}),
-    }
+    panels = {"photograph": (photographs, white_of(photographs))}
+    for name, stack in images.items():
+        panels[name if len(images) > 1 else "reconstruction"] = stack, white
+        if name in known:
+            panels[f"truth of {name}" if len(images) > 1 else "truth"] = known[name], 1.0
 
     def moments() -> Iterator[list[Image]]:
-        for k in range(len(images)):
+        for k in range(len(photographs)):
             yield [displayable(shown[k], level) for shown, level in panels.values()]
-            progress((k + 1) / len(images))
+            progress((k + 1) / len(photographs))
 
     draw_animation(path, list(panels), moments(), rate=rate, metadata=text)

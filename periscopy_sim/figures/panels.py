@@ -27,6 +27,10 @@ Rows: TypeAlias = Panels | Mapping[str, Panels]
 """One row of panels, or rows by their names."""
 
 
+LONGEST = 4.0
+"""Ratio of sides up to which pictures keep theirs; the patches of a longer one are stretched."""
+
+
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
     """Scale a linear image for display: negatives and NaN black, `white` white.
 
@@ -48,17 +52,27 @@ def common_white(images: Iterable[Image]) -> float:
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
     """Write linear light by `write_png`, patches repeated to about 720 pixels across in all."""
-    write_png(path, image, text, max(1, 720 // image.shape[1]))
+    rows, columns = image.shape[:2]
+    tall = int(np.ceil(columns / rows / LONGEST))  # of a strip
+    write_png(path, np.repeat(image, tall, axis=0), text, max(1, 720 // columns))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
+    Pixels are square, but for those of a strip, see `LONGEST`.
+
     The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
     ax.set_title(title)
     ax.set_axis_off()
-    return ax.imshow(picture, interpolation="nearest", aspect="equal", **colours)
+    aspect = picture.shape[1] / picture.shape[0] / proportions(picture)
+    return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
+
+
+def proportions(picture: NDArray[Any]) -> float:
+    """Return the width of a picture over its height as it is drawn; a strip is stretched."""
+    return float(np.clip(picture.shape[1] / picture.shape[0], 1 / LONGEST, LONGEST))
 
 
 def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
@@ -87,7 +101,7 @@ def show_rows(figure: Any, rows: Rows, height: float) -> None:
     single row has no name.
     """
     named = rows if isinstance(rows, Mapping) else {"": rows}
-    aspects = {n: [p.shape[1] / p.shape[0] for _, p in panels] for n, panels in named.items()}
+    aspects = {name: [proportions(p) for _, p in panels] for name, panels in named.items()}
     height = min(height, *(8 / sum(each) for each in aspects.values()))
     width = height * max(sum(each) for each in aspects.values())
     figure.set_size_inches(width + 0.2, len(named) * (height + 0.4))
@@ -109,12 +123,15 @@ def draw_panels(
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw linear images, (rows, columns, 3) in [0, 1], side by side, each under its title.
+    """Draw linear images, (rows, columns, channels) in [0, 1], side by side under their titles.
 
     The panels are one row, or rows by their names.
     """
     named = panels if isinstance(panels, Mapping) else {"": panels}
-    encoded = {n: [(title, srgb_encode(image)) for title, image in p] for n, p in named.items()}
+    encoded = {
+        name: [(title, srgb_encode(displayable(image, 1))) for title, image in row]
+        for name, row in named.items()
+    }
     with drawn(path, metadata) as figure:
         show_rows(figure, encoded, 2.6)
         if caption:
@@ -148,7 +165,7 @@ def draw_maps(
             for ax, (title, values) in zip(line, row, strict=True):
                 picture = ax.imshow(values, norm=norm, cmap="viridis")
                 ax.set(title=title, xlabel="patch column")
-            line[0].set_ylabel(f"{name}\npatch row".lstrip())
+            line[0].set_ylabel(f"{name}\npatch row" if len(named) > 1 else "patch row")
         bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
         plain_ticks(bar.ax.yaxis)
         figure.supxlabel(caption)
@@ -171,7 +188,7 @@ def draw_certainty(
         name: 100 / white * np.sqrt(np.mean(np.asarray(each) ** 2, axis=2))
         for name, each in standard_errors.items()
     }
-    width = max(5.2 * max(f.shape[1] / f.shape[0] for f in images.values()) + 1.0, 4.5)
+    width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), 12.0)
     top = max(float(each.max()) for each in errors.values()) or 1.0
     with drawn(path, metadata) as figure:
         figure.set_size_inches(width, 0.6 + 2.8 * len(images))
@@ -186,40 +203,60 @@ def draw_certainty(
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
 
 
+def errors_of(results: "xr.Dataset") -> "dict[str, xr.DataArray]":
+    """Return the mean squared errors of a sweep by their titles, of several surfaces of each."""
+    plain = "mean_squared_error"
+    names = [str(name) for name in results.data_vars if str(name).startswith(plain)]
+    return {f"mean squared error {n[len(plain) + 1 :]}".rstrip(): results[n] for n in names}
+
+
 def draw_sweep(
     path: Path, results: "xr.Dataset", *, metadata: Mapping[str, str] | None = None
 ) -> None:
     """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
 
-    The results are `run_sweep`'s. Lines are means over backgrounds and seeds, bands reach from
-    their 10th to their 90th percentile. Where a method failed it is left out.
+    The results are `run_sweep`'s; each hidden surface has a panel. Lines are means over backgrounds
+    and seeds, bands reach from their 10th to their 90th percentile. Where a method failed it is
+    left out.
     """
-    errors = results["mean_squared_error"].sortby("sbr").stack(draw=("background", "seed"))
-    looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
+    surfaces = errors_of(results)
     with drawn(path, metadata) as figure:
-        ax = figure.subplots()
-        for method, (colour, dashes) in zip(errors, looks, strict=False):
-            finite = method.dropna("sbr", how="all")
-            if not finite.size:
-                continue
-            low, high = finite.quantile((0.1, 0.9), "draw").values
-            look: dict[str, Any] = {"color": colour, "label": method["algorithm"].item()}
-            ax.plot(finite["sbr"], finite.mean("draw"), "o", ls=dashes, ms=2.6, **look)
-            # The edge keeps the band of a single SBR in sight.
-            ax.fill_between(finite["sbr"], low, high, color=colour, alpha=0.18, linewidth=0.8)
-        ax.set(
-            xscale="log", yscale="log",
-            xlabel="signal-to-background ratio", ylabel="mean squared error (white is 1)",
-        )  # fmt: skip
-        for axis in (ax.xaxis, ax.yaxis):
-            plain_ticks(axis)
-        ax.grid(True, which="major")
-        names = [str(line.get_label()) for line in ax.lines]
+        axes = figure.subplots(1, len(surfaces), squeeze=False)[0]
+        for ax, (title, errors) in zip(axes, surfaces.items(), strict=True):
+            _draw_errors(ax, errors.sortby("sbr").stack(draw=("background", "seed")))
+            if len(surfaces) > 1:
+                ax.set_title(title.removeprefix("mean squared error "))
+        names = [str(line.get_label()) for line in axes[0].lines]
         columns = 2 if max(map(len, names), default=0) <= 22 else 1
         if names:  # above the axes: inside, it would hide a curve
-            figure.legend(loc="outside upper center", ncols=columns, handlelength=2.8)
+            handles = axes[0].lines
+            figure.legend(
+                handles=handles, loc="outside upper center", ncols=columns, handlelength=2.8
+            )
         figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=7)
-        figure.set_size_inches(3.5, 2.75 + 0.13 * -(-len(names) // columns))
+        width = 3.5 * len(surfaces)
+        figure.set_size_inches(width, 2.75 + 0.13 * -(-len(names) // columns))
+
+
+def _draw_errors(ax: Any, errors: "xr.DataArray") -> None:
+    """Draw each method's errors over the ratios and the draws."""
+    looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
+    for method, (colour, dashes) in zip(errors, looks, strict=False):
+        finite = method.dropna("sbr", how="all")
+        if not finite.size:
+            continue
+        low, high = finite.quantile((0.1, 0.9), "draw").values
+        look: dict[str, Any] = {"color": colour, "label": method["algorithm"].item()}
+        ax.plot(finite["sbr"], finite.mean("draw"), "o", ls=dashes, ms=2.6, **look)
+        # The edge keeps the band of a single SBR in sight.
+        ax.fill_between(finite["sbr"], low, high, color=colour, alpha=0.18, linewidth=0.8)
+    ax.set(
+        xscale="log", yscale="log",
+        xlabel="signal-to-background ratio", ylabel="mean squared error (white is 1)",
+    )  # fmt: skip
+    for axis in (ax.xaxis, ax.yaxis):
+        plain_ticks(axis)
+    ax.grid(True, which="major")
 
 
 def draw_residual(

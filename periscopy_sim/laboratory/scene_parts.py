@@ -1,4 +1,4 @@
-"""The wall, the camera, the monitor and the occluders of a measured laboratory, as a scene's text.
+"""Wall, camera, hidden surfaces and occluders of a measured laboratory, as a scene's text.
 
 Mitsuba's XML has no arithmetic, but transforms: half of a width is a scaling by one half, and minus
 half of it a scaling by -2, a shift by the width, and a scaling by -1/2.
@@ -10,39 +10,63 @@ import numpy as np
 
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.document import (
+    DOORWAY,
+    TURNS,
+    AngularSurface,
+    AnyWall,
     Box,
+    Card,
+    Doorway,
+    Edge,
     Frame,
     Laboratory,
-    Measured,
     MeshBody,
     Occluding,
     PerspectiveCamera,
+    Plate,
     RectifiedCamera,
     Rod,
+    Screen,
     UprightCylinder,
-    exactly,
 )
+from periscopy_sim.laboratory.quantities import Measured, exactly
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import literal
 from periscopy_sim.scene import MONITOR
 
+STEEP = 10.0
+"""Degrees off the vertical from which on up is the top of a camera's picture."""
 
-def corners_seen(camera: PerspectiveCamera | RectifiedCamera, distance: float) -> Array:
-    """Return x and z of the wall's points in the corners of a camera's picture, (4, 2).
 
-    They are top left, top right, bottom right, bottom left, as the camera sees them, on the wall y
-    = `distance`. A `ConfigurationError` says that the picture does not end on the wall.
+def line_of_sight(camera: PerspectiveCamera, wall: AnyWall) -> tuple[Array, Array, Array]:
+    """Return a camera's place, the wall's point that it looks at, and the top of its picture.
+
+    The top is up. Of a camera that looks straight down it is y, and straight up -y, as someone sees
+    it who stands facing along y.
+    """
+    position = np.array([each.value for each in camera.position])
+    along = {**dict(zip(wall.axes, camera.target, strict=True)), wall.depth: wall.place}
+    target = np.array([along[axis].value for axis in "xyz"])
+    down = (position - target)[2] / np.linalg.norm(position - target)
+    is_steep = abs(down) > np.cos(np.radians(STEEP))
+    return position, target, np.array([0, np.sign(down), 0] if is_steep else [0, 0, 1])
+
+
+def corners_seen(camera: PerspectiveCamera | RectifiedCamera, wall: AnyWall) -> Array:
+    """Return the wall's points in the corners of a camera's picture, (4, 2), along the wall's axes.
+
+    They are top left, top right, bottom right, bottom left, as the camera sees them. A
+    `ConfigurationError` says that the picture does not end on the wall.
     """
     if isinstance(camera, RectifiedCamera):
         x, z = (each.value for each in camera.bottom_left)
-        right, top = x + camera.width.value, z + camera.height.value
-        return np.array([(x, top), (right, top), (right, z), (x, z)])
-    position = np.array([each.value for each in camera.position])
-    x, z = (each.value for each in camera.target)
-    ahead = np.array([x, distance, z]) - position
-    ahead /= np.linalg.norm(ahead)
-    across = np.cross(ahead, [0.0, 0.0, 1.0])
+        right, height = x + camera.width.value, camera.height.value
+        high = z - height if wall.kind == "ceiling" else z + height
+        return np.array([(x, high), (right, high), (right, z), (x, z)])
+    position, target, top = line_of_sight(camera, wall)
+    ahead = (target - position) / np.linalg.norm(target - position)
+    across = np.cross(ahead, top)
     across /= np.linalg.norm(across)
     up = np.cross(across, ahead)
     c, s = np.cos(np.radians(camera.roll.value)), np.sin(np.radians(camera.roll.value))
@@ -51,13 +75,16 @@ def corners_seen(camera: PerspectiveCamera | RectifiedCamera, distance: float) -
     tall = half * camera.film[0] / camera.film[1]
     rays = ahead + np.array([[-half], [half], [half], [-half]]) * across
     rays += np.array([[tall], [tall], [-tall], [-tall]]) * up
-    if rays[:, 1].min() <= 1e-3 * np.linalg.norm(rays, axis=1).max():
+    depth = "xyz".index(wall.depth)
+    towards = -rays[:, depth] if wall.kind == "floor" else rays[:, depth]
+    if towards.min() <= 1e-3 * np.linalg.norm(rays, axis=1).max():
         raise ConfigurationError(
             "camera: a corner of its picture shows what is beyond the wall's horizon; turn it more "
             "towards the wall, or make its field of view smaller"
         )
-    reach = (distance - position[1]) / rays[:, 1:2]
-    return np.asarray((position + reach * rays)[:, [0, 2]])
+    reach = (wall.place.value - position[depth]) / rays[:, depth]
+    points = position + reach[:, np.newaxis] * rays
+    return np.asarray(points[:, ["xyz".index(axis) for axis in wall.axes]])
 
 
 WALL = {"least": 1.0, "beyond": 1.5}
@@ -67,20 +94,29 @@ over that of the view: numbers may change."""
 CYLINDER = "cylinder"
 """Name of the mesh that cylinders share."""
 
+FLAT = tag("boolean", name="face_normals", value="true")
+"""Says that a mesh has no normals but its faces'."""
+
 
 def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) -> str:
     """Return the XML of a laboratory; its comment begins with a title.
 
-    `meshes` maps the name of each occluder that is a mesh, and `CYLINDER`, to its file beside the
-    scene. Numbers without an error are a `ConfigurationError`.
+    `meshes` maps the name of each occluder that is a mesh, the id of each angular surface, and
+    `CYLINDER`, to its file beside the scene. Numbers without an error are a `ConfigurationError`.
     """
-    scene, camera = SceneText(laboratory), laboratory.camera
-    _add_wall(scene, laboratory, corners_seen(camera, laboratory.wall.distance.value))
+    scene, camera, wall = SceneText(laboratory), laboratory.camera, laboratory.wall
+    _add_wall(scene, wall, corners_seen(camera, wall))
     if isinstance(camera, RectifiedCamera):
-        _add_rectified(scene, camera)
+        _add_rectified(scene, camera, wall)
     else:
-        _add_camera(scene, camera)
-    _add_monitor(scene, laboratory)
+        _add_camera(scene, camera, wall)
+    if laboratory.monitor is not None:
+        _add_rectangle(scene, MONITOR, laboratory.monitor)
+    for surface in laboratory.hidden:
+        if isinstance(surface, AngularSurface):
+            _add_angular(scene, surface, meshes[surface.id])
+        else:
+            _add_rectangle(scene, surface.id, surface)
     to_world: dict[str, list[str]] = {"": []}  # from each occluder's own coordinates
     for body in laboratory.occluders:
         add = _add_rod if isinstance(body, Rod) else _add_body
@@ -88,74 +124,71 @@ def scene_text(laboratory: Laboratory, meshes: Mapping[str, str], title: str) ->
     return scene.text(title)
 
 
-def _add_wall(scene: SceneText, laboratory: Laboratory, view: Array) -> None:
+def _add_wall(scene: SceneText, wall: AnyWall, view: Array) -> None:
     """Add a wall that reaches beyond the camera's view of it."""
     low, high = view.min(axis=0), view.max(axis=0)
-    x, z = map(float, np.round((low + high) / 2, 2))
+    middle = map(float, np.round((low + high) / 2, 2))
     half = max(WALL["least"], float(np.ceil(50 * WALL["beyond"] * np.max(high - low)) / 100))
-    scene.section("The wall: its y.")
-    y = scene.declare("wall_distance", laboratory.wall.distance, "length", "wall.distance")
-    place = tag("scale", value=half), tag("rotate", x=1, angle=90), tag("translate", x=x, y=y, z=z)
-    scene.add("rectangle", "wall", transform(*place), paint(laboratory.wall.reflectance))
+    scene.section(f"The wall: its {wall.depth}.")
+    entry = f"wall.{wall.measure}"
+    place = scene.declare(f"wall_{wall.measure}", wall.place, "length", entry)
+    turned = [tag("rotate", x=1, angle=TURNS[wall.kind])] * (wall.kind != "floor")
+    moved = tag("translate", **dict(zip(wall.axes, middle, strict=True)), **{wall.depth: place})
+    to_world = transform(tag("scale", value=half), *turned, moved)
+    scene.add("rectangle", "wall", to_world, paint(wall.reflectance))
 
 
-def _add_camera(scene: SceneText, camera: PerspectiveCamera) -> None:
+def _add_camera(scene: SceneText, camera: PerspectiveCamera, wall: AnyWall) -> None:
     scene.section("The camera: its place, the wall's point that it looks at, how wide it sees.")
     scene.place("camera", camera.position, "camera.position")
     rolled = scene.declare("camera_roll", camera.roll, "angle", "camera.roll")
-    scene.place("target", camera.target, "camera.target", "xz")
-    eye, point = "$camera_x, $camera_y, $camera_z", "$target_x, $wall_distance, $target_z"
+    scene.place("target", camera.target, "camera.target", wall.axes)
+    names = {**{axis: f"$target_{axis}" for axis in wall.axes}, wall.depth: f"$wall_{wall.measure}"}
+    eye, point = "$camera_x, $camera_y, $camera_z", ", ".join(names[axis] for axis in "xyz")
     fov = scene.declare("field_of_view", camera.field_of_view, "angle", "camera.field_of_view")
+    top = ", ".join(f"{each:g}" for each in line_of_sight(camera, wall)[2])
     to_world = transform(
-        tag("rotate", z=1, angle=rolled), tag("lookat", origin=eye, target=point, up="0, 0, 1")
+        tag("rotate", z=1, angle=rolled), tag("lookat", origin=eye, target=point, up=top)
     )
     lens = tag("float", name="fov", value=fov), tag("string", name="fov_axis", value="x")
     scene.add_camera("perspective", camera.film, *lens, to_world)
 
 
-def _add_rectified(scene: SceneText, camera: RectifiedCamera) -> None:
-    """See an upright rectangle squarely; the camera's own x runs to the left."""
+def _add_rectified(scene: SceneText, camera: RectifiedCamera, wall: AnyWall) -> None:
+    """See a rectangle of the wall squarely; the camera's own x runs to the left."""
     scene.section("What the rectified picture shows of the wall, from its lower left corner.")
-    place = scene.place("view", camera.bottom_left, "camera.bottom_left", "xz")
+    place = scene.place("view", camera.bottom_left, "camera.bottom_left", wall.axes)
     width = scene.declare("view_width", camera.width, "length", "camera.width")
     height = scene.declare("view_height", camera.height, "length", "camera.height")
+    turn = TURNS[wall.kind] - TURNS["standing"]
     to_world = transform(
         tag("scale", y=camera.film[1] / camera.film[0]),
         tag("translate", x=-1, y=1),
         tag("scale", x=0.5, y=0.5),
         tag("scale", x=width, y=height),
         tag("lookat", origin="0, -0.05, 0", target="0, 0, 0", up="0, 0, 1"),
+        *[tag("rotate", x=1, angle=turn)] * (turn != 0),
         place,
-        tag("translate", y="$wall_distance"),
+        tag("translate", **{wall.depth: f"$wall_{wall.measure}"}),
     )
     near = tag("float", name="near_clip", value=0.001)
     scene.add_camera("orthographic", camera.film, to_world, near)
 
 
-def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
-    monitor = laboratory.monitor
-    where, place = next((name, place) for name, place in monitor.places.items() if place)
+def _add_rectangle(scene: SceneText, name: str, surface: Screen | Card) -> None:
+    """Add the monitor or another flat surface of an id."""
+    where, place = next((name, place) for name, place in surface.places.items() if place)
+    what = "The lit part of the monitor" if name == MONITOR else f"The hidden surface '{name}'"
     scene.section(
-        f"The lit part of the monitor: its size, the place of its {where.replace('_', ' ')} as a "
-        "viewer sees it, how it is tilted and turned there; at 0 it faces the wall squarely."
+        f"{what}: its size, the place of its {where.replace('_', ' ')} as a viewer sees it, how it "
+        "is tilted and turned there; at 0 it faces along y."
     )
-    width = scene.declare("monitor_width", monitor.width, "length", "monitor.width")
-    height = scene.declare("monitor_height", monitor.height, "length", "monitor.height")
-    to_place = scene.place(MONITOR, place, f"monitor.{where}")
-    turns = scene.turns(MONITOR, monitor.tilt, monitor.turn, MONITOR)
+    width = scene.declare(f"{name}_width", surface.width, "length", f"{name}.width")
+    height = scene.declare(f"{name}_height", surface.height, "length", f"{name}.height")
+    to_place = scene.place(name, place, f"{name}.{where}")
+    turns = scene.turns(name, surface.tilt, surface.turn, name)
     across = {"left": 1, "right": -1}.get(where.partition("_")[2], 0)
     up = {"top": -1, "bottom": 1}.get(where.partition("_")[0], 0)
-    kind, emitter = "area", [tag("rgb", name="radiance", value=1)]
-    if monitor.falloff is not None:
-        kind = "lcd"
-        scene.section(
-            "Its falloff with angle: radiance over the normal's is cos^vertical_exponent of the "
-            "vertical angle times cos^horizontal_exponent of the horizontal one."
-        )
-        for name in ("vertical", "horizontal"):
-            measured, key = getattr(monitor.falloff, name), f"{name}_exponent"
-            exponent = scene.declare(key, measured, "number", f"monitor.{name}")
-            emitter.append(tag("float", name=key, value=exponent))
     to_world = transform(
         tag("translate", x=across, y=up),
         tag("scale", x=0.5, y=0.5),
@@ -165,9 +198,38 @@ def _add_monitor(scene: SceneText, laboratory: Laboratory) -> None:
         *turns,
         to_place,
     )
+    if isinstance(surface, Card):
+        scene.add("rectangle", name, to_world, paint(surface.reflectance))
+        return
+    kind, emitter = "area", [tag("rgb", name="radiance", value=1)]
+    if surface.falloff is not None:
+        kind, own = "lcd", "" if name == MONITOR else f"{name}_"
+        scene.section(
+            f"Its falloff with angle: radiance over the normal's is cos^{own}vertical_exponent of "
+            f"the vertical angle times cos^{own}horizontal_exponent of the horizontal one."
+        )
+        for each in ("vertical", "horizontal"):
+            measured, key = getattr(surface.falloff, each), f"{each}_exponent"
+            exponent = scene.declare(f"{own}{key}", measured, "number", f"{name}.{each}")
+            emitter.append(tag("float", name=key, value=exponent))
     inside = "\n    ".join(emitter)
     lit = f'<emitter type="{kind}">\n    {inside}\n</emitter>'
-    scene.add("rectangle", MONITOR, to_world, lit, paint((0.05, 0.05, 0.05)))
+    scene.add("rectangle", name, to_world, lit, paint((0.05, 0.05, 0.05)))
+
+
+def _add_angular(scene: SceneText, surface: AngularSurface, file: str) -> None:
+    """Add directions about a point, of which a file has the part of the unit sphere."""
+    name = surface.id
+    scene.section(
+        f"The directions '{name}', as part of a sphere: its middle, how it is turned, its radius. "
+        "The radius is a choice: past an edge a photograph shows directions, hardly distances."
+    )
+    to_place = scene.place(name, surface.position, name)
+    turn = scene.declare(f"{name}_turn", surface.turn, "angle", f"{name}: turn")
+    radius = scene.declare(f"{name}_radius", surface.radius, "length", f"{name}: radius")
+    to_world = transform(tag("scale", value=radius), tag("rotate", z=1, angle=turn), to_place)
+    mesh = tag("string", name="filename", value=literal(file)), FLAT
+    scene.add("ply", name, *mesh, to_world, paint((0.05, 0.05, 0.05)))
 
 
 def _placed(body: Occluding, measured: Measured) -> Measured:
@@ -199,9 +261,13 @@ def _add_rod(scene: SceneText, body: Rod, bearer: list[str], _: Mapping[str, str
     return bearer
 
 
+ANCHORS = {"base": (0, 0, 1), "corner": (1, 1, 1), "center": (0, 0, 0), "end": (1, 0, 1)}
+"""Middle of a cube of side 2 whose anchor is the origin."""
+
+
 def _add_body(
     scene: SceneText,
-    body: Box | Frame | UprightCylinder | MeshBody,
+    body: Box | Plate | Frame | UprightCylinder | Edge | Doorway | MeshBody,
     bearer: list[str],
     meshes: Mapping[str, str],
 ) -> list[str]:
@@ -221,11 +287,21 @@ def _add_body(
 
     def add_mesh(mesh: str, *shaping: str) -> None:
         file = tag("string", name="filename", value=literal(meshes[mesh]))
-        flat = tag("boolean", name="face_normals", value="true")
-        scene.add("ply", name, file, flat, transform(*shaping, *to_world), paint(body.reflectance))
+        scene.add("ply", name, file, FLAT, transform(*shaping, *to_world), paint(body.reflectance))
 
     def add_cube(label: str, *shaping: str) -> None:
         scene.add("cube", label, transform(*shaping, *to_world), paint(body.reflectance))
+
+    def add_block(label: str, middle: tuple[int, ...], sizes: tuple[str, ...]) -> None:
+        """Add a box, or without a thickness a plane; `middle` is that of one of side 2."""
+        moved = tag("translate", **dict(zip("xyz", middle, strict=True)))
+        scaled = {axis: each for axis, each in zip("xyz", sizes, strict=True) if each}
+        shaping = moved, tag("scale", value=0.5), tag("scale", **scaled)
+        if len(scaled) == 3:
+            add_cube(label, *shaping)
+        else:
+            to_plane = transform(tag("rotate", x=1, angle=90), *shaping, *to_world)
+            scene.add("rectangle", label, to_plane, paint(body.reflectance))
 
     if isinstance(body, MeshBody):
         add_mesh(name)
@@ -237,12 +313,17 @@ def _add_body(
         sizes = [size(which) for which in ("width", "thickness", "height", "bar")]
         for side, bar in _bars(*sizes).items():
             add_cube(f"{name}_{side}", *bar)
+    elif isinstance(body, Doorway):
+        wide = {1: size("width"), -1: size("jamb")}
+        high = {1: size("lintel"), -1: size("height")}
+        thick = size("thickness") if body.thickness else ""
+        for part, (x, z) in DOORWAY.items():
+            add_block(f"{name}_{part}", (x, 0, z), (wide[x], thick, high[z]))
     else:
         deep = "depth" if isinstance(body, Box) else "thickness"
-        x, y, z = {"base": (0, 0, 1), "corner": (1, 1, 1), "center": (0, 0, 0)}[anchor]
-        sizes = [size(which) for which in ("width", deep, "height")]
-        scaled = tag("scale", **dict(zip("xyz", sizes, strict=True)))
-        add_cube(name, tag("translate", x=x, y=y, z=z), tag("scale", value=0.5), scaled)
+        width, height = size("width"), size("height")
+        thick = size(deep) if getattr(body, deep) else ""
+        add_block(name, ANCHORS[anchor], (width, thick, height))
     return to_world
 
 

@@ -5,11 +5,12 @@ from textwrap import indent, wrap
 from xml.sax.saxutils import quoteattr
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import Laboratory, Measured
+from periscopy_sim.laboratory.document import Laboratory
+from periscopy_sim.laboratory.quantities import Measured
 from periscopy_sim.rendering.scene.document import comment
 
 HEAD = """<!-- {title}
-     Metres and degrees; x to the right as one faces the wall, y from the monitor to the wall, z up.
+     Metres and degrees; x to the right as one looks along y, to a wall that stands, and z up.
      Turns are about the vertical, counterclockwise from above; tilts about x, the top away from the
      wall. NAME_error is the standard deviation of NAME, in its unit: how far off the ruler may be.
      -->
@@ -82,8 +83,11 @@ class SceneText:
     def add_camera(self, kind: str, size: tuple[int, int], *parts: str) -> None:
         """Add the camera, with a film of (rows, columns)."""
         self.section("Rows and columns of the photograph.")
-        self._default("height", size[0])
-        self._default("width", size[1])
+        rows, columns = size
+        if rows == columns:
+            self._default("film", rows)
+        self._default("height", "$film" if rows == columns else rows)
+        self._default("width", "$film" if rows == columns else columns)
         self.add(kind, "camera", *parts, FILM, element="sensor")
 
     def text(self, title: str) -> str:
@@ -96,9 +100,9 @@ class SceneText:
         lines = [*self._defaults, "", '    <integrator type="path"/>', *self._elements, "</scene>"]
         return HEAD.format(title=comment(title)) + "\n".join(lines[1:]) + "\n"
 
-    def _default(self, name: str, value: float) -> None:
+    def _default(self, name: str, value: float | str) -> None:
         self._names.add(name)
-        self._defaults.append("    " + tag("default", name=name, value=repr(value)))
+        self._defaults.append("    " + tag("default", name=name, value=value))
 
 
 def tag(kind: str, **attributes: object) -> str:

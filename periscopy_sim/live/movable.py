@@ -107,7 +107,7 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
 
 def parts_of(scenario: Scenario) -> dict[str, Array]:
     """Return points, (n, 3), of the parts of a scene, by name."""
-    occluders = scenario.scene.occluders
+    occluders = scenario.view.occluders
     shapes = {o.name: o.bounds if o.vertices is None else o.vertices for o in occluders}
     surfaces = {name: surface.centers for name, surface in scenario.hidden.items()}
     parts = {"camera": scenario.view.centers, **surfaces, **shapes}

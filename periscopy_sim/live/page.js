@@ -99,7 +99,7 @@ const shows = {
     setImage("wall", room.wall);
   },
   photograph: (image) => setImage("photograph", image),
-  monitor: (image) => setImage("monitor", image),
+  hidden: (images) => images.forEach((image, i) => setImage(`hidden ${i}`, image)),
   occluders: setMeshes,
 };
 
@@ -216,13 +216,20 @@ function setMesh(name, vertices, faces) {
   buffer(name, gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces)).count = faces.length;
 }
 
-function setImage(name, { corners, source }) {
+/** Show an image on a surface, whose grid of points begins at the image's upper left. */
+function setImage(name, { grid, source }) {
   if (!gl) return;
   const picture = (latest[name] = new Image());
   picture.onload = () => {
     if (latest[name] !== picture) return; // a newer one was decoded before
-    const places = [[0, 1], [1, 1], [0, 0], [1, 0]]; // the image's first row is the upper one
-    setMesh(name, corners.flatMap((corner, i) => [...corner, ...places[i]]), [0, 1, 2, 2, 1, 3]);
+    const [rows, columns] = [grid.length - 1, grid[0].length - 1];
+    const vertices = grid.flatMap((row, i) => row.flatMap((point, j) => [...point, j / columns, i / rows]));
+    const faces = [];
+    for (let i = 0; i < rows; i++) for (let j = 0; j < columns; j++) {
+      const [above, beneath] = [i, i + 1].map((row) => row * (columns + 1) + j);
+      faces.push(above, beneath, above + 1, above + 1, beneath, beneath + 1);
+    }
+    setMesh(name, vertices, faces);
     const thing = things[name];
     thing.texture ??= gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, thing.texture);

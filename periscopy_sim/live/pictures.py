@@ -3,14 +3,14 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.moving_scene import limit_size
+from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.methods import fit_method, own_errors
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
@@ -57,7 +57,7 @@ class Overtaken(Exception):  # noqa: N818  nothing is wrong
 
 @dataclass(frozen=True, eq=False)
 class LivePictures:
-    """A laboratory's photograph and its reconstruction, (R, C, 3).
+    """A laboratory's photograph and its reconstruction, (R, C, 3), of several surfaces by id.
 
     `scenario` has the values of the choice, which the method believes. `truth` and `psnr` (dB,
     gain-matched) are None where the hidden image is unknown; `report` is the method's, of a given
@@ -67,9 +67,9 @@ class LivePictures:
     choice: Choice
     scenario: Scenario
     is_coarse: bool
-    truth: Array | None
+    truth: Any
     photograph: Photograph
-    image: NDArray[np.float32]
+    image: Any
     psnr: float | None
     report: Report
     seconds: float = 0.0
@@ -125,7 +125,7 @@ class SizedLaboratory:
         truth = None
         if choice.image:
             path = find_image(choice.image)
-            truth = kept("f", path, lambda: read_hidden_image(path, scenario.hidden.shape))
+            truth = kept("f", path, lambda: self._shown(path))
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         method = kept(
@@ -135,7 +135,8 @@ class SizedLaboratory:
         unless_overtaken()
         with own_errors(choice.method, "failed"):
             solution = method.solve(photograph)
-            image = np.asarray(solution.image, np.float32)
+            found = scenario.hidden.images(solution.image).items()
+            image = scenario.hidden.unwrapped({n: f.astype(np.float32) for n, f in found})
             report = method.report(photograph, solution)
             if self._given_photograph is None:
                 report = replace(report, residual=None)
@@ -145,9 +146,21 @@ class SizedLaboratory:
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, truth, photograph, image,
-            None if truth is None else psnr_gain_matched(image, truth),
+            None if truth is None else self._psnr(image, truth),
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
+
+    def _shown(self, path: Path) -> Any:
+        """Return an image that every hidden surface shows."""
+        hidden = self.scenario.hidden
+        shapes = hidden.shapes.items()
+        return hidden.unwrapped({name: read_hidden_image(path, shape) for name, shape in shapes})
+
+    def _psnr(self, image: Any, truth: Any) -> float:
+        """Return the mean over the surfaces, in dB."""
+        hidden = self.scenario.hidden
+        images, truths = hidden.images(image), hidden.images(truth)
+        return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in hidden]))
 
     def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
@@ -155,13 +168,11 @@ class SizedLaboratory:
             return TransportPlan(0.0, None if has_areas(scenario) else FEWEST)
         return plan_transport(scenario, noise, budget=BUDGET)
 
-    def _expose(
-        self, choice: Choice, truth: Array | None, scenario: Scenario, A: Any
-    ) -> Photograph:
+    def _expose(self, choice: Choice, truth: Any, scenario: Scenario, A: Any) -> Photograph:
         """Return a photograph, y = A f + b + noise."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        y = scenario.channel_gain * (A @ truth.reshape(A.shape[1], -1))
+        y = scenario.channel_gain * (A @ scenario.hidden.vector(truth))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
         y = (y / y.mean()).reshape(*scenario.photograph_shape, -1)
@@ -177,7 +188,10 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     At least twice as many pixels as patches are used.
     """
     pixels, longest = COARSE
-    hidden, shape = scenario.hidden.shape, limit_size(scenario.photograph_shape, pixels)
-    most = max(hidden) * np.sqrt(used * np.prod(shape) / np.prod(hidden) / 2)
-    patches, scene = limit_size(hidden, int(min(longest, most))), scenario.scene
-    return Scenario(View.of(scene, shape), Hidden.of_scene(scene, patches))
+    hidden, shape = scenario.hidden, limit_size(scenario.photograph_shape, pixels)
+    largest = max(map(max, hidden.shapes.values()))
+    most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
+    sizes, scene = limit_sizes(hidden, int(min(longest, most))), scenario.scene
+    return Scenario(
+        View.of(scene, shape, camera=scenario.view.camera), Hidden.of_scene(scene, sizes)
+    )

@@ -1,4 +1,4 @@
-"""The laboratory in 3-D: the scene's wall, monitor and occluders."""
+"""The laboratory in 3-D: the scene's wall, hidden surfaces and occluders."""
 
 from base64 import b64encode
 from io import BytesIO
@@ -8,15 +8,19 @@ import numpy as np
 from PIL import Image
 from scipy.interpolate import NearestNDInterpolator
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.live.movable import parts_of
 from periscopy_sim.live.pictures import LivePictures
-from periscopy_sim.live.sheet import Pixels, monitor_pixels, photograph_pixels
+from periscopy_sim.live.sheet import Pixels, hidden_pixels, photograph_pixels
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder
 from periscopy_sim.view import WallFrame
 
 COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222)}
+
+LINES = 17
+"""Rows and columns of points, at most, by which a surface is drawn."""
 
 MARGIN = 0.1
 """Over the size of everything: what wall and floor reach beyond, and the length of arrows."""
@@ -45,20 +49,17 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def things_in(pictures: LivePictures) -> dict[str, Any]:
-    """Return a scene's occluders, the photograph on its wall and the image on its monitor."""
+    """Return a scene's occluders, the photograph on its wall, the images on hidden surfaces."""
     scenario = pictures.scenario
     frame = scenario.view.frame
     local = _on_wall(scenario.view.centers, frame)
     shown, low, high = on_rectangle(local, photograph_pixels(pictures))
-    rows, columns = scenario.hidden.shape
+    images = hidden_pixels(pictures)
     return {
         "photograph": _on_wall_image(shown, low, high, frame, 0.002),
-        "monitor": _image(
-            monitor_pixels(pictures), scenario.hidden.centers.mean(axis=0),
-            columns * scenario.hidden.across.mean(axis=0), rows * scenario.hidden.up.mean(axis=0),
-        ),
-        "occluders": [_mesh(each) for each in scenario.scene.occluders],
-    }  # fmt: skip
+        "hidden": [_on_surface(images[name], each) for name, each in scenario.hidden.items()],
+        "occluders": [_mesh(each) for each in scenario.view.occluders],
+    }
 
 
 def as_source(pixels: Pixels, kind: str = "PNG", **options: int) -> str:
@@ -69,9 +70,15 @@ def as_source(pixels: Pixels, kind: str = "PNG", **options: int) -> str:
 
 
 def _image(pixels: Pixels, center: Array, across: Array, up: Array) -> dict[str, Any]:
-    """Return an image and its corners, (4, 3): lower left and right, upper left and right."""
-    corners = [center + x * across + y * up for y in (-0.5, 0.5) for x in (-0.5, 0.5)]
-    return {"source": as_source(pixels), "corners": np.array(corners).tolist()}
+    """Return an image and its corners, (2, 2, 3), from the upper left."""
+    corners = [[center + x * across + y * up for x in (-0.5, 0.5)] for y in (0.5, -0.5)]
+    return {"source": as_source(pixels), "grid": np.array(corners).tolist()}
+
+
+def _on_surface(pixels: Pixels, surface: Surface) -> dict[str, Any]:
+    """Return an image and points of its surface, (rows, columns, 3), from the upper left."""
+    lines = (np.linspace(0, n, min(n + 1, LINES)).round().astype(int) for n in surface.shape)
+    return {"source": as_source(pixels), "grid": surface.vertices[np.ix_(*lines)].tolist()}
 
 
 def _on_wall_image(

@@ -1,12 +1,14 @@
 """The pictures of a laboratory on one sheet of four tiles, and their captions."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from periscopy_sim.figures.panels import displayable, residual_map
+from periscopy_sim.figures.panels import common_white, displayable, residual_map
 from periscopy_sim.figures.style import mpl
 from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.numerics import Array
@@ -25,10 +27,25 @@ def photograph_pixels(pictures: LivePictures) -> Pixels:
     return shown
 
 
-def monitor_pixels(pictures: LivePictures) -> Pixels:
-    """Return the hidden image for display, (R, C, 3); the reconstruction where it is unknown."""
-    truth, image = pictures.truth, pictures.image
-    return srgb_bytes(displayable(image) if truth is None else displayable(truth, white=1))
+def hidden_pixels(pictures: LivePictures) -> dict[str, Pixels]:
+    """Return images for display, (R, C, 3), by surface; the reconstructions if they are unknown."""
+    images = pictures.scenario.hidden.images(
+        pictures.image if pictures.truth is None else pictures.truth
+    )
+    white = common_white(images.values()) if pictures.truth is None else 1.0
+    return {name: srgb_bytes(displayable(image, white)) for name, image in images.items()}
+
+
+def _side_by_side(images: Iterable[Pixels]) -> Pixels:
+    """Return images of several surfaces as one, on white, a column apart."""
+    shown = list(images)
+    rows = max(each.shape[0] for each in shown)
+    columns = []
+    for each in shown:
+        above, right = rows - each.shape[0], int(each is not shown[-1])
+        padding = (above, 0), (0, right), (0, 0)
+        columns.append(np.pad(each, padding, constant_values=255))
+    return np.concatenate(columns, axis=1)
 
 
 def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[Pixels, list[str]]:
@@ -55,10 +72,14 @@ def _photograph(pictures: LivePictures) -> Tile:
 
 
 def _reconstruction(pictures: LivePictures) -> Tile:
-    caption = "Reconstruction: {} x {}".format(*pictures.image.shape[:2])
+    hidden = pictures.scenario.hidden
+    sizes = {name: "{} x {}".format(*size) for name, size in hidden.shapes.items()}
+    each = [f"{name} {size}" for name, size in sizes.items()]
+    caption = f"Reconstruction: {', '.join(each if len(each) > 1 else sizes.values())}"
     if pictures.psnr is not None:
         caption += f", PSNR {pictures.psnr:.1f} dB"
-    return caption, srgb_bytes(displayable(pictures.image))
+    shown = hidden_pixels(replace(pictures, truth=None))
+    return caption, _side_by_side(shown.values())
 
 
 def _third(pictures: LivePictures) -> Tile:
@@ -66,7 +87,7 @@ def _third(pictures: LivePictures) -> Tile:
     residual = pictures.report.residual
     if residual is None:
         known = pictures.truth is not None
-        return "Hidden image", monitor_pixels(pictures) if known else None
+        return "Hidden image", _side_by_side(hidden_pixels(pictures).values()) if known else None
     caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
         caption += f", noise alone {100 * residual.noise_alone:.2f} %"
@@ -75,13 +96,14 @@ def _third(pictures: LivePictures) -> Tile:
 
 
 def _errors(pictures: LivePictures) -> Tile:
-    errors = pictures.report.standard_errors
+    errors, hidden = pictures.report.standard_errors, pictures.scenario.hidden
     if errors is None:
         return f"Standard error: {pictures.choice.method} reports none", None
-    white = float(np.percentile(pictures.image, 99)) or 1.0
-    percent = 100 / white * np.sqrt(np.mean(errors**2, axis=2))
+    white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
+    percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
     caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
-    return caption, _colours("magma", percent / (percent.max() or 1.0))
+    shown = hidden.split(percent / (percent.max() or 1.0))
+    return caption, _side_by_side(_colours("magma", each) for each in shown.values())
 
 
 def _colours(name: str, values: Array) -> Pixels:

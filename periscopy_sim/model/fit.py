@@ -10,6 +10,7 @@ wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
@@ -25,7 +26,7 @@ from periscopy_sim.model.ambient import (
     wall_profiles,
 )
 from periscopy_sim.model.noise import residual_noise
-from periscopy_sim.model.spectral_basis import SpectralBasis
+from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
     NOTHING_LEFT,
     Matrix,
@@ -33,7 +34,7 @@ from periscopy_sim.model.transport_operator import (
     used_rows,
 )
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
-from periscopy_sim.numerics.products import project_out, times_rows
+from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
 from periscopy_sim.photograph import Photograph
 
@@ -51,10 +52,11 @@ class Evidence:
     The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
     """
 
-    coefficients: Array  # (C, N) WᵀA⊥ᵀ y⊥ in the camera's channels
+    coefficients: Array  # (C, K) WᵀA⊥ᵀ y⊥ of K patterns, in the camera's channels
     noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
     level: float  # root mean square of y⊥
     noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
+    rest: Image | None = None  # (C, N) A⊥ᵀ y⊥ beyond K < N patterns
 
     @property
     def mean_noise(self) -> float:
@@ -131,8 +133,8 @@ class Fit:
             _ = self.mixing, self.monitor_off
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without Aᵀ, which follows from A."""
-        return {name: each for name, each in vars(self).items() if name != "transport"}
+        """Return the state without the patterns' light, which follows from A."""
+        return {name: each for name, each in vars(self).items() if name != "lights"}
 
     @property
     def mask(self) -> Mask | None:
@@ -261,38 +263,38 @@ class Fit:
         return self.A if self.mask is None else used_rows(self.A, self.mask)
 
     @cached_property
-    def transport(self) -> Image:
-        """(N, M') Aᵀ of the pixels used, in single precision."""
-        return np.ascontiguousarray(np.asarray(self.rows).T, np.float32)
-
-    @cached_property
     def operator(self) -> TransportOperator:
         """A⊥ as a linear operator, (M', N)."""
         return TransportOperator(self.rows, self.basis)
 
     @cached_property
-    def gram(self) -> Array:
-        """(N, N) A⊥ᵀA⊥."""
-        gram = self.operator.gram
-        least = max(PRECISION, precision_of(np.asarray(self.A))) ** 2
-        if not float(np.trace(gram)) > least * self.operator.whole_squared_norm:
-            raise InputError(NOTHING_LEFT)
-        return gram
-
-    @cached_property
     def norm(self) -> float:
         """‖A⊥‖_F."""
-        return float(np.sqrt(np.trace(self.gram)))
+        least = max(PRECISION, precision_of(np.asarray(self.A))) ** 2
+        if not self.operator.squared_norm > least * self.operator.whole_squared_norm:
+            raise InputError(NOTHING_LEFT)
+        return float(np.sqrt(self.operator.squared_norm))
 
     @property
     def unit(self) -> float:
         """‖A⊥‖_F/√N, over which f is near 1 in units of y⊥."""
-        return self.norm / float(np.sqrt(len(self.gram)))
+        return self.norm / float(np.sqrt(self.hidden.patches))
 
     @cached_property
     def patterns(self) -> SpectralBasis:
-        """The spectral basis of A⊥ᵀA⊥ over the square of the unit."""
-        return SpectralBasis(self.gram / self.unit**2, self.hidden)
+        """The spectral basis of A⊥ᵀA⊥ over the square of the unit, `MOST_PATTERNS` at most."""
+        unit = self.unit
+        if self.hidden.patches <= MOST_PATTERNS:
+            return SpectralBasis.of_gram(self.operator.gram / unit**2, self.hidden)
+        count = min(MOST_PATTERNS, self.pixels)
+        return SpectralBasis.strongest(self.operator, self.hidden, count)
+
+    @cached_property
+    def lights(self) -> Image:
+        """(N', M') the visible patterns' light over its norm, A⊥ W_k/√λ_k: orthonormal rows."""
+        scales = 1 / (np.sqrt(self.curvatures) * self.unit)
+        rows = self.patterns.rows[self.visible] * scales[:, None].astype(np.float32)
+        return self.operator.light_of(rows)
 
     @cached_property
     def least_curvature(self) -> float:
@@ -301,7 +303,7 @@ class Fit:
 
     @cached_property
     def visible(self) -> slice:
-        """Slice of the patterns that the wall shows."""
+        """Slice of the patterns that the wall shows, N' of them."""
         curvatures = self.patterns.curvatures  # ascending
         hidden = curvatures <= self.least_curvature * curvatures[-1]
         return slice(int(hidden.sum()), None)
@@ -318,50 +320,79 @@ class Fit:
     def evidence(self, planes: Array) -> tuple[list[Evidence], Array]:
         """Return the evidence of photographs' planes, (K, C, M'), and y⊥ over its level, likewise.
 
-        Aᵀ is applied to all photographs in one product.
+        The patterns' light is read once for all photographs.
         """
-        rows = self.project_out(planes.reshape(-1, self.pixels))
-        y = np.asarray(rows, np.float64).reshape(planes.shape)
+        y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
+        y = y.reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
         y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
         levels[levels <= ROUNDING * whole] = 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
-        products = times_rows(rows.astype(np.float32), self.transport) * np.float32(1 / self.unit)
-        coefficients = times_rows(products, self.patterns.rows).astype(np.float64)
-        coefficients = coefficients.reshape(*y.shape[:2], -1)
-        noises = self._noise(y, coefficients[..., self.visible])
+        rows = y.reshape(-1, self.pixels).astype(np.float32)
+        coordinates = times_rows(rows, self.lights).astype(np.float64)
+        coordinates = coordinates.reshape(*y.shape[:2], -1)
+        noises = self._noise(y, coordinates)
+        coefficients = np.zeros((*y.shape[:2], len(self.patterns.rows)))
+        coefficients[..., self.visible] = coordinates * np.sqrt(self.curvatures)
         ratios = self._noise_to_signal(noises)
         numbers = (each.tolist() for each in (levels, ratios))
-        return [Evidence(*each) for each in zip(coefficients, noises, *numbers, strict=True)], y
+        rests = self._rests(rows, coefficients)
+        each = zip(coefficients, noises, *numbers, rests, strict=True)
+        return [Evidence(*one) for one in each], y
+
+    def _rests(self, rows: Image, coefficients: Array) -> Sequence[Image | None]:
+        """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients, (K, C, N')."""
+        if self.patterns.is_whole:
+            return [None] * len(coefficients)
+        products = self.operator.images_of(rows) / np.float32(self.unit)
+        flat = coefficients.reshape(len(rows), -1).astype(np.float32)
+        combined = combine_rows(flat, self.patterns.rows)
+        rest = products - (self._laplacian @ combined.T).T
+        return list(rest.reshape(*coefficients.shape[:2], -1))
 
     def coordinates(self, evidence: Evidence) -> Array:
-        """Return the coordinates of an evidence's y⊥ along the A⊥ W_k/√λ_k, (C, N')."""
+        """Return the coordinates of an evidence's y⊥ along the patterns' light, (C, N')."""
         return np.asarray(evidence.coefficients[:, self.visible] / np.sqrt(self.curvatures))
+
+    def coordinates_of(self, images: Image) -> Image:
+        """Return the coordinates of A⊥ f along the patterns' light, (C, N'), of (C, N) images f."""
+        smoothed = np.ascontiguousarray((self._laplacian @ images.T).T, np.float32)
+        scales = (np.sqrt(self.curvatures) * self.unit).astype(np.float32)
+        return times_rows(smoothed, self.patterns.rows[self.visible]) * scales
+
+    @cached_property
+    def _laplacian(self) -> Any:
+        return laplacian(self.hidden.differences)
+
+    @property
+    def factor(self) -> Array:
+        """(N', N) F, where A⊥ = UᵀF and U is the patterns' light: FᵀF is A⊥ᵀA⊥."""
+        rows = self.patterns.rows[self.visible].astype(np.float64)
+        scales = np.sqrt(self.curvatures)[:, None] * self.unit
+        return np.asarray(scales * (self._laplacian @ rows.T).T)
 
     def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
         """Return the part of y⊥ that A⊥ can explain, (C, N'), and an image's residual, over σ."""
-        f = np.ascontiguousarray(self.mixed(image).T / (evidence.level * self.unit))
-        products = times_rows(f, self.gram).astype(np.float32)
-        shown = times_rows(products, self.patterns.rows)[:, self.visible]
-        scales = np.sqrt(self.curvatures) * evidence.noise[:, None]
-        whole = evidence.coefficients[:, self.visible] / scales
-        return whole, whole - shown / scales
+        noise = evidence.noise[:, None]
+        shown = self.coordinates_of(self.mixed(image).T) / (evidence.level * noise)
+        whole = self.coordinates(evidence) / noise
+        return whole, whole - shown
 
     def unexplained(self, rows: Array) -> Array:
         """Return the part of rows, (J, M'), that no hidden image and no ambient light explain."""
         return self.operator.unexplained(rows.T).T
 
     def response(self, light: Array) -> Array:
-        """Return A⊥ᵀ of light, (K, C, M'), as (K, C, N)."""
-        rows = np.ascontiguousarray(self.project_out(light.reshape(-1, self.pixels)), np.float32)
-        return times_rows(rows, self.transport).reshape(*light.shape[:2], -1).astype(np.float64)
+        """Return the coordinates of light, (K, C, M'), along the patterns' light, (K, C, N')."""
+        rows = np.ascontiguousarray(light.reshape(-1, self.pixels), np.float32)
+        return times_rows(rows, self.lights).reshape(*light.shape[:2], -1).astype(np.float64)
 
-    def _noise(self, y: Array, coefficients: Array) -> Array:
+    def _noise(self, y: Array, coordinates: Array) -> Array:
         """Return the standard deviation of what the least-squares image leaves of y⊥, (K, C).
 
-        y⊥ is (K, C, M'), its coefficients in the visible patterns are (K, C, N').
+        y⊥ is (K, C, M'), its coordinates along the patterns' light are (K, C, N').
         """
-        explained = np.sum(coefficients**2 / self.curvatures, axis=-1)
+        explained = np.sum(coordinates**2, axis=-1)
         freedom = self.pixels - len(self.background) - len(self.curvatures)
         noise = residual_noise(np.sum(y * y, axis=-1), explained, freedom)
         largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none

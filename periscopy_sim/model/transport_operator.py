@@ -19,6 +19,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.machine import in_parallel
+from periscopy_sim.numerics.products import combine_rows
 from periscopy_sim.numerics.validation import InputError
 
 PARTS = 16
@@ -29,6 +30,9 @@ CONVERTED = 2**16
 
 LARGEST_GRAM = 5e10
 """M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
+
+FEW = 48
+"""Vectors up to which a product by rows is faster than BLAS; see `products`."""
 
 RIDGE = float(np.sqrt(np.finfo(np.float64).eps))
 """Fraction of A⊥ᵀA⊥'s mean diagonal added as a ridge, where that matrix is inverted."""
@@ -179,6 +183,31 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         for rows, block in self._converted_blocks():
             f += block.T @ projected[rows]
         return f
+
+    def light_of(self, images: Image) -> Image:
+        """Return A⊥ of images, (K, N), as rows, (K, M), in single precision, by one pass."""
+        light = np.empty((len(images), self.shape[0]), np.float32)
+        QtA = self.QtA.astype(np.float32)
+        for rows, block in self._single_blocks(1024):
+            # Rows of A⊥ are smaller than those of A, and so are their products' roundings.
+            light[:, rows] = images @ (block - self.Q[rows].astype(np.float32) @ QtA).T
+        return light
+
+    def images_of(self, light: Image) -> Image:
+        """Return Aᵀ of light, (K, M), as rows, (K, N), in single precision, by one pass."""
+        images = np.zeros((len(light), self.shape[1]), np.float32)
+        few = len(light) <= FEW
+        for rows, block in self._single_blocks(self.shape[0] if few else 1024):
+            own = light[:, rows]
+            images += combine_rows(np.ascontiguousarray(own), block) if few else own @ block
+        return images
+
+    def _single_blocks(self, count: int) -> Iterator[tuple[slice, Image]]:
+        for rows, block in row_blocks(self.A):
+            for start in range(0, len(block), count):
+                part = np.asarray(block[start : start + count], np.float32)
+                first = rows.start + start
+                yield slice(first, first + len(part)), part
 
     def _converted_blocks(self, count: int = 256) -> Iterator[tuple[slice, Array]]:
         for rows, block in row_blocks(self.A):

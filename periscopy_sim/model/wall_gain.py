@@ -9,7 +9,9 @@ p_k the polynomials of degree ≤ 2 over the wall, without the constant, which n
 determines. A first image f₀ determines the few a_k, by least squares on the part of y that no
 hidden image and no ambient light explain:
 
-    â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
+    â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S],
+
+but for the patterns of A that hide beneath the noise.
 
 S, the polynomials of degree ≤ 5, accounts for the smooth ambient light that B lacks. The correction
 subtracts the gain's light, Σ_k â_k p_k A f₀: to divide y by the gain would bend the ambient light,
@@ -51,6 +53,11 @@ LEAST_UNEXPLAINED = 1e-5
 image of a real photograph changes by 0.9 %, and one of a painted wall by 6.6 %."""
 
 
+FAINT, PLAIN, BLOCK = 0.01, 2.0, 64
+"""Energies of f₀'s light and of y in the weakest patterns, over that of the noise, up to which F
+lacks them, in blocks: half of 1,044 patterns, and half of the time."""
+
+
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
     """The gain, and how likely it is."""
@@ -75,6 +82,7 @@ class WallGain:
         self._background = fit.background.astype(np.float32)
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
         used = slice(None) if fit.mask is None else fit.mask
@@ -110,16 +118,20 @@ class WallGain:
         one, f₀, (C, N) in the camera's channels, in units of y over those of A.
         """
         count, σ = len(self._terms), noise[:, None]
-        explaining = (coordinates * self._scales).astype(np.float32) @ self._basis
-        both = np.concatenate([image.astype(np.float32), explaining])  # A is read once
-        signal, explained = combine_rows(both, self._fit.transport).reshape(2, *y.shape) / σ
+        f = image.astype(np.float32)
+        expected = self._fit.coordinates_of(f)
+        kept = slice(hidden_by_noise(expected / σ, coordinates / σ), None)
+        lights = self._fit.lights[kept]
+        both = np.concatenate([expected, coordinates.astype(np.float32)])[:, kept]
+        signal, explained = combine_rows(both, lights).reshape(2, *y.shape)  # read once
+        signal = (signal + combine_rows(times_rows(f, self._QtA), self._background)) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
         terms = project_out(light.astype(np.float32), self._background)
-        shown = self._coordinates(terms)
+        shown = times_rows(terms, lights)
         whole = products(terms, count)
         H = whole - products(shown, count) - products(times_rows(terms, self._ambient), count)
         # From what is left of y, not as a difference of sums of squares: single precision suffices.
-        rest = (y / σ - project_out(explained, self._background)).astype(np.float32)
+        rest = ((y - explained) / σ).astype(np.float32)
         r = np.asarray(project_out(rest, self._ambient), np.float64)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
         sizes = np.sqrt(np.diag(whole)) + 1e-30
@@ -127,8 +139,8 @@ class WallGain:
         a, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > RESOLVED**2:
             a = np.asarray(np.linalg.solve(H, q), np.float64)
-            images = (shown * self._scales) @ self._basis
-            errors = self._errors_of_transport(r, images, image / σ)
+            scaled = times_rows(f, self._basis[kept]) * self._scales[kept] / σ
+            errors = self._errors_of_transport(r, shown, scaled, f / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
@@ -140,30 +152,41 @@ class WallGain:
         accepted = bool(believed and probability < ERROR_RATE)
         return GainEstimate(probability, field, accepted, added)
 
-    def _errors_of_transport(self, r: Array, images: Image, f: Array) -> Array:
-        """Return what errors of A alone would take from the terms' products with y, (K, 2)."""
+    def _errors_of_transport(self, r: Array, shown: Image, scaled: Image, f: Image) -> Array:
+        """Return what errors of A alone would take from the terms' products with y, (K, 2).
+
+        The products of f, (C, N), with the images g_k are those of `shown`, the coordinates of the
+        terms, with `scaled`, (C, r), the products of f with the patterns, over their norms.
+        """
         own = self._used_terms @ (r**2).sum(axis=0)
         shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
-        shared = np.einsum("kcn,cn,c->k", images.reshape(len(own), *f.shape), f, shares)
+        shared = np.einsum("kcr,cr,c->k", shown.reshape(len(own), *scaled.shape), scaled, shares)
         return np.stack([own, -shared], axis=1).astype(np.float64)
-
-    def _coordinates(self, vectors: Image) -> Image:
-        """Return coordinates in the range of A⊥ of vectors that range(B) is projected out of."""
-        return times_rows(times_rows(vectors, self._fit.transport), self._basis) * self._scales
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
         rest, sizes = rows / np.linalg.norm(rows, axis=1, keepdims=True), np.ones((len(rows), 1))
         for _ in range(3):  # each time from what is rest, single precision suffices
             rest = project_out(rest.astype(np.float32), self._background)
-            f = (self._coordinates(rest) * self._scales) @ self._basis
-            rest = project_out(rest - f @ self._fit.transport, self._background)
-            rest = project_out(rest, others)
+            rest = project_out(project_out(rest, self._fit.lights), others)
             norms = np.linalg.norm(rest, axis=1, keepdims=True)
             rest, sizes = rest / (norms + 1e-30), sizes * norms
         kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
         _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
+
+
+def hidden_by_noise(expected: Image, coordinates: Array) -> int:
+    """Return how many of the weakest patterns show noise alone, but for a block of them.
+
+    The coordinates of f₀'s light and of y are (C, N'), over σ.
+    """
+    counts = np.arange(1, expected.shape[1] + 1)
+    faint, plain = (
+        np.cumsum(np.mean(each.astype(np.float64) ** 2, axis=0)) < most * counts
+        for each, most in ((expected, FAINT), (coordinates, PLAIN))
+    )
+    return int(np.argmin([*(faint & plain), False])) // BLOCK * BLOCK
 
 
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:

@@ -61,9 +61,11 @@ class MethodEntry:
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
+    views: str = ""  # the class for several views, as `of`; empty if it takes one view alone
     needs: str = ""  # a library that an extra brings; empty for none
     hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
+    patterns: bool = False  # whether `spectral_basis.cost` comes on top
 
     def __call__(
         self,
@@ -100,6 +102,10 @@ class MethodEntry:
             still, coupling=coupling, **_parameters(self.video.options, options)
         )
         return frames
+
+    def of_views(self, fitted: Mapping[str, StillMethod[Any]]) -> Any:
+        """Return the method for several views, from itself fitted to each, by camera."""
+        return _class(self.views)(fitted)
 
 
 def _class(place: str) -> Any:
@@ -154,10 +160,12 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
-        bytes_per_entry=25,
+        bytes_per_entry=12,
+        patterns=True,
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
         uncertain=True,
+        views="noise_aware.views:NoiseAwareViews",
         video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
     ),
     MethodEntry(
@@ -219,7 +227,8 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         "unrolled",
         "the noise-aware image refined by a network; 29x36 alone, needs PyTorch",
         "learned.still:Learned",
-        bytes_per_entry=25,
+        bytes_per_entry=12,
+        patterns=True,
         needs="torch",
         rays=True,  # as in its training
         hidden=(29, 36),

@@ -30,7 +30,8 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
     Attributes
     ----------
     previous
-        (R, C, channels) the latest frame; None before the first and after `restart`.
+        (R, C, channels) the latest frame, of several surfaces by id; None before the first and
+        after `restart`.
 
     Raises
     ------
@@ -47,7 +48,6 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
             raise ValueError(f"coupling '{coupling}' is not known; use one of {known}")
         check_weight("l1_weight", l1_weight)
         self.still = still
-        self.hidden_shape = still.hidden_shape
         self.precision = still.precision
         self.coupling = coupling
         self.l1_weight = l1_weight
@@ -55,8 +55,8 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
 
     def __repr__(self) -> str:
         """Return its sizes and coupling on one line."""
-        rows, columns = self.hidden_shape
-        return f"{type(self).__name__}({rows}x{columns} patches, coupling '{self.coupling}')"
+        sizes = self.still.hidden.sizes
+        return f"{type(self).__name__}({sizes} patches, coupling '{self.coupling}')"
 
     def restart(self) -> None:
         """Forget the latest frame: the next one is a first one."""
@@ -85,8 +85,17 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         return recover()
 
     def frames(self, photographs: Series) -> NDArray[Precision]:
-        """Recover the frames, (K, R, C, channels), that follow the latest one; see `recoveries`."""
-        images = [recover().image for recover in self.recoveries(photographs)]
-        if images:
-            return np.array(images, self.precision)
-        return np.zeros((0, *self.hidden_shape, np.asarray(photographs).shape[-1]), self.precision)
+        """Recover the frames, (K, R, C, channels), that follow the latest one; see `recoveries`.
+
+        Of several surfaces they are a mapping of such by id.
+        """
+        hidden = self.still.hidden
+        images = [hidden.images(recover().image) for recover in self.recoveries(photographs)]
+        stacks = {
+            name: np.array([each[name] for each in images], self.precision)
+            if images
+            else np.zeros((0, *shape, np.asarray(photographs).shape[-1]), self.precision)
+            for name, shape in hidden.shapes.items()
+        }
+        stack: NDArray[Precision] = hidden.unwrapped(stacks)
+        return stack

@@ -64,7 +64,18 @@ def render_photograph(
         raise InputError("samples and bounces must be at least 1")
     scene = build_scene(scenario.scene, scenario.hidden, images, only_hidden=only_monitor)
     depth = -1 if bounces is None else bounces + 1
-    return path_trace(scene, depth, samples=samples, seed=seed, progress=progress)
+    # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
+    kind = "volpath" if scenario.scene.transparent else "path"
+    camera = camera_of(scene, scenario.view.camera)
+    return path_trace(
+        scene,
+        depth,
+        samples=samples,
+        seed=seed,
+        progress=progress,
+        sensor=camera,
+        integrator=kind,
+    )
 
 
 def path_trace(
@@ -75,6 +86,7 @@ def path_trace(
     seed: int,
     progress: Callable[[float], None] | None = None,
     sensor: Any = None,
+    integrator: str = "path",
 ) -> Array:
     """Render what a sensor of a Mitsuba scene sees, (rows, columns, 3) radiance, in bounded memory.
 
@@ -84,7 +96,7 @@ def path_trace(
     larger strata, and larger errors.
     """
     camera = camera_of(scene) if sensor is None else sensor
-    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    tracer = mi.load_dict({"type": integrator, "max_depth": depth})
     columns, rows = (int(n) for n in camera.film().crop_size())
     pixels = rows * columns
     # The multi-jittered sampler takes square numbers: wavefronts, in number a divisor of the side.
@@ -108,7 +120,7 @@ def path_trace(
         if camera.shutter_open_time() > 0:
             time += sampler.next_1d() * camera.shutter_open_time()
         ray, weight = camera.sample_ray_differential(time, 0.0, position, aperture)
-        light, *_ = integrator.sample(scene, sampler, ray)
+        light, *_ = tracer.sample(scene, sampler, ray)
         light *= weight
         dr.eval(light)  # the sums over its channels would each trace it anew
         total += np.array(dr.block_sum(light, at_once))

@@ -1,16 +1,17 @@
 """A scene as a surveyor sees it: where the camera's rays run, what hides the monitor, how much."""
 
-import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.wall import look, map_points
+from periscopy_sim.rendering.scene.load import patch_uv
+from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of, surface_at
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import mi
+from periscopy_sim.rendering.variant import dr, is_vectorized, mi
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
@@ -37,35 +38,45 @@ class Survey:
         right, bottom left) and its middle come from, and where they meet the wall; metres.
     parallel
         Whether these rays are parallel; else they come from one point.
-    monitor_points
-        (4 N, 3) corners of the monitor's patches.
+    corners
+        (R + 1, C + 1, 3) corners of the patches of each hidden surface, by its id.
     solids
-        Each shape but the wall and the monitor.
+        Each shape but the wall that the camera sees and the monitor.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scene = scenario.scene.source.built(scenario.scene)
+        source, view = scenario.scene.source, scenario.view
+        self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
+        camera = camera_of(self._scene, view.camera)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
         film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            ray, si = look(self._scene, position)
+            ray, si = look(self._scene, camera, position)
             return ray.o, ray.d, si.p
 
         origins, directions, self.view_points = map_points(through, film)
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
-        eye = scenario.scene.places["camera"][:3, 3]  # rays begin at the near clipping plane
+        eye = view.scene.places[view.camera][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
-        hidden = scenario.hidden
-        places = itertools.product((-0.5, 0.5), repeat=2)
-        self.monitor_points: Array = np.concatenate(
-            [hidden.centers + a * hidden.across + b * hidden.up for a, b in places]
-        )
+        self.corners = {
+            name: self._corners(name, surface) for name, surface in scenario.hidden.items()
+        }
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
+        self._shapes, self.names = shapes, tuple(shapes)
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
-            for each in scenario.scene.occluders
+            for each in view.occluders
         )
+
+    def _corners(self, name: str, surface: Surface) -> Array:
+        rows, columns = surface.shape
+        row, column = np.indices((rows + 1, columns + 1)).reshape(2, -1)
+        uv = patch_uv(row, column, surface.shape, surface.mirrored, (0, 0))
+        inside = np.clip(np.stack(uv, axis=1), SHADOW_EPSILON, 1 - SHADOW_EPSILON)
+        shape = shape_of(self._scene, name)
+        (points,) = map_points(lambda each: (surface_at(shape, each).p,), inside)
+        return points.reshape(rows + 1, columns + 1, 3)
 
     def lit_share(self, points: Array, targets: Array) -> Array:
         """Return the share of targets (k, 3) that nothing hides from each point (n, 3)."""
@@ -78,11 +89,29 @@ class Survey:
 
         def test(start: Any, path: Any) -> tuple[Any]:
             ray = mi.Ray3f(start, path, 1 - 2 * SHADOW_EPSILON, 0.0, [])
-            return (self._scene.ray_test(ray),)
+            return (self._opaque.ray_test(ray),)
 
         path = ends - starts
         (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)
         return np.asarray(met[:, 0] != 0)
+
+    def seen(self, eyes: Array, directions: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
+        """Return what rays from points, (n, 3) each, meet first.
+
+        The numbers in `names` of the shapes, (n,), -1 of none; there the points and their normals,
+        (n, 3) each, and u and v, (n, 2).
+        """
+
+        def meet(eye: Any, way: Any) -> tuple[Any, ...]:
+            si = self._scene.ray_intersect(mi.Ray3f(eye, mi.Vector3f(way)))
+            number = mi.Float(-1)
+            for k, shape in enumerate(self._shapes.values()):
+                same = si.shape == (mi.ShapePtr(shape) if is_vectorized() else shape)
+                number = dr.select(si.is_valid() & same, mi.Float(k), number)
+            return number, si.p, si.n, si.uv
+
+        number, points, normals, uv = map_points(meet, eyes, directions)
+        return number[:, 0].astype(np.intp), points, normals, uv
 
 
 def _points_of(occluder: Occluder, shape: Any) -> Array:
@@ -116,7 +145,7 @@ def shadow_doubt(scenario: Scenario) -> str:
         return "occluders hide all of the monitor from what the camera sees of the wall"
     if hidden > 0:
         return ""
-    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.scene.occluders[:3])
+    names = ", ".join(f"'{occluder.name}'" for occluder in scenario.view.occluders[:3])
     return (
         "no occluder casts a shadow of the monitor into what the camera sees of the wall "
         f"({names or 'the scene has none'}): check their places, and that their numbers are metres"

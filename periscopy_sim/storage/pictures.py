@@ -34,8 +34,9 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
 
     Returns
     -------
-    (rows, columns, 3) float64
-        Linear light, 1 for white; row 0 is the top as a viewer facing the monitor sees it.
+    (rows, columns, channels) float64
+        Linear light, 1 for white; row 0 is the top as a viewer facing the monitor sees it. It has
+        three channels, or as many more as an array has.
 
     Raises
     ------
@@ -51,11 +52,11 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     light = srgb_light(values) if picture.is_display and is_code else linear_light(values, path)
     if picture.alpha is not None:
         light = light * linear_light(picture.alpha, path)  # on black
-    return area_average(_in_rgb(light, path), shape)
+    return area_average(_in_colours(light, path), shape)
 
 
 def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:
-    """Return (rows, columns, 1 or 3) values as (rows, columns, 3) light, 1 for white.
+    """Return (rows, columns, 1, 3 or more) values as light of three channels or more, 1 for white.
 
     Integers, of 8 or 16 bits, are fractions of the largest of their dtype. Values that are negative
     or not finite are a `PhotographError`.
@@ -67,14 +68,14 @@ def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]
         light = values.astype(np.float64) / white
     if not (np.isfinite(light) & (light >= 0)).all():
         raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
-    return _in_rgb(light, place)
+    return _in_colours(light, place)
 
 
-def _in_rgb(light: NDArray[np.float64], place: str | Path) -> NDArray[np.float64]:
-    """Return a picture's light, grey or in colours, in the three channels of pictures."""
-    if light.shape[2] not in (1, 3):
-        raise PhotographError(f"{place}: has {light.shape[2]} channels; give three, or one of grey")
-    return np.broadcast_to(light, (*light.shape[:2], 3))
+def _in_colours(light: NDArray[np.float64], place: str | Path) -> NDArray[np.float64]:
+    """Return light of three channels or more; grey has three equal ones."""
+    if light.shape[2] == 2:
+        raise PhotographError(f"{place}: has 2 channels; give three or more, or one of grey")
+    return np.broadcast_to(light, (*light.shape[:2], max(3, light.shape[2])))
 
 
 def write_png(

@@ -1,16 +1,22 @@
-"""Published photographs of hidden scenes: downloaded once, checked by their sums, and read."""
+"""Published photographs of hidden scenes: downloaded once, checked by their sums, and read.
 
+Each laboratory has a layout of its own: raw Bayer counts, a file for each colour, or several
+arrays in one file.
+"""
+
+import math
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
+from periscopy_sim.extras import require
 from periscopy_sim.numerics.limits import check_budget
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
@@ -24,10 +30,18 @@ REPEATS = ("averaged_iterations", "iterations")
 FILM = (126, 126)
 """(rows, columns) of the cameras of the shipped scenes."""
 
+COLOURS = ("_red", "_green", "_blue")
+"""Ends of the names of three files that make one photograph."""
+
+Layout = Literal["captures", "colours", "arrays"]
+
 
 @dataclass(frozen=True)
 class PublishedSet:
-    """A set of captures: `parameters` are of its shipped `scene`, `files` have their SHA-256."""
+    """A set of captures: `parameters` are of its shipped `scene`, `files` have their SHA-256.
+
+    The `layout` says how files are read: see `read_capture`, `read_colours` and `read_arrays`.
+    """
 
     what: str
     geometry: str
@@ -37,6 +51,20 @@ class PublishedSet:
     scene: str
     parameters: Mapping[str, float]
     files: Mapping[str, str]
+    layout: Layout = "captures"
+
+    def arrays(self, folder: Path) -> Iterator[tuple[str, dict[str, NDArray[np.float64]]]]:
+        """Yield name and arrays of each photograph that lies in a folder, for an NPZ file."""
+        for file in self.files:
+            name = file.removesuffix(".mat")
+            if self.layout == "captures":
+                yield name, read_capture(folder / file)
+            elif self.layout == "arrays":
+                yield name, read_arrays(folder / file)
+            elif name.endswith(COLOURS[0]):
+                whole = name.removesuffix(COLOURS[0])
+                paths = [folder / f"{whole}{colour}.mat" for colour in COLOURS]
+                yield whole, {"photograph": read_colours(paths)}
 
 
 def published_sets() -> dict[str, PublishedSet]:
@@ -117,6 +145,58 @@ def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
     light = area_average(bayer_colours(fields["image"]), FILM) / capture_exposure(fields, path)
     hidden = capture_truth(fields, path)
     return {"photograph": light} | ({} if hidden is None else {"hidden": hidden})
+
+
+def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
+    """Return one photograph, (rows, columns, channels), of a MATLAB 7.3 file for each channel.
+
+    Each file has the field ``im``, (rows, columns), scaled to a largest value of 1: the channels'
+    gains are not known. A file that is damaged, or of another size or layout, is a
+    `PhotographError`; a PeriscopyError says how to install what reads such files.
+    """
+    h5py, channels = require("h5py"), list[NDArray[np.float64]]()
+    for path in paths:
+        with decoding(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
+            link = file.get("im", getlink=True)
+            field = file["im"] if isinstance(link, h5py.HardLink) else None
+            if not isinstance(field, h5py.Dataset) or field.external or field.is_virtual:
+                raise PhotographError(f"{path}: its field 'im' is missing, or lies elsewhere")
+            if len(field.shape or ()) != 2 or field.dtype.kind not in "iuf":
+                raise PhotographError(f"{path}: its field 'im' is no picture of one channel")
+            check_budget(field.shape, path)
+            values = np.asarray(field[()], np.float64).T  # MATLAB counts columns first
+        if not (values.size and np.isfinite(values).all()):
+            raise PhotographError(f"{path}: its field 'im' is empty or not finite")
+        if channels and values.shape != channels[0].shape:
+            sizes = "{}x{} and {}x{}".format(*values.shape, *channels[0].shape)
+            raise PhotographError(f"{path}: its channels have {sizes} pixels")
+        channels.append(values)
+    return np.stack(channels, axis=2)
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return the square pictures of a MATLAB file of version 5, each (n, n, 1), by their names.
+
+    A column of n² numbers is a picture whose columns stand one below the other. A file that is
+    damaged, or without pictures, is a `PhotographError`.
+    """
+    from scipy.io import loadmat, whosmat
+
+    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        names = []
+        for name, shape, _ in whosmat(stream):
+            check_budget(shape, path)
+            side = math.isqrt(math.prod(shape))
+            if len(shape) == 2 and side > 1 and shape in {(side, side), (side**2, 1), (1, side**2)}:
+                names.append(name)
+        fields = loadmat(stream, variable_names=names) if names else {}
+    numbers = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
+    if not numbers:
+        raise PhotographError(f"{path}: has no square picture")
+    return {
+        name: values.astype(np.float64).reshape(math.isqrt(values.size), -1, 1, order="F")
+        for name, values in numbers.items()
+    }
 
 
 def capture_fields(path: Path) -> dict[str, NDArray[Any]]:

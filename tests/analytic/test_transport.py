@@ -52,18 +52,18 @@ def at(y):
 
 
 SCENE = make_scenario(at(0.5))  # which the model can treat
-NOT_A_GRID = "'monitor' is not a planar grid of equal parallelograms"
+FOLDED = (
+    SCENE.hidden.centers * [1, 0, 1] + [0, 0.2, 0] * np.array([0, 1.25, 0, 0, 1.25, 0])[:, None]
+)
+BALLS = tuple(Box([0.45, 0.5, 0.25], [0.1] * 3).occluder(f"ball{k}") for k in range(22))
 REFUSALS = [
     ({"view": {"reflectance": None}}, "'wall' is not diffuse"),
     ({"view": {"points": bent(SCENE.view.centers)[:, None]}}, "'wall' is not one plane"),
     ({"view": {"normals": bent(SCENE.view.center_normals)[:, None]}}, "'wall' is not one plane"),
     ({"scene": {"emission": {"monitor": None}}}, "'monitor' has no closed angular profile"),
-    ({"monitor": {"centers": bent(SCENE.hidden.centers)}}, NOT_A_GRID),
-    ({"monitor": {"normals": bent(SCENE.hidden.normals)}}, NOT_A_GRID),
-    ({"monitor": {"up": SCENE.hidden.up * np.linspace(0.9, 1, 6)[:, None]}}, NOT_A_GRID),
+    ({"monitor": {"centers": FOLDED}}, "'monitor' hides parts of itself"),
     ({"scene": {"occluders": (Occluder("ball", None, None),)}}, "'ball' has no triangles"),
-    ({"scene": {"occluders": at(1.0)}}, "'stool' reaches the wall's nearest"),
-    ({"scene": {"occluders": at(0.05)}}, "'stool' reaches the monitor's plane"),
+    ({"scene": {"occluders": (*at(1.0), *BALLS)}}, "'ball21' is one of 276 triangles"),
 ]
 
 

@@ -8,6 +8,7 @@ from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.problem import shown_light
 from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.scene.load import load_scene
 from tests.scenes.calibration import AMBIENT, SIDE
@@ -64,6 +65,14 @@ def test_the_depth_of_each_surface_is_found(scene, images, is_shown):
     for each in found.parameters:
         assert each.standard_error < 0.005
         assert each.value == pytest.approx(TRUTH[each.name], abs=max(3 * each.standard_error, 5e-4))
+
+
+def test_a_scene_without_closed_form_stops_at_once_by_the_shapes_name(scene):
+    ball = Room.blocker().replace("</shape>", "</shape></scene>")
+    path = scene.path.with_name("ball.xml")
+    path.write_text(scene.path.read_text().replace("</scene>", ball))
+    with pytest.raises(ClosedFormError, match=r"'ball' has no triangles.*calibration cannot"):
+        ps.calibrate(np.ones((SIDE, SIDE, 3)), path, SIZES, {"card_dy": 0.01})
 
 
 def test_pictures_are_shown_on_each_surface(scene, images):

@@ -36,7 +36,7 @@ def test_folder_holds_captures_and_what_reconstruct_reads(succeeds, tmp_path, mo
     savemat(
         tmp_path / "cache" / "a" / "b.mat", {"image": image, "shutter_speed": 1, "iterations": 1}
     )
-    small = replace(known, files={"a/b.mat": ""})
+    small = replace(known, files={"a/b.mat": ""}, layout="captures")
     monkeypatch.setattr(fetch, "published_sets", lambda: {name: small})
     monkeypatch.setattr(fetch, "fetch_set", lambda *_: tmp_path / "cache")
     succeeds("fetch", name, "--out", "out")

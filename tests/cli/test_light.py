@@ -1,4 +1,5 @@
 import json
+import re
 from functools import partial
 from types import SimpleNamespace
 
@@ -64,6 +65,17 @@ def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch)
     monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
+
+
+@pytest.mark.parametrize(("patches", "lines"), [(1044, 0), (14_400, 1)])
+def test_fine_grid_prints_its_memory_and_time(patches, lines, monkeypatch, capsys):
+    monkeypatch.setattr(machine, "available_memory", lambda: 6 * 10**9)
+    check_memory(SimpleNamespace(transport_shape=(15_876, patches)), "noise-aware")
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == lines
+    assert not printed or re.match(
+        r"14,400 patches: .* [345]\.\d GB of memory, and \d\d s", *printed
+    )
 
 
 @pytest.fixture

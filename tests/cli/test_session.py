@@ -46,7 +46,7 @@ def test_scene_without_shadows_is_warned_of(capfd):
 def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photographs, tmp_path):
     Image.fromarray(MASK).save(tmp_path / "mask.png")
     y = photographs[0]
-    session.mask = tmp_path / "mask.png"
+    session.mask = [tmp_path / "mask.png"]
     wall = session.wall(saved(y=np.where(MASK[..., None], y, GARBAGE)))
     np.testing.assert_array_equal(wall.values, np.where(MASK[..., None], y, 0))
     np.testing.assert_array_equal(wall.mask, MASK)
@@ -58,7 +58,7 @@ def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_pa
     y[11, 3], y[17, 20, 1] = 0, 0
     y[20, 5] *= 100
     path = saved(y=y, mask=MASK)
-    for session.mask, used in ((None, np.ones_like(MASK)), (tmp_path / "mask.npy", MASK)):
+    for session.mask, used in ((None, np.ones_like(MASK)), ([tmp_path / "mask.npy"], MASK)):
         session.warnings.clear()
         wall = session.wall(path)
         assert len(session.warnings) == 1 and "y.npy" in session.warnings[0]
@@ -72,7 +72,7 @@ def test_defects_are_left_out_with_a_warning(session, saved, photographs, tmp_pa
 def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
     right, wrong = saved(right=np.ones((24, 24, 3))), saved(wrong=np.ones((24, 23)) > 0)
     if place != "photograph":
-        setattr(session, place, [wrong] if place == "monitor_off" else wrong)
+        setattr(session, place, [wrong])
     with pytest.raises(PeriscopyError, match=r"wrong\.npy: "):
         session.wall(wrong if place == "photograph" else right)
 

@@ -5,8 +5,14 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
+import xarray as xr
 
 import periscopy_sim as ps
+from periscopy_sim.cli.laboratory.view import write_view
+from periscopy_sim.cli.session import Session
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
+from periscopy_sim.storage.formats.exr import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -93,8 +99,8 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4='"),
         ((*HIDDEN, "--hidden", "monitor=3x4"), "name each once"),
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
-        ((*HIDDEN, "--truth", "monitor.npy"), "monitor.npy"),
-        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth monitor=.* --truth hidden_card="),
+        ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
+        ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
         ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
     ],
 )
@@ -114,3 +120,154 @@ def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
     assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
     options = ("--scene", scene, *HIDDEN, "--transport", "A.npy", "--out", "out")
     succeeds("reconstruct", "y.npy", *options)
+
+
+def test_space_is_drawn_of_several_surfaces_alone(scene, succeeds, tmp_path):
+    options = ("--method", "differencing", "--out", "out")
+    succeeds("reconstruct", "y.npy", "--scene", scene, *HIDDEN, *options)
+    world = trimesh.load(tmp_path / "out" / "hidden.glb")
+    assert set(IDS) < world.geometry.keys() and (tmp_path / "out" / "space.png").is_file()
+
+
+def test_bounds_are_of_each(scene, succeeds, summary, tmp_path):
+    succeeds("analyze", scene, *HIDDEN, "--out", "out")
+    for name, size in SIZES.items():
+        for stem in ("bounds", "bounds_without_background"):
+            assert np.load(tmp_path / "out" / f"{stem}_{name}.npy").shape == size
+    assert summary()["hidden_shape"].keys() == SIZES.keys()
+
+
+def test_design_counts_the_patches_of_both(scene, succeeds, tmp_path):
+    vary = ("--vary", "occluder_dx=0:0.01", "--grid", "2", "--images", "mushroom")
+    succeeds("design", scene, *HIDDEN, *vary, "--out", "out")
+    record = json.loads((tmp_path / "out" / "design.json").read_text())
+    assert record["hidden_shape"].keys() == SIZES.keys()
+    two = ps.load_scenario(tmp_path / "out" / "best.xml", SIZES)
+    assert list(two.hidden) == list(IDS)
+
+
+@pytest.mark.usefixtures("drawings")
+def test_video_is_of_each_surface(scene, succeeds, summary, tmp_path):
+    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
+    out = succeeds("video", "frames.npy", *options)
+    for name in IDS:
+        frames = np.load(tmp_path / "out" / f"frames_{name}.npy")
+        assert frames.shape == (2, *IMAGES[name].shape)
+        assert ps.psnr_gain_matched(frames[1], IMAGES[name]) > 40
+        assert (tmp_path / "out" / f"frames_{name}" / "0001.png").is_file()
+        assert summary()["median"][f"psnr_{name}"] > 40 and f"{name} against the truth" in out
+
+
+@pytest.mark.usefixtures("drawings")
+def test_sweep_compares_methods_on_each_surface(scene, succeeds, tmp_path):
+    write_exr(tmp_path / "lamp.exr", np.ones((24, 24, 3)), {})
+    options = ("--sbr", "1,3", "--ambient", "lamp.exr", "--no-flips", "--methods", "noise-aware")
+    run = ("sweep", scene, *HIDDEN, *TRUTH, "--photograph", "y.npy", *options, "--out", "out")
+    out = succeeds(*run)
+    results = xr.open_zarr(tmp_path / "out" / "sweep.zarr", consolidated=False)
+    for name, size in SIZES.items():
+        assert results[f"reconstruction_{name}"].shape == (1, 1, 2, 1, *size, 3)
+        assert (results[f"psnr_{name}"] > 30).all() and f"mean squared error {name}" in out
+    succeeds(*run)  # resumed
+
+
+@pytest.mark.usefixtures("drawings")
+def test_data_set_has_images_of_each_surface(scene, succeeds, tmp_path):
+    sizes = "{monitor: 3x4, hidden_card: 3x2}"
+    (tmp_path / "data.yaml").write_text(
+        f"{{count: 4, hidden: {sizes}, samples_per_geometry: 4, samples_per_shard: 2,\n"
+        f" scenes: [{{scene: {scene}}}], hidden_images: [{{kind: smooth}}],\n"
+        " ambient: [{kind: none}], snr: 200, light: {kind: direct, samples: 4}}\n"
+    )
+    succeeds("dataset", "data.yaml", "--out", "data.zarr")
+    data = ps.open_dataset(tmp_path / "data.zarr")
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    A = ps.render_transport(two, samples=4, seed=0)
+    images = {name: data[f"hidden_{name}"].values for name in IDS}
+    for k, photograph in enumerate(data["photograph"].values):
+        signal = A @ two.hidden.vector({name: each[k] for name, each in images.items()})
+        exact = signal.reshape(24, 24, 3) * two.channel_gain * float(data["signal_scale"][k])
+        np.testing.assert_allclose(photograph, exact, rtol=1e-4)
+    assert not np.allclose(images["monitor"][0, :, :2], images["hidden_card"][0])
+    assert "'hidden_card': [3, 2]" in succeeds("dataset", "info", "data.zarr")
+    succeeds("dataset", "export", "data.zarr", "--samples", "0", "--out", "out")
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {f"00000000_hidden_{name}.exr" for name in IDS} < files and "sheet.png" in files
+
+
+def test_data_set_of_an_unknown_surface_names_the_others(scene, refused, tmp_path):
+    text = f"{{count: 2, hidden: {{card: 3x4}}, scenes: [{{scene: {scene}}}],"
+    rest = " hidden_images: [{kind: smooth}], ambient: [{kind: none}], samples_per_geometry: 50}"
+    (tmp_path / "data.yaml").write_text(text + rest)
+    line = refused("dataset", "data.yaml", "--out", "data.zarr")
+    assert "'monitor', 'hidden_card', no 'card'" in line
+    (tmp_path / "data.yaml").write_text(text.replace("3x4", "3") + rest)
+    assert "line 1, hidden.card: '3' is not a size" in refused("dataset", "data.yaml", "--out", "d")
+
+
+def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
+    text = (tmp_path / scene).read_text().replace('id="hidden_card"', 'id="hidden/card"')
+    (tmp_path / scene).write_text(text)
+    sizes = ("--hidden", "monitor=3x4", "--hidden", "hidden/card=3x2")
+    assert "'hidden/card'" in refused(
+        "reconstruct", "y.npy", "--scene", scene, *sizes, "--out", "o"
+    )
+
+
+def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp_path):
+    moved = ps.load_scenario(tmp_path / scene, SIZES, {"occluder_dx": 0.004})
+    y = (ps.transport(moved) @ moved.hidden.vector(IMAGES)).reshape(24, 24, 3)
+    np.save(tmp_path / "moved.npy", ps.add_noise(y, 60, 0))
+    shown = ",".join(f"{name}={name}.npy" for name in IDS)
+    given = ("calibrate", "moved.npy", "--scene", scene, *HIDDEN, "--free", "occluder_dx=0.005")
+    succeeds(*given, "--shown", shown, "--out", "found.xml")
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert record["parameters"]["occluder_dx"]["value"] == pytest.approx(0.004, abs=2e-4)
+    assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
+    line = refused(*given, "--shown", "bars", "--out", "no.xml")
+    assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
+
+
+MINE = """
+import numpy as np
+
+class LeastSquares:
+    def __init__(self, scenario, A, B):
+        self.hidden, self.inverse = scenario.hidden, np.linalg.pinv(np.hstack([A, B]), rcond=1e-9)
+
+    def reconstruct(self, y):
+        f = self.inverse @ y.reshape(-1, y.shape[-1])
+        return self.hidden.image(f[:self.hidden.patches])
+
+class Flat(LeastSquares):
+    def reconstruct(self, y):
+        return np.ones((3, 4, 3))
+"""
+
+
+def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, summary, tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
+    succeeds("reconstruct", "y.npy", *options, "--method", "mine.py:LeastSquares")
+    assert min(summary()["psnr"].values()) > 30
+    flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
+    assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
+
+
+@pytest.mark.usefixtures("few_paths", "drawings")
+def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
+    succeeds("draw", scene, "--out", "scene.png")
+    succeeds("ambient", "overcast", "--scene", scene, "--target", "1", "--out", "ambient")
+    succeeds("prepare", "y.npy", "--scene", scene, "--out", "wall.exr")
+    assert {"scene.png", "ambient", "wall.exr"} < {path.name for path in tmp_path.iterdir()}
+
+
+def test_page_writes_each_surface(scene, tmp_path):
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    pictures = SizedLaboratory(two, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
+    write_view(tmp_path / "view", session, pictures, None)
+    files = {path.name for path in (tmp_path / "view").iterdir()}
+    assert of_each("reconstruction", "npy", "png") | {"hidden.glb", "photograph.exr"} < files
+    record = json.loads((tmp_path / "view" / "view.json").read_text())
+    assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}

@@ -11,7 +11,7 @@ def test_draws_depend_on_seed_and_number_alone(configured):
     larger = configured(count=10_000)
     for number in (0, 5, 4000):
         one, two = draw_clip(configuration, number), draw_clip(larger, number)
-        np.testing.assert_array_equal(one.hidden, two.hidden)
+        np.testing.assert_array_equal(one.hidden["hidden"], two.hidden["hidden"])
         assert (one.sbr, one.snr, one.exposure) == (two.sbr, two.snr, two.exposure)
         assert draw_geometry(configuration, number) == draw_geometry(larger, number)
     other = configured(seed=4)

@@ -113,3 +113,7 @@ def test_folders_without_pictures_and_black_pictures_are_refused(tmp_path):
     save(tmp_path / "black/x.png", np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(ConfigurationError, match="is black"):
         clip("folder", folder=str(tmp_path / "black"))
+    (tmp_path / "bands").mkdir()
+    np.save(tmp_path / "bands/x.npy", np.ones((4, 4, 5)))
+    with pytest.raises(ConfigurationError, match="has 5 channels; give three, or one"):
+        clip("folder", folder=str(tmp_path / "bands"))

@@ -91,7 +91,7 @@ def test_frames_of_a_clip_share_their_light_and_no_noise(block, configured):
         still = np.array_equal(block["hidden"][first], block["hidden"][second])
         assert still != moves
     np.testing.assert_array_equal(
-        block["hidden"][4:6], draw_clip(configured(), 2).hidden.astype(np.float32)
+        block["hidden"][4:6], draw_clip(configured(), 2).hidden["hidden"].astype(np.float32)
     )
 
 

@@ -14,9 +14,10 @@ from periscopy_sim.evaluation.methods import (
     METHODS,
     find_method,
     fit_method,
-    image_by,
+    images_by,
     source_sha256,
 )
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import ColourMatrix, Photograph
 
@@ -69,6 +70,10 @@ class Scene:
     channel_gain: tuple = (1.2, 1.0, 0.8)
 
 
+def image_by(method, photograph):
+    return images_by(method, photograph, Hidden.of((2, 3)), 3)["monitor"]
+
+
 @pytest.fixture
 def mine(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -91,7 +96,7 @@ def test_wall_colour_and_backgrounds_reach_the_methods_that_model_them():
     ]:
         method = fit_method(name, Scene(), A, B)
         method.tv_weight, method.repair_threshold = 0, np.inf
-        image = image_by(method, photograph(background), (2, 3, 3))
+        image = image_by(method, photograph(background))
         assert np.allclose(image, TRUTH, rtol=1e-3) == recovered, (name, background)
 
 
@@ -146,7 +151,7 @@ def test_own_method_is_found_in_a_file_or_a_module(name, mine, monkeypatch):
     assert sys.path == path
     own = method.method
     assert own.scenario == Scene() and own.A is A and own.B is B
-    assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0), (2, 3, 3)), 2)
+    assert np.allclose(image_by(method, np.full((8, 6, 3), 2.0)), 2)
     assert source_sha256(name) == hashlib.sha256(mine.read_bytes()).hexdigest()
 
 
@@ -253,12 +258,12 @@ def test_the_documentations_own_method_is_blind_to_ambient_light(mine):
     (mine.parent / "my_method.py").write_text(code)
     method = fit_method("my_method.py:MyMethod", Scene(), A, B)
     for background in (0, 5):
-        assert np.allclose(image_by(method, photograph(background), (2, 3, 3)), TRUTH, rtol=1e-5)
+        assert np.allclose(image_by(method, photograph(background)), TRUTH, rtol=1e-5)
     # With noise: the hidden part of the joint least squares problem.
     y = photograph(5) + RNG.normal(0, 0.1, (8, 6, 3))
     joint = np.linalg.lstsq(np.hstack([A, B]), y.reshape(48, 3), rcond=None)[0][:6]
     expected = (joint / Scene.channel_gain).reshape(2, 3, 3)
-    assert np.allclose(image_by(method, y, (2, 3, 3)), expected, rtol=1e-5, atol=1e-6)
+    assert np.allclose(image_by(method, y), expected, rtol=1e-5, atol=1e-6)
 
 
 class Returning:
@@ -284,4 +289,4 @@ class Returning:
 )
 def test_image_that_breaks_the_promise_is_refused(image, message):
     with pytest.raises(ValueError, match=message):
-        image_by(Returning(image), photograph(), (2, 3, 3))
+        image_by(Returning(image), photograph())

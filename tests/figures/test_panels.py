@@ -4,11 +4,13 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 from periscopy_sim.figures.panels import (
+    displayable,
     draw_certainty,
     draw_maps,
     draw_panels,
     draw_residual,
     draw_sweep,
+    write_enlarged,
 )
 from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.model.residual import Residual
@@ -35,6 +37,29 @@ def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
         heights.append(height)
     assert heights[0] == pytest.approx(heights[1], rel=0.05)
     assert np.nonzero(first)[1].max() < np.nonzero(second)[1].min()
+
+
+@pytest.mark.parametrize("channels", [1, 2, 5])
+def test_pictures_of_other_channels_are_grey_or_show_the_first_three(tmp_path, channels):
+    """Linear 0.2140 is 0.5 in sRGB, 0.0513 is 0.25; two channels show their mean."""
+    bands = np.array([0.21404, 0.05127, 1.0, 0.9, 0.9])[:channels]
+    if channels == 2:
+        bands = np.array([0.21404, 0.21404])
+    draw_panels(tmp_path / "p.png", [("p", np.broadcast_to(bands, (8, 8, channels)))])
+    _, pixels = read(tmp_path / "p.png")
+    shown = [127.5] * 3 if channels < 3 else [127.5, 63.8, 255]
+    assert covers(pixels, shown).sum() > 0.4 * pixels.shape[0] * pixels.shape[1]
+
+
+def test_strips_are_stretched_to_a_legible_height(tmp_path):
+    strip = np.random.default_rng(0).uniform(size=(1, 60, 1))
+    write_enlarged(tmp_path / "strip.png", displayable(strip), {})
+    _, pixels = read(tmp_path / "strip.png")
+    assert pixels.shape == (180, 720, 3)
+    assert (pixels == pixels[:1]).all() and len(np.unique(pixels[0], axis=0)) > 40
+    draw_certainty(tmp_path / "c.png", {"monitor": strip}, {"monitor": strip}, "all is right")
+    _, pixels = read(tmp_path / "c.png")
+    assert pixels.shape[1] < 8 * pixels.shape[0]
 
 
 def test_maps_share_one_logarithmic_scale(tmp_path, saved):

@@ -1,7 +1,8 @@
 import pytest
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import Measured, load_laboratory
+from periscopy_sim.laboratory.document import load_laboratory
+from periscopy_sim.laboratory.quantities import Measured
 
 LEAST = """\
 errors: {length: 5 mm, angle: 1 deg}
@@ -62,6 +63,7 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
     ("entry", "message"),
     [
         (BOX.replace("NAME", "wall"), "'wall' is no name"),
+        (BOX.replace("NAME", "hidden_box"), "'hidden_box' is no name"),
         (BOX.replace("NAME", "b").replace("width: 1", "width: 0"), r"\[0\].width: '0 cm' is not"),
         (BOX.replace("box", "bx"), r"occluders\[0\]: .*'bx'.*'box', 'plate'"),
         ("{kind: mesh, name: m, file: a.stl, position: [0 m, 0 m, 0 m]}", "have no unit; give it"),

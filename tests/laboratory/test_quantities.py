@@ -1,6 +1,6 @@
 import pytest
 
-from periscopy_sim.laboratory.document import ANGLES, LENGTHS, Measured, parse_quantity
+from periscopy_sim.laboratory.quantities import ANGLES, LENGTHS, Measured, parse_quantity
 
 
 def length(given):

@@ -5,7 +5,10 @@ import numpy as np
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.live.room import as_source, on_rectangle, room_of, things_in
+from periscopy_sim.live.sheet import draw_sheet, hidden_pixels
+from tests.scenes.cards import SIZES, write_cards
 
 
 def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
@@ -33,18 +36,34 @@ def test_photograph_of_an_oblique_camera_covers_what_it_sees():
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
     pictures = level().pictures(choice, lambda: False)
     scene, things = pictures.scenario, things_in(pictures)
-    corners = np.array(things["monitor"]["corners"])  # lower left and right, upper left and right
+    grid = np.array(things["hidden"][0]["grid"])
+    corners = grid[[-1, -1, 0, 0], [0, -1, 0, -1]]
     centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
     expected = centers[-1, 0], centers[-1, -1], centers[0, 0], centers[0, -1]
     half = np.linalg.norm(scene.hidden.across[0] + scene.hidden.up[0]) / 2
     np.testing.assert_allclose(np.linalg.norm(corners - expected, axis=1), half, rtol=1e-5)
     np.testing.assert_allclose(
-        np.mean(things["photograph"]["corners"], axis=0), scene.view.centers.mean(axis=0), atol=0.01
+        np.mean(things["photograph"]["grid"], axis=(0, 1)),
+        scene.view.centers.mean(axis=0),
+        atol=0.01,
     )
     for shown, occluder in zip(things["occluders"], scene.scene.occluders, strict=True):
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1
+
+
+def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
+    scene = ps.load_scenario(write_cards(tmp_path), SIZES)
+    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    assert {name: image.shape[:2] for name, image in pictures.image.items()} == SIZES
+    assert pictures.psnr > 20
+    things = things_in(pictures)["hidden"]
+    for (name, surface), shown in zip(scene.hidden.items(), things, strict=True):
+        np.testing.assert_allclose(shown["grid"], surface.vertices)
+        assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
+    sheet, captions = draw_sheet(pictures)
+    assert sheet.ndim == 3 and "monitor 3 x 4, hidden_card 3 x 2" in captions[1]
 
 
 def test_the_first_view_sees_the_wall_from_its_front():

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from periscopy_sim.live.sheet import draw_sheet, monitor_pixels, photograph_pixels
+from periscopy_sim.live.sheet import draw_sheet, hidden_pixels, photograph_pixels
 from periscopy_sim.photograph import Photograph
 
 
@@ -28,5 +28,5 @@ def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
     used[:6] = False
     pictures = level(photograph=Photograph(values, used)).pictures(replace(choice, image=""), never)
     assert np.all(photograph_pixels(pictures)[:6] == 150)
-    assert monitor_pixels(pictures).shape == (6, 8, 3)  # the reconstruction
+    assert hidden_pixels(pictures)["monitor"].shape == (6, 8, 3)  # the reconstruction
     assert "Unexplained" in " ".join(draw_sheet(pictures)[1])

@@ -55,7 +55,10 @@ def unexplained_by(columns, y):
 
 
 def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
-    np.testing.assert_allclose(fit.gram, PROJECTED.T @ PROJECTED, rtol=1e-9, atol=1e-9)
+    gram = PROJECTED.T @ PROJECTED
+    np.testing.assert_allclose(fit.operator.gram, gram, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(fit.factor.T @ fit.factor, gram, atol=1e-6 * np.trace(gram))
+    np.testing.assert_allclose(fit.lights @ PROJECTED, fit.factor, atol=1e-5)
     assert fit.norm == pytest.approx(np.linalg.norm(PROJECTED))
     assert fit.unit == pytest.approx(np.linalg.norm(PROJECTED) / np.sqrt(N))
     assert fit.pixels == USED.sum() and len(fit.background) == 6 and fit.smooth_rank == 3
@@ -69,7 +72,7 @@ def test_faint_shadow_has_no_negative_energy():
     rng = np.random.default_rng(1)
     faint = B @ rng.random((3, N)) + 1e-4 * rng.random((M, 2)) @ rng.random((2, N))
     fit = fitted(A=faint, off=None)
-    for gram in (fit.gram, TransportOperator(faint[USED], fit.background.T).gram):
+    for gram in (fit.operator.gram, TransportOperator(faint[USED], fit.background.T).gram):
         assert np.linalg.eigvalsh(gram).min() > -1e-12 * np.trace(gram)
     assert np.isfinite(fit.operator.unexplained(GREY)).all()
 
@@ -104,7 +107,8 @@ def test_coefficients_explain_what_least_squares_does(fit, measured):
 
 def test_response_is_a_product_with_the_projected_matrix(fit):
     light = np.random.default_rng(1).random((2, 3, fit.pixels))
-    np.testing.assert_allclose(fit.response(light), light @ PROJECTED, rtol=1e-4, atol=1e-3)
+    found = fit.response(light) @ fit.factor
+    np.testing.assert_allclose(found, light @ PROJECTED, rtol=1e-4, atol=1e-3)
 
 
 def test_misfit_of_an_image_is_its_distance_to_least_squares(fit, measured):
@@ -173,12 +177,12 @@ def test_profiles_join_the_smooth_light_where_rows_and_columns_are_known():
 
 def test_matrices_that_cannot_be_used_are_refused():
     with pytest.raises(ValueError, match="B explains all"):
-        _ = fitted(A=np.hstack([B, B, B, B]), off=None).gram
+        _ = fitted(A=np.hstack([B, B, B, B]), off=None).norm
     for name in "AB":
         broken = {"A": A, "B": B}[name].copy()
         broken[np.flatnonzero(USED)[3], 1] = np.nan
         with pytest.raises(ValueError, match=f"{name} must be finite"):
-            _ = fitted(**{name: broken}).gram
+            _ = fitted(**{name: broken}).norm
     with pytest.raises(ValueError, match="B has 179 rows"):
         fitted(B=B[1:])
 
@@ -193,9 +197,8 @@ def test_one_channel_is_as_three_alike(fit):
     light = [residual_of(y, 0 * y, fit) for y in lights]
     assert light[0].unexplained == pytest.approx(light[1].unexplained)
     images = [np.repeat(TRUTH[:, :1], count, axis=1) for count in (1, 3)]
-    differences = fit.hidden.differences
     errors = [
-        standard_errors(fit.gram, differences, np.eye(f.shape[1]), f, 3.0, 5.0, N) for f in images
+        standard_errors(fit.factor, fit.hidden, np.eye(f.shape[1]), f, 3.0, 5.0) for f in images
     ]
     np.testing.assert_allclose(errors[1][:, :1], errors[0], rtol=0.5)
     assert Paint(fit).evenness(grey[0]).shape == grey.shape[1:]

@@ -12,10 +12,13 @@ from periscopy_sim.model.spectral_basis import (
     InverseLaplacian,
     Solver,
     SpectralBasis,
+    cost,
     dense_inverse,
     inverse_by_axes,
+    inverse_of_squares,
     laplacian,
 )
+from periscopy_sim.model.transport_operator import TransportOperator
 from tests.scenes.surfaces import alone, screen_and_column
 
 HIDDEN = Hidden.of((4, 5))
@@ -36,7 +39,7 @@ def dense(ρ, data, g):
 
 
 def solver(ρ, data, weak):
-    patterns = SpectralBasis(GRAM, HIDDEN)
+    patterns = SpectralBasis.of_gram(GRAM, HIDDEN)
     return Solver(patterns, WEIGHTS[:, None], ρ, data @ patterns.rows.T, weak)
 
 
@@ -80,10 +83,13 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
         (surface,), K = one.values(), laplacian(one.differences).toarray()
         expected = np.linalg.solve(K, images[:, : one.patches].T).T
         g = images[:, : one.patches].astype(np.float32)
-        for each in (
+        ways = [
+            inverse_of_squares(one.differences, surface.shape),
             inverse_by_axes(one.differences, surface.shape),
             dense_inverse(one.differences),
-        ):
+        ]
+        assert ways[1] and (ways[0] or hidden.by_distance)
+        for each in filter(None, ways):
             np.testing.assert_allclose(each(g), expected, atol=1e-5)
     copied = pickle.loads(pickle.dumps(inverse))
     np.testing.assert_array_equal(copied(smoothed), inverse(smoothed))
@@ -92,6 +98,7 @@ def test_inverse_laplacian_undoes_the_laplacian(hidden):
 def test_axes_that_are_not_alike_have_no_eigenvectors_of_their_own():
     centers = RNG.random((20, 3))
     bent = Hidden({"bent": replace(Surface.flat((4, 5)), centers=centers)}, by_distance=True)
+    assert inverse_of_squares(bent.differences, (4, 5)) is None
     assert inverse_by_axes(bent.differences, (4, 5)) is None
     images = RNG.standard_normal((3, 20)).astype(np.float32)
     smoothed = InverseLaplacian(bent)(images)
@@ -108,11 +115,47 @@ def test_laplacian_is_that_of_forward_differences():
     np.testing.assert_array_equal(laplacian(Hidden.of((1, 1)).differences).toarray(), [[1.0]])
 
 
+@pytest.mark.parametrize("hidden", [Hidden.of((9, 10)), screen_and_column()])
+def test_strongest_patterns_are_those_of_the_whole_basis(hidden):
+    rng, N = np.random.default_rng(3), hidden.patches
+    Q = np.linalg.qr(rng.standard_normal((150, 2)))[0]
+    A = rng.standard_normal((150, N)) * 10.0 ** -np.linspace(0, 4, N) + 10 * Q @ rng.random((2, N))
+    operator = TransportOperator(A.astype(np.float32), Q)
+    gram = operator.gram / (operator.squared_norm / N)
+    whole = SpectralBasis.of_gram(gram, hidden)
+    few = SpectralBasis.strongest(operator, hidden, N // 2)
+    assert few.rows.shape == (N // 2, N) and not few.is_whole
+    np.testing.assert_allclose(few.curvatures[-N // 4 :], whole.curvatures[-N // 4 :], rtol=0.02)
+    W = few.rows.astype(np.float64)
+    np.testing.assert_allclose(W @ laplacian(hidden.differences) @ W.T, np.eye(N // 2), atol=1e-5)
+    largest = few.curvatures[-1]
+    np.testing.assert_allclose(W @ gram @ W.T, np.diag(few.curvatures), atol=1e-5 * largest)
+    # The equations, with the data of what is left out, against those of all patterns.
+    d, g = rng.standard_normal((2, 3, N))
+    d, ρ = d @ gram, 100 * few.curvatures[0]
+    rest = d - d @ W.T @ W @ laplacian(hidden.differences)
+    g = g.astype(np.float32)
+    found = Solver(few, WEIGHTS[:, None], ρ, d @ W.T, 0.1, rest)(g)
+    expected = Solver(whole, WEIGHTS[:, None], ρ, d @ whole.rows.T, 0.1)(g)
+    assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_equal_numbers_give_equal_patterns():
+    A = TransportOperator(RNG.standard_normal((60, 20)).astype(np.float32))
+    one, other = (SpectralBasis.strongest(A, HIDDEN, 12) for _ in range(2))
+    np.testing.assert_array_equal(one.rows, other.rows)
+
+
+def test_cost_grows_with_the_patterns_alone():
+    memory, seconds = zip(*(cost(10_000, n) for n in (6000, 12_000)), strict=True)
+    assert memory[1] < 2 * memory[0] and seconds[1] == 2 * seconds[0]
+
+
 def test_patterns_of_surfaces_that_light_other_pixels_are_those_of_each_alone():
     hidden = screen_and_column()
     grams = [GRAM[:n, :n] + np.eye(n) for n in (each.patches for each in alone(hidden))]
-    bases = [SpectralBasis(gram, each) for gram, each in zip(grams, alone(hidden), strict=True)]
-    both = SpectralBasis(linalg.block_diag(*grams), hidden)
+    bases = [*map(SpectralBasis.of_gram, grams, alone(hidden))]
+    both = SpectralBasis.of_gram(linalg.block_diag(*grams), hidden)
     curvatures = np.sort(np.concatenate([each.curvatures for each in bases]))
     np.testing.assert_allclose(both.curvatures, curvatures, rtol=1e-9)
     d, g = RNG.standard_normal((2, 3, hidden.patches)).astype(np.float32)

@@ -43,7 +43,7 @@ def fitted_to(A, B, mask=None):
     fit = Fit(A, B, hidden=Hidden.of(HIDDEN), conditions=given)
     wall_gain = WallGain(fit)
     Q = fit.background.T
-    used = fit.transport.T.astype(np.float64)
+    used = np.asarray(fit.rows, np.float64)
     left = (used - Q @ (Q.T @ used)) @ fit.patterns.rows.T / np.sqrt(fit.curvatures) / fit.unit
 
     def estimate(rejected, noise, image):

@@ -15,6 +15,8 @@ CARD = """<shape type="rectangle" id="hidden_card"><transform name="to_world">
 <translate x="0.1" y="0.3" z="0.3"/></transform>
 <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>"""
 
+NULL = '<bsdf type="null"/><emitter type="area"><rgb name="radiance" value="1"/></emitter>'
+
 PLATE = """<shape type="rectangle" id="plate"><transform name="to_world">
 <scale x="0.05" y="0.04"/><rotate x="1" angle="90"/><translate x="0.45" y="0.6" z="0.3"/>
 </transform></shape>"""
@@ -40,6 +42,31 @@ def test_each_surface_lights_the_wall_and_hides_the_other(two, images):
         lit = (A @ two.hidden.vector(images)).reshape(y.shape)
         np.testing.assert_allclose(lit, y, rtol=0, atol=0.015 * y.mean())
     assert two.hidden.slices == {"monitor": slice(0, 6), "hidden_card": slice(6, 12)}
+
+
+@pytest.mark.parametrize("bounces", [1, 3])
+def test_a_transparent_surface_hides_nothing(room, images, bounces):
+    """A photograph of both is the sum of those of either alone, the other out of the scene."""
+    card = CARD.replace(CARD[CARD.index("<bsdf") : CARD.index("</shape>")], NULL)
+    two = ps.load_scenario(room.write(PLATE + card, monitor=room.monitor(room.area)), SIZES)
+    alone = (
+        ps.load_scenario(room.write(PLATE, monitor=room.monitor(room.area)), SIZES["monitor"]),
+        ps.load_scenario(room.write(PLATE + card, monitor=""), SIZES["hidden_card"]),
+    )
+    options = {"samples": 1 << 16, "bounces": bounces, "seed": 1}
+    y = ps.render_photograph(two, images, **options)
+    parts = [
+        ps.render_photograph(each, image, **options)
+        for each, image in zip(alone, images.values(), strict=True)
+    ]
+    np.testing.assert_allclose(y, sum(parts), rtol=0, atol=0.015 * y.mean())
+    if bounces == 1:
+        for by in ("areas", "rays"):
+            lit = (ps.transport(two, by=by) @ two.hidden.vector(images)).reshape(y.shape)
+            np.testing.assert_allclose(lit, y, rtol=0, atol=0.015 * y.mean())
+    else:
+        with pytest.raises(SceneError, match="'hidden_card' is transparent"):
+            ps.transport(two, bounces=bounces)
 
 
 def test_images_of_several_surfaces_are_recovered_by_id(two, images):

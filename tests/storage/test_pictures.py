@@ -97,7 +97,7 @@ def test_transparent_parts_are_dark(tmp_path):
 @pytest.mark.parametrize(
     "values",
     [
-        np.full((4, 4, 3), -0.1), np.full((4, 4), np.nan), np.ones((4, 4, 4)), np.ones((0, 4, 3)),
+        np.full((4, 4, 3), -0.1), np.full((4, 4), np.nan), np.ones((4, 4, 2)), np.ones((0, 4, 3)),
         np.ones(4), np.ones((4, 4), np.int64), np.ones((4, 4), complex),
     ],
 )  # fmt: skip
@@ -105,6 +105,15 @@ def test_arrays_that_are_no_picture_are_refused(tmp_path, values):
     np.save(tmp_path / "f.npy", values)
     with pytest.raises(PhotographError, match=r"f\.npy"):
         read_hidden_image(tmp_path / "f.npy", (2, 2))
+
+
+@pytest.mark.parametrize(("channels", "kept"), [(1, 3), (3, 3), (5, 5)])
+def test_an_array_keeps_its_channels_but_grey_has_three(tmp_path, channels, kept):
+    light = np.random.default_rng(0).uniform(size=(4, 6, channels))
+    np.save(tmp_path / "f.npy", light)
+    found = read_hidden_image(tmp_path / "f.npy", (2, 3))
+    expected = light.reshape(2, 2, 3, 2, channels).mean(axis=(1, 3))
+    np.testing.assert_allclose(found, np.broadcast_to(expected, (2, 3, kept)), rtol=1e-12)
 
 
 def test_an_npz_holds_what_the_monitor_was_sent(tmp_path):

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 import periscopy_sim as ps
 from experiments.published.layout import PLACEMENTS, captures, place_of
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import published
 from periscopy_sim.storage.formats.srgb import srgb_encode
@@ -135,3 +135,84 @@ def test_registry_holds_every_capture_of_the_experiments_and_fits_shipped_scenes
             first = PLACEMENTS[place][0]
             assert first.scene == each.scene
             assert dict(first.parameters) == pytest.approx(dict(each.parameters), abs=1e-4)
+
+
+def colours(folder, values, **settings):
+    """Three MATLAB 7.3 files of one photograph, (rows, columns, 3), columns first as MATLAB has."""
+    h5py = pytest.importorskip("h5py")
+    paths = [folder / f"room{end}.mat" for end in published.COLOURS]
+    for path, channel in zip(paths, np.moveaxis(values, 2, 0), strict=True):
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file.create_dataset("im", data=channel.T, **settings)
+    return paths
+
+
+def test_three_files_are_one_photograph_in_colour(tmp_path):
+    values = np.random.default_rng(0).random((5, 4, 3))
+    paths = colours(tmp_path, values, compression="gzip")
+    np.testing.assert_array_equal(published.read_colours(paths), values)
+    known = published.published_sets()["czajkowski2024-doorway"]
+    small = replace(known, files={path.name: "" for path in reversed(paths)})
+    ((name, arrays),) = small.arrays(tmp_path)
+    assert name == "room"
+    np.testing.assert_array_equal(arrays["photograph"], values)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda _, file: file.clear(), "missing"),
+        (lambda h5py, file: file.__setitem__("im", h5py.ExternalLink("other.mat", "im")), "lies"),
+        (lambda _, file: file.create_group("im"), "missing"),
+        (lambda _, file: file.create_dataset("im", data=np.zeros((2, 2, 2))), "no picture"),
+        (lambda _, file: file.create_dataset("im", data=[["a"]], dtype="S1"), "no picture"),
+        (lambda _, file: file.create_dataset("im", data=np.full((5, 4), np.nan)), "finite"),
+        (lambda _, file: file.create_dataset("im", data=np.zeros((0, 4))), "empty"),
+        (lambda _, file: file.create_dataset("im", data=np.zeros((5, 5))), "5x5 and 4x5"),
+        (
+            lambda _, file: file.create_dataset(
+                "im", (1 << 30, 1 << 30), "f8", chunks=(1 << 10, 1 << 10)
+            ),
+            "more than the memory",
+        ),
+    ],
+)
+def test_colours_of_another_layout_are_rejected_by_name(tmp_path, fault, words):
+    h5py = pytest.importorskip("h5py")
+    paths = colours(tmp_path, np.ones((4, 5, 3)))
+    with h5py.File(paths[1], "r+") as file:
+        del file["im"]
+        fault(h5py, file)
+    with pytest.raises(PhotographError, match=f"room_green.*{words}"):
+        published.read_colours(paths)
+
+
+def test_damaged_colours_are_one_error(tmp_path):
+    paths = colours(tmp_path, np.ones((4, 5, 3)))
+    whole = paths[2].read_bytes()
+    rng = np.random.default_rng(0)
+    for cut in (0, 100, 600, len(whole) - 8):
+        paths[2].write_bytes(whole[:cut])
+        with pytest.raises(PhotographError, match="room_blue"):
+            published.read_colours(paths)
+    for _ in range(50):
+        damaged = bytearray(whole)
+        damaged[rng.integers(512, len(whole))] = rng.integers(256)
+        paths[2].write_bytes(damaged)
+        try:
+            assert published.read_colours(paths).shape == (4, 5, 3)
+        except PhotographError as error:
+            assert "room_blue" in str(error)
+
+
+def test_square_pictures_of_a_file_are_read_by_their_names(tmp_path):
+    values = np.random.default_rng(0).random((3, 3))
+    file = tmp_path / "corner.mat"
+    savemat(file, {"a": values, "b": values.reshape(-1, 1, order="F"), "rate": 2.0, "name": "x"})
+    arrays = published.read_arrays(file)
+    assert {*arrays} == {"a", "b"}
+    for each in arrays.values():
+        np.testing.assert_array_equal(each[..., 0], values)
+    savemat(file, {"a": values[:2]})
+    with pytest.raises(PhotographError, match="no square picture"):
+        published.read_arrays(file)

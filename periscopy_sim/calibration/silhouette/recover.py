@@ -36,7 +36,7 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import Scene
+from periscopy_sim.scene import CAMERA, Scene
 from periscopy_sim.storage.pictures import averaged_photograph
 from periscopy_sim.view import View
 
@@ -58,6 +58,7 @@ def recover_silhouette(
     *,
     shown: Sequence[Image | Mapping[str, Image]] = (),
     parameters: Mapping[str, str | float] | None = None,
+    camera: str = CAMERA,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Silhouette:
@@ -67,7 +68,7 @@ def recover_silhouette(
     ----------
     photograph
         A photograph as of `calibrate`; or one for each picture shown.
-    scene, parameters, progress
+    scene, parameters, camera, progress
         As of `calibrate`.
     hidden
         (R, C) of the hidden image; of several surfaces a mapping of such by id. Of unknown ones,
@@ -99,7 +100,7 @@ def recover_silhouette(
         as pictures (without these: one).
     """
     report = progress or (lambda _: None)
-    scenario = load_scenario(scene, hidden, parameters)
+    scenario = load_scenario(scene, hidden, parameters, camera=camera)
     plane = MaskPlane.of(scenario, shape)
     cells, size = cells or plane.square_cells(), scenario.photograph_shape
     needed = np.ceil(max(size) / plane.pixels_a_cell(scenario, cells))
@@ -163,8 +164,8 @@ class _Place:
     def mask(self, cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, Array]:
         """Return a mask before a photograph's pixels, and a basis of range(B), (M, r)."""
         used, scene, hidden = photograph.pixels, self.scenario.scene, self.hidden
-        view = View.of(scene, photograph.shape)
-        fine = finest_view(scene, photograph.shape).of_pixels(used)
+        view = View.of(scene, photograph.shape, camera=self.scenario.view.camera)
+        fine = finest_view(view, photograph.shape).of_pixels(used)
         A = area_transport(Scenario(replace(fine, scene=scene.without(self.name)), hidden))
         shadows = CellShadows.of(A, Scenario(view, hidden), self.plane, cells, used)
         if not shadows.light.any():

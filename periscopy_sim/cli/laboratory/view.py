@@ -123,6 +123,7 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
         images = scenario.hidden.images(pictures.image)
-        write_report(folder, report, images, photograph, as_text(provenance))
+        walls = {"photograph": photograph}
+        write_report(folder, report, scenario, images, walls, as_text(provenance))
         write_json(folder / "view.json", record)
     return f"wrote {out}"

@@ -7,10 +7,10 @@ from textwrap import wrap
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import MONITOR
 
 FARTHEST = 4.0
 """Times the size of camera, monitor and view, from their middle, up to which occluders that are
@@ -22,16 +22,23 @@ COVERING = 0.15
 CHARACTERS = 138
 """Characters of a line of text."""
 
+FLAT = 0.9999
+"""Length of the mean normal of a surface that counts as flat; a curved one has a shorter."""
+
+TOUCHING = 1e-3
+"""Metres from the wall up to which a thing stands on it."""
+
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 class RoomPlan:
-    """A scenario's laboratory along the world's axes: across the wall, towards it, up.
+    """A scenario's laboratory along the world's axes: across the picture, the other level one, up.
 
-    `axes` are the three axes' numbers; depth is the horizontal axis along which one faces the wall.
-    `signs` are -1 where an axis runs to the left (across), or away from the wall (towards). The
+    `axes` are the three axes' numbers, `wall` the places of the two along the wall, and `others`
+    those of the other two panels. Where the wall stands, the second axis runs towards it; where it
+    lies, to the picture's top. `signs` are -1 where an axis runs the other way in the drawing. The
     wall's `normal`, the view's `middle` on it, the camera's `eye`, and the drawing's corners `low`
-    and `high` are (3,). A SceneError says that the wall lies more than it stands.
+    and `high` are (3,).
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -40,15 +47,20 @@ class RoomPlan:
         normal = scenario.view.center_normals.mean(axis=0)
         self.normal: Array = normal / np.linalg.norm(normal)
         self.middle, self.eye = survey.view_points[4], survey.view_origins[4]
-        depth = int(np.argmax(np.abs(normal[:2])))
-        if abs(normal[depth]) < abs(normal[2]):
-            raise SceneError(
-                f"scene '{scenario.path}': its wall lies; only one that stands (z up) can be drawn"
-            )
-        rightwards = (survey.view_points[1] - survey.view_points[0])[1 - depth]
-        self.axes = 1 - depth, depth, 2
-        self.signs = 1 if rightwards >= 0 else -1, 1 if normal[depth] <= 0 else -1, 1
-        core = np.concatenate([survey.view_origins, survey.view_points, survey.monitor_points])
+        top_left, top_right, _, bottom_left, _ = survey.view_points
+        self.lies = bool(np.abs(normal[2]) > np.abs(normal[:2]).max())
+        facing = top_left - bottom_left if self.lies else -normal
+        rightwards = top_right - top_left
+        # The level axis that runs along the picture, or else the one that does not face the wall.
+        across = int(np.argmax(np.abs(rightwards[:2] if self.lies else normal[1::-1])))
+        self.axes = across, 1 - across, 2
+        self.wall, *self.others = (
+            [(0, 1), (0, 2), (1, 2)] if self.lies else [(0, 2), (1, 2), (0, 1)]
+        )
+        signs = rightwards[across] >= 0, facing[1 - across] >= 0, True
+        self.signs = [1 if each else -1 for each in signs]
+        hidden = np.concatenate([each.reshape(-1, 3) for each in survey.corners.values()])
+        core = np.concatenate([survey.view_origins, survey.view_points, hidden])
         size = float(np.max(np.ptp(core, axis=0)))
         middle = (core.min(axis=0) + core.max(axis=0)) / 2
         points = core
@@ -68,7 +80,7 @@ class RoomPlan:
     def standing(self, *panels: tuple[int, int]) -> list[Solid]:
         """Return the solids that cover little of every panel, unlike tables, floors and walls.
 
-        A panel shows two of the axes, by their places; without any, the plan and the side view.
+        A panel shows two of the axes, by their places; without any, `others`.
         """
 
         def is_small(solid: Solid) -> bool:
@@ -76,7 +88,7 @@ class RoomPlan:
                 [solid.points.min(axis=0), solid.points.max(axis=0)], self.low, self.high
             )
             part = ((ends[1] - ends[0]) / (self.high - self.low))[[*self.axes]]
-            return all(part[h] * part[v] < COVERING for h, v in panels or ((0, 1), (1, 2)))
+            return all(part[h] * part[v] < COVERING for h, v in panels or self.others)
 
         return list(filter(is_small, self.survey.solids))
 
@@ -104,34 +116,48 @@ def facts(layout: RoomPlan) -> list[str]:
     where, aim = "parallel rays (a rectified picture of the wall)", ""
     if not survey.parallel:
         where = f"{in_words(away)} from the wall along its line of sight"
-        aim = f" ({turn_and_tilt(-sight, -normal)})"
-    rows, columns = scenario.hidden.shape
-    across = columns * np.linalg.norm(scenario.hidden.across, axis=1).mean()
-    up = rows * np.linalg.norm(scenario.hidden.up, axis=1).mean()
-    before = float((scenario.hidden.centers.mean(axis=0) - layout.middle) @ normal)
-    facing = turn_and_tilt(scenario.hidden.normals.mean(axis=0), -normal)
+        aim = "" if layout.lies else f" ({turn_and_tilt(-sight, -normal)})"
     lines = [
         f"Camera: {where}, {slant:.0f}° off its normal{aim}; sees "
         f"{in_words((sides[0] + sides[2]) / 2)} x {in_words((sides[1] + sides[3]) / 2)} of it.",
-        f"Monitor: {in_words(across)} x {in_words(up)}, {in_words(before)} from the wall, "
-        f"{facing} from facing it squarely.",
-        "Positive turns are counterclockwise as seen from above, positive tilts upwards.",
     ]
+    flat = []
+    for name, surface in scenario.hidden.items():
+        (rows, columns), known = surface.shape, "Monitor" if name == MONITOR else name
+        facing = surface.normals.mean(axis=0)
+        if np.linalg.norm(facing) < FLAT:  # its distance may be a choice, so none is printed
+            lines.append(f"{known}: curved.")
+            continue
+        wide = columns * np.linalg.norm(surface.across, axis=1).mean()
+        high = rows * np.linalg.norm(surface.up, axis=1).mean()
+        before = float((surface.centers.mean(axis=0) - layout.middle) @ normal)
+        flat.append((before, wide, high))
+        turned = turn_and_tilt(facing, -normal)
+        if layout.lies:
+            turned = f"{np.degrees(np.arccos(np.clip(-facing @ normal, -1, 1))):.0f}°"
+        lines.append(
+            f"{known}: {in_words(wide)} x {in_words(high)}, {in_words(before)} from the wall, "
+            f"{turned} from facing it squarely."
+        )
+    if not layout.lies:
+        lines.append(
+            "Positive turns are counterclockwise as seen from above, positive tilts upwards."
+        )
     distances = []
+    before, wide, high = flat[0] if flat else (np.inf, 0, 0)
     for name, points in groups_of(layout.standing()).items():
         heights = (points - layout.middle) @ normal
         distance = float(heights.min() + heights.max()) / 2
-        if 0 < distance < before:
+        if heights.min() > TOUCHING and distance < before:
             # By similar triangles an edge at d before the wall, of a monitor at D, casts a penumbra
             # d / (D - d) times as wide as the monitor.
             stretch = distance / (before - distance)
-            penumbra = f"{in_words(across * stretch, 2)} x {in_words(up * stretch, 2)}"
-            distances.append(f"{name} {in_words(distance)} ({penumbra})".replace(" ", NO_BREAK))
+            penumbra = f" ({in_words(wide * stretch, 2)} x {in_words(high * stretch, 2)})"
+            own = f"{name} {in_words(distance)}{penumbra if flat else ''}"
+            distances.append(own.replace(" ", NO_BREAK))
     if distances:
-        lines.append(
-            "Distance of occluders from the wall (and width x height of the penumbra of an edge): "
-            f"{', '.join(distances)}."
-        )
+        what = " (and width x height of the penumbra of an edge)" if flat else ""
+        lines.append(f"Distance of occluders from the wall{what}: {', '.join(distances)}.")
     return [line for long in lines for line in wrap(long, CHARACTERS)]
 
 
@@ -152,6 +178,12 @@ def in_words(length: float, digits: int = 3) -> str:
     if 0 < length < 0.00995:
         return f"{1000 * length:.{digits}g} mm"
     return f"{length:.2f} m" if length >= 0.995 else f"{100 * length:.{digits}g} cm"
+
+
+def border(corners: Array) -> Array:
+    """Return the border, (n, ...), of a grid of points, (rows, columns, ...), once around it."""
+    sides = corners[0, :-1], corners[:-1, -1], corners[-1, :0:-1], corners[:0:-1, 0]
+    return np.concatenate(sides)
 
 
 def hull(points: Array) -> Array:

@@ -9,14 +9,18 @@ import numpy as np
 from periscopy_sim.figures.laboratory.geometry import (
     CHARACTERS,
     RoomPlan,
+    border,
     extremes,
     facts,
     groups_of,
     hull,
 )
+from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import find_image
+from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.figures.style import Figure
@@ -104,14 +108,16 @@ def _overlaps(a: Array, b: Array) -> Array:
 
 
 VIEWED, MONITOR, *_ = OKABE_ITO
+SURFACE = "#f4ceb3"  # the monitor's colour, paler
 OCCLUDER, GROUND = "0.25", "0.93"
 
 GRID = 150
 """Points of the wall along its panel's width."""
 
 LINES = (
-    "Grey: where part of the monitor is hidden from the wall. Dotted: where shadows begin; solid: "
-    "where all of the monitor is hidden; dashed: rays from its ends past occluders."
+    "Grey: where occluders hide part of the monitor, or of what is hidden, from the wall. Dotted: "
+    "where shadows begin; solid: where all of it is hidden; dashed: rays from its ends past "
+    "occluders."
 )
 """Meaning of the lines without a label."""
 
@@ -119,7 +125,7 @@ LINES = (
 def draw_wall(ax: Any, layout: RoomPlan) -> None:
     """Show how much of the monitor each point of the wall sees, and the camera's view."""
     Polygon = mpl.patches.Polygon
-    survey, h, v = layout.survey, layout.axes[0], layout.axes[2]
+    survey, (h, v) = layout.survey, (layout.axes[k] for k in layout.wall)
     labels = Labels(ax)
     (left, bottom), (right, top) = labels.low, labels.high
     x = np.linspace(left, right, GRID)
@@ -132,13 +138,19 @@ def draw_wall(ax: Any, layout: RoomPlan) -> None:
     if np.ptp(share) > 0.05:
         ax.contour(x, z, share, levels=[0.02], colors="black", linewidths=0.8)
         ax.contour(x, z, share, levels=[0.98], colors="black", linewidths=0.6, linestyles=":")
-    for outline, colour, style, text in (
-        (survey.view_points[:4][:, [h, v]], VIEWED, "-", "seen by the camera"),
-        (hull(survey.monitor_points[:, [h, v]]), MONITOR, "--", "monitor"),
-    ):
+    outlines = [(survey.view_points[:4][:, [h, v]], VIEWED, "-", "seen by the camera")]
+    for name, corners in survey.corners.items():
+        outlines.append((border(corners)[:, [h, v]], MONITOR, "--", name))
+    for outline, colour, style, text in outlines:
         ax.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style))
         labels.avoid_line(np.concatenate([outline, outline[:1]]))
         labels.add(text, outline, colour, hollow=True)
+    if layout.lies:  # this is the plan, too
+        solids = layout.standing(layout.wall)
+        for solid in solids:
+            ax.add_patch(Polygon(hull(solid.points[:, [h, v]]), fill=False, edgecolor=OCCLUDER))
+        for name, points in groups_of(solids).items():
+            labels.add(name, points[:, [h, v]], "black")
     labels.place()
 
 
@@ -164,15 +176,21 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
         ax.add_collection(mpl.collections.PolyCollection(outlines, zorder=depth, **look))
     for name, points in groups_of(upright).items():
         labels.add(name, points[:, [h, v]], "black")
-    monitor = hull(survey.monitor_points[:, [h, v]])
-    ax.add_patch(Polygon(monitor, facecolor=MONITOR, edgecolor=MONITOR, linewidth=2.4, zorder=6))
-    labels.add("monitor", monitor, MONITOR)
     size = 0.05 * float(np.sum(labels.high - labels.low))
-    screen, facing = scenario.hidden.centers.mean(axis=0), scenario.hidden.normals.mean(axis=0)
     shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
-    for start, direction, colour in (
-        (screen, size * facing, MONITOR), (middle, size * normal, "0.45"), (eye, shortened, VIEWED)
-    ):  # fmt: skip
+    arrows = [(middle, size * normal, "0.45"), (eye, shortened, VIEWED)]
+    for name, surface in scenario.hidden.items():
+        corners = survey.corners[name][..., [h, v]]
+        a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
+        patches = np.stack([a, b, c, d], axis=2).reshape(-1, 4, 2)
+        pale: dict[str, Any] = {"facecolor": SURFACE, "antialiased": False, "linewidth": 0}
+        ax.add_collection(mpl.collections.PolyCollection(patches, zorder=6, **pale))
+        line = {"fill": False, "edgecolor": MONITOR, "linewidth": 2.4, "zorder": 6}
+        ax.add_patch(Polygon(border(corners), **line))
+        labels.add(name, corners.reshape(-1, 2), MONITOR)
+        screen, facing = surface.centers.mean(axis=0), surface.normals.mean(axis=0)
+        arrows.append((screen, size * facing, MONITOR))
+    for start, direction, colour in arrows:
         ends = np.stack([start, start + direction])[:, [h, v]]
         arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", ends[1], ends[0], arrowprops=arrow, zorder=7, annotation_clip=False)
@@ -199,10 +217,11 @@ def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, 
 
 
 def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
-    """Return the share of the monitor that points of the wall's plane see, (z, x)."""
+    """Return the share of the hidden surfaces that points of the wall's plane see, (z, x)."""
     normal, middle = layout.normal, layout.middle
     grid = np.empty((len(z), len(x), 3))
-    h, d, v = layout.axes
+    h, v = (layout.axes[k] for k in layout.wall)
+    d = 3 - h - v
     grid[..., h], grid[..., v] = x, z[:, None]
     slope = (grid[..., h] - middle[h]) * normal[h] + (grid[..., v] - middle[v]) * normal[v]
     grid[..., d] = middle[d] - slope / normal[d]  # (point - middle)·normal = 0
@@ -213,7 +232,8 @@ def _share(layout: RoomPlan, x: Array, z: Array) -> Array:
 
 def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw the rays from the monitor's ends that just pass the occluders, up to the wall."""
-    middle, normal, monitor = layout.middle, layout.normal, layout.survey.monitor_points
+    middle, normal = layout.middle, layout.normal
+    monitor = np.concatenate([each.reshape(-1, 3) for each in layout.survey.corners.values()])
     points = np.concatenate([np.zeros((0, 3)), *(solid.points for solid in layout.standing())])
     height = (points - middle) @ normal
     before = ((monitor - middle) @ normal).min()
@@ -229,16 +249,28 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
             ax.plot(*ray.T, color="0.55", linewidth=0.6, linestyle="--", zorder=2)
 
 
+SEEN = 0.35, 0.6, 0.8
+"""Linear light of the part of the wall that the camera sees, in space: a pale blue."""
+
 WIDTH, TALLEST = 10.0, 5.5
 """Inches of the drawing's width, and that a panel may be high."""
+
+
+def _show_in_space(ax: Any, scenario: Scenario) -> None:
+    """Show a scene in space, on its surfaces letters, whose top and left are those of images."""
+    letters, shapes = find_image("letters"), scenario.hidden.shapes.items()
+    images = {name: read_hidden_image(letters, shape) for name, shape in shapes}
+    show_space(ax, scenario, images, np.broadcast_to(SEEN, (*scenario.photograph_shape, 3)))
+    ax.set_title("in space")
 
 
 def laboratory_figure(scenario: Scenario) -> "Figure":
     """Draw a scenario's laboratory to scale.
 
-    Three views at one scale, after the third-angle projection: the wall as the camera faces it,
-    the side view beside it, the plan below. Grey is how much of the monitor a point of the wall
-    sees.
+    Three views at one scale, after the third-angle projection: the front, the side view beside it,
+    the plan below. The wall as the camera faces it is the front or, where it lies, the plan. Grey
+    is how much of the hidden surfaces a point of the wall sees. Where these are not one flat
+    surface, the fourth panel shows the scene in space.
     """
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
@@ -248,26 +280,28 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
-    height = scale * (spans[1] + spans[2]) + 1.3 + 0.19 * len(lines)
+    height = scale * (spans[1] + spans[2]) + 1.6 + 0.19 * len(lines)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
         figure: Figure = mpl.figure.Figure(figsize=(WIDTH, height), dpi=160)
         figure.set_layout_engine("constrained", h_pad=0.1)
         # Labels are placed by their size in pixels.
         mpl.backends.backend_agg.FigureCanvasAgg(figure)
         ratios: Any = {"width_ratios": spans[:2], "height_ratios": spans[:0:-1]}
-        (wall, side), (plan, rest) = figure.subplots(2, 2, **ratios)
-        for ax, (h, v), title in (
-            (wall, (0, 2), "the wall as the camera faces it"),
-            (side, (1, 2), "from the side"),
-            (plan, (0, 1), "plan"),
-        ):
-            ax.set(title=title, xlabel=layout.label(h), ylabel=layout.label(v))
+        (front, side), (plan, rest) = figure.subplots(2, 2, **ratios)
+        panels = {(0, 2): front, (1, 2): side, (0, 1): plan}
+        titles = {(0, 2): "from the front", (1, 2): "from the side", (0, 1): "plan"}
+        titles[layout.wall] = "the wall as the camera faces it"
+        for (h, v), ax in panels.items():
+            ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
-        rest.remove()
+        if scenario.hidden.is_flat:
+            rest.remove()
+        else:
+            _show_in_space(rest, scenario)
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places
-        draw_wall(wall, layout)
-        draw_projection(side, layout, (1, 2))
-        draw_projection(plan, layout, (0, 1))
+        draw_wall(panels[layout.wall], layout)
+        for shown in layout.others:
+            draw_projection(panels[shown], layout, shown)
     return figure

@@ -265,7 +265,7 @@ class Differencing(StillMethod[np.float64]):
 
     @cached_property
     def _objective(self) -> Objective:
-        patterns = SpectralBasis(self._gram / self._unit**2, self.hidden)
+        patterns = SpectralBasis.of_gram(self._gram / self._unit**2, self.hidden)
         weight = self.tv_weight / np.sqrt(len(self._gram))
         return Objective(patterns, self.hidden, np.eye(1), weight, positive=False)
 

@@ -159,7 +159,7 @@ class NoiseAware(StillMethod[np.float64]):
 
     def prepare(self) -> None:
         """Compute the spectral basis, and what corrections need; see `StillMethod`."""
-        _ = self.fit.curvatures, self.fit.transport, self.corrections
+        _ = self.fit.lights, self.corrections
 
     @of_all
     def solve(self, photograph: Image) -> NoiseAwareReconstruction:
@@ -235,16 +235,16 @@ class NoiseAware(StillMethod[np.float64]):
     @of_all
     def report(self, photograph: Image, solution: NoiseAwareReconstruction) -> Report:
         """Return standard errors, residual and corrections beside the image; see `StillMethod`."""
-        report = super().report(photograph, solution)
-        response, notes = self._response(solution), []
-        if solution.corrections.get("wall_gain_found"):
-            low, high = solution.corrections["wall_gain_range"]
-            notes.append(Note("wall_gain", {"low": low, "high": high}))
+        return self.with_errors(super().report(photograph, solution), solution)
+
+    def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
+        """Return a report with standard errors, and notes of the place and of the wall's gain."""
+        response, notes = self._response(solution), gain_notes(solution)
         counted = [] if self.uncertain is None else list(self.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
             f = self.hidden.vector(solution.image)
-            places = displacement(self.fit.gram, self.hidden, f, response).tolist()
+            places = displacement(self.fit.factor, self.hidden, f, response).tolist()
             numbers["place_standard_error"] = (
                 places[0] if len(places) == 1 else dict(zip(self.hidden, places, strict=True))
             )
@@ -268,20 +268,19 @@ class NoiseAware(StillMethod[np.float64]):
         M = self._mixing(len(evidence.noise))
         _, rest = self.fit.explicable(evidence, solution.image)
         errors = standard_errors(
-            self.fit.gram,
-            self.hidden.differences,
+            self.fit.factor,
+            self.hidden,
             (M.T / (evidence.level * evidence.noise) ** 2) @ M,
             self.hidden.vector(solution.image),
             solution.weight,
             float(np.sum(rest**2)),
-            len(self.fit.curvatures),
             response,
         )
         image: Array = self.hidden.image(errors)
         return image
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
-        """Return A⊥ᵀ of what the scene's errors do to the image's light, (K, channels, N)."""
+        """Return what the scene's errors do to the image's light; see `Fit.response`."""
         if self.uncertain is None:
             return None
         return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
@@ -295,3 +294,11 @@ class NoiseAware(StillMethod[np.float64]):
     def _mixing(self, channels: int) -> Array:
         """Return the matrix from images to the channels of the evidence, (C, P)."""
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
+
+
+def gain_notes(solution: NoiseAwareReconstruction) -> list[Note]:
+    """Return the note of a gain over the wall, if there is one."""
+    if not solution.corrections.get("wall_gain_found"):
+        return []
+    low, high = solution.corrections["wall_gain_range"]
+    return [Note("wall_gain", {"low": low, "high": high})]

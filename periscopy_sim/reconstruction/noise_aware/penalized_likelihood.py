@@ -264,22 +264,24 @@ class Objective:
         it is λ₂ = `l1_weight` λ.
         """
         σ = evidence.mean_noise
-        λ = self.regularization * np.sqrt(len(self.basis.rows)) * σ / 2
+        λ = self.regularization * np.sqrt(self.hidden.patches) * σ / 2
         w = (σ / evidence.noise) ** 2
         p, V = np.linalg.eigh((self.mixing.T * w) @ self.mixing)
-        data = V.T @ (self.mixing.T * w) @ evidence.coefficients
+        to_channels = V.T @ (self.mixing.T * w)
+        data = to_channels @ evidence.coefficients
+        rest = None if evidence.rest is None else to_channels @ evidence.rest
         ridge = self.basis.combined(data / (p[:, None] * self.basis.curvatures + RIDGE))
         scale = float(np.sqrt(np.mean(ridge**2)))
         if not scale > 0:
-            return Minimum(np.zeros(data.shape, np.float32), None, 0, 0.0)
+            return Minimum(np.zeros(ridge.shape, np.float32), None, 0, 0.0)
         threshold = schedule.penalty * scale
         ρ = λ / threshold
-        solve = Solver(self.basis, p[:, None], ρ, data, WEAK)
+        solve = Solver(self.basis, p[:, None], ρ, data, WEAK, rest)
         V = V.astype(np.float32)
         drawn_to = None
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(previous, np.float32)
-        split = start.scaled(scale, threshold) if start else Splitting.zeros(data.shape)
+        split = start.scaled(scale, threshold) if start else Splitting.zeros(ridge.shape)
         gradient = Gradient.of(self.hidden.differences)
         penalties = Penalties(threshold, self.positive, l1_weight * threshold)
         black = BLACK * scale * float(np.sqrt(split.v.size))

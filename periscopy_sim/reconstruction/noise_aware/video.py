@@ -1,6 +1,7 @@
 """Video by the noise-aware method: each frame is drawn towards the one before it."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from functools import partial
 from typing import Literal, get_args
 
@@ -72,5 +73,5 @@ class NoiseAwareVideo(FrameByFrame[NoiseAwareReconstruction, np.float64]):
             solution, split = still.recover(evidence, schedule, self._split, self.previous, weight)
         solution.warn_unless_converged()
         self._split = split
-        self.previous = solution.image.copy()  # the caller may change what is returned
+        self.previous = deepcopy(solution.image)  # the caller may change what is returned
         return solution

@@ -133,6 +133,7 @@ def form_preconditioner(
         dark = int((norms <= 1e-7 * norms.max()).sum())
         raise InputError(
             f"A with the backgrounds projected out has not full column rank ({A.shape[1]} patches, "
-            f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor"
+            f"{dark} of them invisible from the wall): use fewer patches or a smaller monitor, or "
+            "the noise-aware method, which needs no rank"
         )
     return Preconditioner(transport, Q, cholesky)

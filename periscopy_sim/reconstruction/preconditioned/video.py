@@ -1,6 +1,7 @@
 """Video (Sec. 3.2): each frame is denoised and repaired together with the one before it."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -99,5 +100,5 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         denoised = result.image[1] if result.image.ndim == 3 else result.image
         image, threshold = repaired(hidden, denoised, self.still.repair_threshold, previous)
         image, g, denoised = map(hidden.image, (image, g, denoised))
-        self.previous = image.copy()  # the caller may change what is returned
+        self.previous = deepcopy(image)  # the caller may change what is returned
         return Reconstruction(image, estimate.noise[k], weight, g, denoised, threshold)

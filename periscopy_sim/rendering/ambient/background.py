@@ -23,7 +23,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.wall import look, map_points, shape_of
+from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
 from periscopy_sim.scenario import Scenario
@@ -252,7 +252,7 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
     """
 
     def meet(film: Any) -> tuple[Any, ...]:
-        ray, si = look(scene, film)
+        ray, si = look(scene, camera_of(scene), film)
         is_wall = si.shape == mi.ShapePtr(shape_of(scene, "wall"))
         return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), is_wall
 

@@ -38,6 +38,7 @@ UV_ERROR = 1e-3
 def check_nodes(nodes: SceneNodes) -> None:
     """Reject what light passes or is changed by on its way, and boxes turned inside out."""
     check_media(nodes)
+    transparent = nodes.transparent
     for props in nodes.of_type("Shape"):
         place = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix)
         if props.plugin_name() == "cube" and np.linalg.det(place) < 0:
@@ -45,6 +46,8 @@ def check_nodes(nodes: SceneNodes) -> None:
                 f"shape '{props.id()}' is a cube turned inside out: it would stand on the other "
                 "side of a face; give its sizes, and factors of them, positive numbers"
             )
+        if props.id() in transparent:
+            continue
         for name in _see_through(nodes, props):
             raise nodes.error(
                 f"shape '{props.id()}' may let light through (bsdf '{name}'), and A would count it "

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
-from periscopy_sim.hidden import Hidden, Size, Sizes, Surface
+from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
+    CAMERAS,
     SceneLayout,
     motions,
     only_motions,
@@ -24,18 +25,25 @@ from periscopy_sim.rendering.scene.placement import (
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
     map_points,
+    middle_shape,
     shape_of,
     surface_at,
     trace_wall,
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import Occluder, Scene, corners
+from periscopy_sim.scene import CAMERA, Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
 
 SIDES = 128
 """Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
+
+ASIDE = 1e-5, 2e-5
+"""Distance in u and v to a point beside one that rays miss."""
+
+FLAT = 1e-5
+"""Relative difference of patches' normals and edges up to which a surface counts as flat."""
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
@@ -51,11 +59,14 @@ def load_scenario(
     parameters: Mapping[str, str | float] | None = None,
     *,
     photograph: tuple[int, int] | None = None,
+    camera: str = CAMERA,
 ) -> Scenario:
     """Return the scenario of a scene that keeps the id contract.
 
-    It has a shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape ``monitor``, and
-    every shape whose id begins with ``hidden``. The view's points are where the camera's own rays
+    It has a relay wall, the shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape
+    ``monitor``, and every shape whose id begins with ``hidden``. Of several walls, whose ids begin
+    with ``wall``, a camera's is the one that the middle of its picture shows; the others are
+    occluders to it. The view's points are where the camera's own rays
     through the pixels' centres meet the wall, so any sensor serves; the patches are an R x C grid
     in a surface's UV square, so any shape with a UV parametrization serves. A surface without an
     emitter is Lambertian: its image is the radiance that it reflects.
@@ -75,6 +86,8 @@ def load_scenario(
     photograph
         (rows, columns) into which the camera's field of view is cut; None for the film's own
         pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
+    camera
+        Id of the sensor.
 
     Raises
     ------
@@ -87,7 +100,7 @@ def load_scenario(
         scene = load_scene(scene, parameters)
     elif parameters:
         scene = scene.at(**parameters)
-    view = View.of(scene, photograph)
+    view = View.of(scene, photograph, camera=camera)
     sizes = sizes_by_id(scene, hidden, view)
     if len(sizes) > 1:
         coarse = Hidden.of_scene(scene, dict.fromkeys(sizes, COARSE))
@@ -142,30 +155,35 @@ class SceneLoader:
 
     def __init__(self, nodes: SceneNodes) -> None:
         self.layout, self._path = nodes.layout(), nodes.path
+        reflecting = nodes.reflecting()  # before all shine
         nodes.show(None)
-        nodes.average_pixels()
+        self._cameras = nodes.cameras
+        for name in self._cameras:
+            nodes.average_pixels(sensor=name)
         check_nodes(nodes)
         # Instantiating consumes the nodes.
         emission = {name: nodes.emission_profile(name) for name in nodes.hidden}
-        lights = nodes.other_lights()
-        self._material = nodes.wall_material()
+        lights, transparent = nodes.other_lights(), tuple(nodes.transparent)
+        self._materials = {name: nodes.material(name) for name in nodes.walls}
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
         boxes = {name: _box(shape, nodes.path) for name, shape in shapes.items()}
         bodies = {n: _occluder(shape, self.layout, boxes[n]) for n, shape in shapes.items()}
-        wall = bodies.pop("wall").vertices
-        self._wall = corners(boxes["wall"]) if wall is None else wall
-        self._views: dict[tuple[Size | None, int], View] = {}
+        walls = tuple(bodies.pop(name) for name in self._materials)
+        self._views: dict[tuple[Size | None, int, str], View] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
         self.scene = Scene(
             document=nodes.document,
             places=self.layout.places,
             plugins=self.layout.plugins,
-            boxes={name: corners(box) for name, box in boxes.items() if name != "wall"},
+            boxes={name: corners(box) for name, box in boxes.items()},
             occluders=tuple(body for name, body in bodies.items() if name not in emission),
             surfaces=tuple(body for name, body in bodies.items() if name in emission),
             emission=emission,
             lights=lights,
+            reflecting=reflecting,
+            transparent=transparent,
+            walls=walls,
             source=self,
         )
 
@@ -178,8 +196,9 @@ class SceneLoader:
         document, elements = read_elements(self._path, values)
         check_values(document)
         layout = written_layout(elements, list(self.layout.places))
-        movable = [each.name for each in scene.occluders if each.vertices is not None]
-        moved = only_motions(self.layout, layout, [*movable, *scene.emission])
+        bodies = (*scene.occluders, *scene.walls)
+        movable = [each.name for each in bodies if each.vertices is not None]
+        moved = only_motions(self.layout, layout, [*movable, *scene.emission, *self._cameras])
         if moved is None:
             return SceneLoader(SceneNodes(self._path, values)).scene
         return replace(
@@ -192,18 +211,22 @@ class SceneLoader:
             },
             occluders=tuple(_moved_occluder(each, moved) for each in self.scene.occluders),
             surfaces=tuple(_moved_occluder(each, moved) for each in self.scene.surfaces),
+            walls=tuple(_moved_occluder(each, moved) for each in self.scene.walls),
             emission={n: layout.emission.get(n, each) for n, each in self.scene.emission.items()},
         )
 
-    def view(self, scene: Scene, shape: Size | None, across: int) -> View:
+    def view(self, scene: Scene, shape: Size | None, across: int, camera: str) -> View:
         """Return what a scene's camera sees of its wall; see `View.of`."""
-        key = shape, across
+        key = shape, across, camera
         if key not in self._views:
             self._views[key] = self._trace_view(*key)
-        moved = self._views[key].moved(scene, motions(self.scene.places, scene.places))
-        if moved is not None:
-            return moved
-        return View.of(load_scene(self._path, scene.parameters), shape, across=across)
+        moved = motions(self.scene.places, scene.places)
+        if not moved or self.layout.plugins[camera] in CAMERAS:
+            view = self._views[key].moved(scene, moved)
+            if view is not None:
+                return view
+        scene = load_scene(self._path, scene.parameters)
+        return View.of(scene, shape, across=across, camera=camera)
 
     def hidden(self, scene: Scene, sizes: Mapping[str, Size]) -> Hidden:
         """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
@@ -220,19 +243,38 @@ class SceneLoader:
         is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
         return build_scene(scene) if is_moved or variant != mi.variant() else built
 
-    def _trace_view(self, shape: Size | None, across: int) -> View:
+    def opaque(self, scene: Scene) -> Any:
+        """Return the Mitsuba scene without hidden surfaces that light passes, for rays in A."""
+        return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
+
+    def _trace_view(self, shape: Size | None, across: int, name: str) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
-        columns, rows = map(int, shape[::-1] if shape else camera_of(built).film().crop_size())
+        if name not in self._cameras:
+            others = ", ".join(f"'{each}'" for each in self._cameras) or "none"
+            raise SceneError(f"{where}: no sensor outside of groups has the id '{name}' ({others})")
+        camera = camera_of(built, name)
+        columns, rows = map(int, shape[::-1] if shape else camera.film().crop_size())
         if not 1 <= rows * columns <= LANES:  # whose rays are traced at once
             raise SceneError(
                 f"{where}: the camera's film has {rows}x{columns} pixels; give it from 1 to {LANES}"
             )
-        wall = trace_wall(built, (rows, columns), across, where, self._material)
+        walls = {each.name: each for each in self.scene.walls}
+        middle = middle_shape(built, camera, where) if len(walls) > 1 else next(iter(walls))
+        if middle not in walls:
+            raise SceneError(
+                f"{where}: the middle of '{name}' shows {middle or 'nothing'}, none of the walls "
+                f"{', '.join(walls)}; turn the camera"
+            )
+        wall = walls[middle]
+        what = f"{where}: the wall ({self._materials[wall.name]})"
+        body = shape_of(built, wall.name)
+        seen = trace_wall(built, camera, body, (rows, columns), across, where, what)
         # How far the wall's shape reaches ahead of the plane that is seen.
-        points, normals = (wall[name].reshape(-1, 3) for name in ("points", "normals"))
-        ahead = (self._wall - points.mean(axis=0)) @ normals.mean(axis=0)
-        relief = float(max(0.0, ahead.max()))
-        return View(self.scene, (rows, columns), **wall, relief=relief, is_cut=shape is not None)
+        points, normals = (seen[each].reshape(-1, 3) for each in ("points", "normals"))
+        ends = self.scene.boxes[wall.name] if wall.vertices is None else wall.vertices
+        relief = float(max(0.0, ((ends - points.mean(axis=0)) @ normals.mean(axis=0)).max()))
+        seen |= {"relief": relief, "is_cut": shape is not None}
+        return View(self.scene, (rows, columns), **seen, camera=name, wall=middle)
 
 
 def _moved_occluder(occluder: Occluder, moved: Mapping[str, Array]) -> Occluder:
@@ -249,12 +291,13 @@ def build_scene(
     images: Mapping[str, NDArray[np.floating[Any]]] | None = None,
     *,
     only_hidden: bool = False,
+    only_opaque: bool = False,
 ) -> Any:
     """Instantiate the Mitsuba scene of a scene whose hidden surfaces show images, or white.
 
     Each image is (R, C, 3) linear radiance along the normal, of any R and C, of the surface of
-    `hidden` that has its id. `only_hidden` removes every other emitter. Pixels are averaged over
-    their own area (box filter).
+    `hidden` that has its id. `only_hidden` removes every other emitter, `only_opaque` every hidden
+    surface that light passes. Pixels are averaged over their own area (box filter).
     """
     nodes = SceneNodes(scene.path, dict(scene.parameters))
     textures = None
@@ -263,9 +306,12 @@ def build_scene(
         for name in hidden:
             textures[name] = texture_of(images[name], hidden[name].mirrored)
     nodes.show(textures)
-    nodes.average_pixels()
+    for name in nodes.cameras:
+        nodes.average_pixels(sensor=name)
     if only_hidden:
         nodes.darken()
+    if only_opaque:
+        nodes.remove(nodes.transparent)
     with without_warnings():  # which came when the scene was loaded
         return nodes.instantiate()
 
@@ -302,13 +348,33 @@ def _surface(shape: Any, size: Size, path: Path) -> Surface:
         ) from None
     check_surface(shape, what)
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    u, v = patch_uv(row, column, size, mirrored, (0.5, 0.5))
-    centers, normals, du, dv, valid = map_points(locate, np.stack([u, v], axis=1))
-    if not valid.all():
-        raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
-    across = (-du if mirrored else du) / columns
-    return Surface(size, centers, normals, across, dv / rows, mirrored)
+
+    def surface(parts: int, offsets: Array) -> Surface:
+        """Return the surface in so many patches along each side of one, at offsets within that."""
+        row, column = np.divmod(np.arange(parts**2 * rows * columns), parts * columns)
+        offset = offsets[row % parts], offsets[column % parts]
+        u, v = patch_uv(row // parts, column // parts, size, mirrored, offset)
+        uv = np.stack([u, v], axis=1)
+        centers, normals, du, dv, valid = map_points(locate, uv)
+        if (missed := ~valid[:, 0].astype(bool)).any():  # between two faces, by rounding
+            for each, mended in zip(
+                (centers, normals, du, dv, valid),
+                map_points(locate, uv[missed] + ASIDE),
+                strict=True,
+            ):
+                each[missed] = mended
+        if not valid.all():
+            raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
+        across, up = (-du if mirrored else du) / (parts * columns), dv / (parts * rows)
+        return Surface((parts * rows, parts * columns), centers, normals, across, up, mirrored)
+
+    middles = surface(1, np.array([0.5]))
+    if all(
+        np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max()
+        for each in (middles.normals, middles.across, middles.up)
+    ):
+        return middles
+    return replace(middles, curved=surface(2, 0.5 + np.array([-GAUSS, GAUSS])))
 
 
 def _box(shape: Any, path: Path) -> Array:

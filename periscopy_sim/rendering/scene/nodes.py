@@ -5,7 +5,7 @@ Mitsuba parses the file; the files that its plugins read are found and checked h
 so that they work for every shape, sensor and emitter plugin.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
 from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
 from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
 from periscopy_sim.rendering.variant import SHARED, mi, one_line
-from periscopy_sim.scene import MONITOR, EmissionProfile, SceneDocument, is_hidden
+from periscopy_sim.scene import CAMERA, MONITOR, WALL, EmissionProfile, SceneDocument, is_hidden
 
 BRIGHTNESS = "radiance", "irradiance", "intensity", "power"
 """Parameters of Mitsuba's emitters that scale all of their light."""
@@ -42,7 +42,7 @@ class SceneNodes:
         self._config, self._state = parse(self.document)
         if required is None:
             surfaces = dict.fromkeys(self.hidden or [MONITOR], "Shape")
-            required = {"wall": "Shape", **surfaces, "camera": "Sensor"}
+            required = {**({} if self.walls else {WALL: "Shape"}), **surfaces}
         for name, kind in required.items():
             self._require(name, kind)
 
@@ -55,6 +55,16 @@ class SceneNodes:
     def hidden(self) -> list[str]:
         """The ids of the hidden surfaces, in file order."""
         return [name for each in self.of_type("Shape") if is_hidden(name := str(each.id()))]
+
+    @property
+    def walls(self) -> list[str]:
+        """The ids of the relay walls, in file order."""
+        return [name for name in self.plain("Shape") if name.startswith(WALL)]
+
+    @property
+    def cameras(self) -> list[str]:
+        """The ids of the sensors, in file order."""
+        return self.plain("Sensor")
 
     def error(self, reason: str) -> SceneError:
         """Return the error of this scene for a reason."""
@@ -73,6 +83,12 @@ class SceneNodes:
         }
         return [(key, node.props) for key, node in nodes.items() if str(node.type).endswith(kind)]
 
+    @property
+    def transparent(self) -> list[str]:
+        """The ids of the hidden surfaces that light passes, those of a ``null`` BSDF."""
+        materials = {name: self.children(self._by_id(name), "BSDF") for name in self.hidden}
+        return [n for n, each in materials.items() if each and each[0][1].plugin_name() == "null"]
+
     def emission_profile(self, name: str) -> EmissionProfile | None:
         """Return a hidden surface's angular profile if it is known in closed form.
 
@@ -87,6 +103,10 @@ class SceneNodes:
                 raise self.error(f"the exponents {exponents} of '{name}' are not both 0 or more")
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
+
+    def reflecting(self) -> tuple[str, ...]:
+        """Return the hidden surfaces that have no emitter, in file order."""
+        return tuple(name for name in self.hidden if self._emitter(name) is None)
 
     def other_lights(self) -> tuple[str, ...]:
         """Return the names of the emitters that shine beside hidden surfaces, in file order.
@@ -127,9 +147,9 @@ class SceneNodes:
         )
         return written if is_same else parsed
 
-    def wall_material(self) -> str:
-        """Return the name of the wall's BSDF plugin, for messages."""
-        materials = self.children(self._by_id("wall"), "BSDF")
+    def material(self, name: str) -> str:
+        """Return the name of a shape's BSDF plugin, for messages."""
+        materials = self.children(self._by_id(name), "BSDF")
         return str(materials[0][1].plugin_name()) if materials else "default"
 
     def show(self, textures: Mapping[str, NDArray[np.float32]] | None) -> None:
@@ -151,6 +171,12 @@ class SceneNodes:
                     "an image by; give it one of type area or lcd"
                 )
 
+    def remove(self, names: Collection[str]) -> None:
+        """Remove shapes."""
+        for key, props in self.children(self._state.root.props, "Shape"):
+            if props.id() in names:
+                del self._state.root.props[key]
+
     def darken(self) -> None:
         """Remove every emitter but those of the hidden surfaces."""
         for node in self._state.nodes:
@@ -159,7 +185,7 @@ class SceneNodes:
                 del node.props[key]
 
     def average_pixels(
-        self, film_size: tuple[int, int] | None = None, *, sensor: str = "camera"
+        self, film_size: tuple[int, int] | None = None, *, sensor: str = CAMERA
     ) -> None:
         """Make a sensor average each pixel over its own area, in linear float32 RGB.
 
@@ -224,14 +250,17 @@ class SceneNodes:
             to_world = to_world @ type(to_world)().scale([-1, 1, 1])
         surface["to_world"] = to_world
 
-    def _require(self, name: str, kind: str) -> None:
-        """Check that the scene itself has a node."""
-        plain = [
+    def plain(self, kind: str) -> list[str]:
+        """Return the ids of the scene's own nodes of a kind, outside of groups, in file order."""
+        return [
             str(each.id())
             for _, each in self.children(self._state.root.props, kind)
             if each.plugin_name() not in ("instance", "shapegroup", "merge")
         ]
-        if name not in plain:
+
+    def _require(self, name: str, kind: str) -> None:
+        """Check that the scene itself has a node."""
+        if name not in (plain := self.plain(kind)):
             others = ", ".join(f"'{each}'" for each in plain) or "none"
             raise self.error(f"no {kind.lower()} outside of groups has the id '{name}' ({others})")
 

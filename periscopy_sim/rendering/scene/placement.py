@@ -98,20 +98,19 @@ def only_motions(
 ) -> dict[str, Array] | None:
     """Return the `motions` from one layout to another; None if more than these differs.
 
-    What is movable are ids of shapes; the camera, and a wall that is a rectangle, are so, too.
+    What is movable are ids.
     """
     exponents = [exponent for each in after.emission.values() for exponent in astuple(each)]
     if after.rest != before.rest or not all(exponent >= 0 for exponent in exponents):
         return None
     moved = motions(before.places, after.places)
+    if not moved.keys() <= {*movable}:
+        return None
     for name, motion in moved.items():
         # Mitsuba renders in single precision. No comparison is true of NaN.
         is_finite = np.abs(after.places[name]).max() < np.finfo(np.float32).max
         if not (is_finite and np.linalg.det(motion) > 0):
             return None
-    viewing = {"camera", "wall"} if after.plugins["wall"] == "rectangle" else set()
-    if moved and not (after.plugins["camera"] in CAMERAS and moved.keys() <= {*movable, *viewing}):
-        return None
     return moved
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.variant import dr, is_vectorized, mi, one_line
+from periscopy_sim.scene import CAMERA
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
 """Directions about the wall's normal in which its colour is looked at, too."""
@@ -20,14 +21,13 @@ single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
 
 def trace_wall(
-    scene: Any, shape: tuple[int, int], across: int, where: str, material: str
+    scene: Any, camera: Any, wall: Any, shape: tuple[int, int], across: int, where: str, what: str
 ) -> dict[str, Any]:
     """Return what a `View` has of the wall that its camera sees, by the names of its fields.
 
-    `where` and `material` are for messages: a wall that cannot be treated is a SceneError.
+    `where` and `what` name scene and wall in messages: a wall that cannot be treated is a
+    SceneError.
     """
-    camera, wall = camera_of(scene), shape_of(scene, "wall")
-    what = f"{where}: the wall ({material})"
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
             f"{what} reflects as a mirror does, in part or entirely; use a rough material, such "
@@ -39,11 +39,8 @@ def trace_wall(
         )
     rows, columns = shape
     film = pixel_places(np.arange(rows * columns), shape, across).reshape(-1, 2)
-    meet = _meet(scene, wall)
-    try:
-        origins, directions, points, normals, shading, hit, *colors = map_points(meet, film)
-    except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
-        raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
+    meet = _meet(scene, camera, wall)
+    origins, directions, points, normals, shading, hit, *colors = _traced(meet, film, where)
     if not hit.all():
         missed = ~hit.reshape(rows * columns, -1).astype(bool).all(axis=1)
         first = int(np.flatnonzero(missed)[0])
@@ -77,9 +74,9 @@ def trace_wall(
     }
 
 
-def camera_of(scene: Any) -> Any:
-    """Return the sensor ``camera`` of a Mitsuba scene."""
-    return next(sensor for sensor in scene.sensors() if sensor.id() == "camera")
+def camera_of(scene: Any, name: str = CAMERA) -> Any:
+    """Return a sensor of a Mitsuba scene by its id."""
+    return next(sensor for sensor in scene.sensors() if sensor.id() == name)
 
 
 def shape_of(scene: Any, name: str) -> Any:
@@ -99,13 +96,38 @@ def pixel_places(
     return np.stack([along / shape[1], down / shape[0]], axis=-1)
 
 
-def look(scene: Any, film: Any) -> tuple[Any, Any]:
-    """Return the camera's rays through points of the film, (0, 0) to (1, 1), and what they meet."""
-    ray, _ = camera_of(scene).sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
+def middle_shape(scene: Any, camera: Any, where: str) -> str:
+    """Return the id of the shape that the middle of a camera's picture shows; empty for none."""
+    shapes = scene.shapes()
+
+    def shown(film: Any) -> tuple[Any, ...]:
+        _, si = look(scene, camera, film)
+        return tuple(_is_shape(si, each) for each in shapes)
+
+    hits = _traced(shown, np.full((1, 2), 0.5), where)
+    return next((each.id() for each, hit in zip(shapes, hits, strict=True) if hit.any()), "")
+
+
+def _traced(function: Callable[..., tuple[Any, ...]], film: Array, where: str) -> list[Array]:
+    """Return `map_points` of a film; a SceneError of shapes that cannot be traced."""
+    try:
+        return map_points(function, film)
+    except RuntimeError as error:  # of shapes that Mitsuba builds but cannot trace
+        raise SceneError(f"{where}: Mitsuba cannot trace it: {one_line(error)}") from None
+
+
+def _is_shape(si: Any, shape: Any) -> Any:
+    """Return whether a ray met a shape."""
+    return si.is_valid() & (si.shape == (mi.ShapePtr(shape) if is_vectorized() else shape))
+
+
+def look(scene: Any, camera: Any, film: Any) -> tuple[Any, Any]:
+    """Return a camera's rays through points of its film, (0, 0) to (1, 1), and what they meet."""
+    ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
     return ray, scene.ray_intersect(ray)
 
 
-def _meet(scene: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
+def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     """Return what the camera's ray through a point of the film meets, as a function of that point.
 
     The ray's origin and direction, the wall's point and both its normals, whether it is the wall,
@@ -114,8 +136,8 @@ def _meet(scene: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]]:
     bsdf, context = wall.bsdf(), mi.BSDFContext()
 
     def meet(position: Any) -> tuple[Any, ...]:
-        ray, si = look(scene, position)
-        hit = si.is_valid() & (si.shape == (mi.ShapePtr(wall) if is_vectorized() else wall))
+        ray, si = look(scene, camera, position)
+        hit = _is_shape(si, wall)
         toward_camera = mi.Vector3f(0, 0, dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = mi.Vector3f(0, 0, 1)

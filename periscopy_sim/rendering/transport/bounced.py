@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
@@ -178,6 +179,11 @@ def render_bounced_light(
     if bounces is not None and operator.index(bounces) <= DIRECT:
         raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
     require_vectorized("light that bounces")
+    if clear := scenario.scene.transparent:
+        raise SceneError(
+            f"scene '{scenario.path}': hidden surface '{clear[0]}' is transparent (null), and "
+            "bounced light is computed of opaque ones alone; ask for direct light"
+        )
     shape, patches = scenario.photograph_shape, scenario.hidden.patches
     sites, everywhere = chosen_sites(shape), scenario.view.numbers
     trace = make_tracer(scenario, sites, bounces)
@@ -248,7 +254,8 @@ def make_tracer(
     hidden = scenario.hidden
     white = dict.fromkeys(hidden, np.ones((2, 2, 3)))
     scene = build_scene(scenario.scene, hidden, white, only_hidden=True)
-    camera, wall = camera_of(scene), shape_of(scene, "wall")
+    camera = camera_of(scene, scenario.view.camera)
+    wall = shape_of(scene, scenario.view.wall)
     rows, columns = scenario.photograph_shape
     shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS

@@ -32,8 +32,10 @@ class Kernel:
     """
 
     def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
-        self._scene = scenario.scene.source.built(scenario.scene)
-        self._camera, self._wall = camera_of(self._scene), shape_of(self._scene, "wall")
+        source, view = scenario.scene.source, scenario.view
+        self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
+        self._camera = camera_of(self._scene, view.camera)
+        self._wall = shape_of(self._scene, view.wall)
         self._surface, self._shape = scenario.hidden[name], shape_of(self._scene, name)
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
         self._samples, self._strata = samples, strata
@@ -76,7 +78,7 @@ class Kernel:
         start = dr.fma(to_light, SHADOW_EPSILON, si.p)
         segment = mi.Ray3f(start, to_light, 1 - 2 * SHADOW_EPSILON, 0.0, [])
         # Traced for every lane: a mask costs more than the few rays that it saves.
-        visible = ~self._scene.ray_test(segment)
+        visible = ~self._opaque.ray_test(segment)
         lit = visible & light.is_valid() & (cos_emission > 0) & (value > 0)
         return dr.select(lit, value, 0)
 

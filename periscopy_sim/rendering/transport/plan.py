@@ -20,7 +20,7 @@ from periscopy_sim.analytic.area_transport import (
     require_areas,
 )
 from periscopy_sim.errors import SceneError
-from periscopy_sim.hidden import Hidden
+from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
@@ -118,8 +118,7 @@ def plan_transport(
     if by == "areas":
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
-    # Of a monitor at right angles to the wall, a pixel's centre may see what its border does not.
-    if by == "areas" or (by is None and samples is None and has_areas(scenario.averaged(across))):
+    if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         return _plan_areas(scenario, across, noise)
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
@@ -141,13 +140,15 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
     are drawn as often as light bends there, and weighted for that: few may hold all of the error.
     """
 
-    def white(across: int, rows: NDArray[np.intp] | None = None) -> Array:
+    def white(
+        across: int, rows: NDArray[np.intp] | None = None, hidden: Hidden = scenario.hidden
+    ) -> Array:
         """Return a white image's light in some rows, or in all."""
-        seen = scenario.averaged(across)
+        view = scenario.averaged(across).view
         if rows is not None:
-            used = np.isin(np.arange(np.prod(seen.view.shape)), seen.view.numbers[rows])
-            seen = Scenario(seen.view.of_pixels(used.reshape(seen.view.shape)), seen.hidden)
-        return np.asarray(area_transport(seen).sum(axis=1, dtype=np.float64))
+            used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
+            view = view.of_pixels(used.reshape(view.shape))
+        return np.asarray(area_transport(Scenario(view, hidden)).sum(axis=1, dtype=np.float64))
 
     light, most = white(across), FINEST * across
     mean = float(light.mean()) or 1.0
@@ -156,7 +157,19 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
     chances /= chances.sum()
     drawn = np.random.default_rng(0).choice(len(light), 4 * PIXELS, p=chances)
     rows, places = np.unique(drawn, return_inverse=True)
-    coarse = light[rows]
+
+    def deviation(squares: Array) -> float:
+        """Return the root mean square over all pixels of what the drawn rows sample."""
+        return float(np.sqrt((squares[places] / (len(light) * chances[drawn])).mean())) / mean
+
+    coarse, bent = light[rows], 0.0
+    if any(surface.curved is not None for surface in scenario.hidden.values()):
+        # A curved patch counts as flat where it is cut; a quarter of it errs by a fourth.
+        whole, halved = (
+            white(across, rows, Hidden.of_scene(scenario.scene, sizes))
+            for sizes in (scenario.hidden.shapes, _halved(scenario.hidden.shapes))
+        )
+        bent = deviation((whole - halved) ** 2)
     while True:
         # A parabola's mean over a pixel is off its middle by its second difference over 24.
         error = float(np.sqrt(np.mean(bends**2))) / (24 * across**2 * mean)
@@ -166,12 +179,16 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
             fine = white(2 * across, rows)
         except SceneError:  # a pixel's edge misses the wall
             break
-        squares = ((fine - coarse) ** 2)[places] / (len(light) * chances[drawn])
-        error = float(np.sqrt(squares.mean())) / mean
+        error = deviation((fine - coarse) ** 2)
         if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > most:
             break
         across, coarse = 2 * across, fine
-    return TransportPlan(max(error, PRECISION), None, across)
+    return TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across)
+
+
+def _halved(sizes: dict[str, Size]) -> dict[str, Size]:
+    """Return the sizes of patches with edges half as long."""
+    return {name: (2 * rows, 2 * columns) for name, (rows, columns) in sizes.items()}
 
 
 def _bends(light: Array, view: View) -> Array:
@@ -251,9 +268,12 @@ def transport(
         seen = Scenario(seen, hidden)
     plan = plan_transport(seen, noise, by=by, seed=seed)
     if plan.error > noise:
+        remedy = "the camera or the hidden image fewer pixels"
+        if plan.by == "areas":
+            remedy = "the camera more pixels, or curved surfaces more patches"
         warnings.warn(
             f"A by {plan.by} errs by {plan.error:.2g} of its mean, more than the noise of "
-            f"{noise:.2g}; give the camera or the hidden image fewer pixels",
+            f"{noise:.2g}; give {remedy}",
             RuntimeWarning,
             stacklevel=2,
         )

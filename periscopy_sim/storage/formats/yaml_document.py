@@ -6,7 +6,16 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
@@ -56,6 +65,12 @@ def _rows_and_columns(value: Any) -> Any:
 Side = Annotated[int, Field(ge=1, le=10_000)]
 RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
 """Rows and columns, written as ROWSxCOLUMNS."""
+
+Sizes = Annotated[
+    Annotated[RowsAndColumns, Tag("one")] | Annotated[dict[str, RowsAndColumns], Tag("several")],
+    Discriminator(lambda value: "several" if isinstance(value, dict) else "one"),
+]
+"""Rows and columns of the only hidden surface, or of each by its id."""
 
 Document = TypeVar("Document", bound=Strict)
 

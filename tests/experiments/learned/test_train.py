@@ -24,7 +24,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("samples")
     rng = np.random.default_rng(0)
     N = SHAPE[0] * SHAPE[1]
-    basis = SpectralBasis(np.diag(rng.random(N) + 0.1), Hidden.of(SHAPE))
+    basis = SpectralBasis.of_gram(np.diag(rng.random(N) + 0.1), Hidden.of(SHAPE))
     for number, (split, kind) in enumerate(
         [("train", "right"), ("train", "ruler"), ("validation", "right"), ("validation", "ruler")]
     ):

@@ -5,7 +5,6 @@ import pytest
 from matplotlib.colors import to_rgba
 from scipy.interpolate import RegularGridInterpolator
 
-from periscopy_sim.errors import SceneError
 from periscopy_sim.figures.laboratory.geometry import NO_BREAK, RoomPlan, facts, turn_and_tilt
 from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -55,7 +54,7 @@ def test_camera_stands_where_the_scene_says(panels):
 
 def test_lines_on_the_wall_lie_where_the_words_below_say(panels):
     """What is dotted runs where the share is all but 1, what is solid where it is all but 0."""
-    assert "Dotted: where shadows begin" in LINES and "solid: where all of the monitor" in LINES
+    assert "Dotted: where shadows begin" in LINES and "solid: where all of it is hidden" in LINES
     ax = panels[TITLES[0]]
     share, (left, right, bottom, top) = ax.images[0].get_array(), ax.images[0].get_extent()
     grid = (np.linspace(bottom, top, share.shape[0]), np.linspace(left, right, share.shape[1]))
@@ -149,11 +148,45 @@ def test_an_occluder_beside_the_view_is_drawn_whole():
     assert len(points) and (points > layout.low).all() and (points < layout.high).all()
 
 
-def test_wall_that_lies_is_refused(tmp_path):
+def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
+    """The doorway's ceiling: its picture's top is towards -y, the room below it, past the jamb."""
+    scenario = load_scenario("doorway", (6, 8), photograph=(12, 12))
+    layout = RoomPlan(scenario)
+    assert (layout.axes, layout.signs, layout.wall) == ((0, 1, 2), [1, -1, 1], (0, 1))
+    figure = laboratory_figure(scenario)
+    found = {ax.get_title(): ax for ax in figure.axes}
+    assert list(found) == ["from the front", "from the side", TITLES[0], "in space"]
+    wall = found[TITLES[0]]
+    assert wall.get_ylim()[0] > wall.get_ylim()[1] and wall.get_xlim()[0] < wall.get_xlim()[1]
+    assert {"hidden_room", "door", "seen by the camera"} <= {t.get_text() for t in wall.texts}
+    for title in ("from the front", "from the side"):
+        low, high = found[title].get_ylim()
+        assert low < high and found[title].get_ylabel() == "z / m"
+        places = {text.get_text(): text.get_position()[1] for text in found[title].texts}
+        assert places["hidden_room"] < places["camera"] < places["wall"]
+    share, (left, right, bottom, top) = wall.images[0].get_array(), wall.images[0].get_extent()
+    x = np.linspace(left, right, share.shape[1])
+    y = np.linspace(bottom, top, share.shape[0])
+    seen = RegularGridInterpolator((y, x), share)
+    np.testing.assert_allclose(seen([(-0.4, -0.02), (0.2, 0.2)]), [0, 1])  # (y, x)
+    assert 0 < seen([(0.2, -0.2)]) < 1
+    assert "hidden_room: curved." in facts(layout)
+
+
+def test_every_hidden_surface_is_drawn_and_named(tmp_path):
     text = find_scene("plate").read_text()
-    for kind in ("rectangle", "sensor"):
-        assert kind in text
-    turned = text.replace("</transform>", '<rotate x="1" angle="90"/></transform>')
-    (tmp_path / "lying.xml").write_text(turned)
-    with pytest.raises(SceneError, match="its wall lies"):
-        laboratory_figure(load_scenario(tmp_path / "lying.xml", (2, 2), photograph=(8, 8)))
+    card = """<shape type="rectangle" id="hidden_card"><transform name="to_world">
+        <scale x="0.05" y="0.1"/><rotate x="1" angle="-90"/><translate x="0.2" y="0.3" z="0.2"/>
+        </transform></shape></scene>"""
+    (tmp_path / "two.xml").write_text(text.replace("</scene>", card))
+    sizes = {"monitor": (3, 4), "hidden_card": (2, 2)}
+    two = load_scenario(tmp_path / "two.xml", sizes, photograph=(12, 12))
+    lines = facts(RoomPlan(two))
+    assert "Monitor: 40.2 cm x 30.6 cm, 1.03 m from the wall, turned 0°, tilted 0° from" in lines[1]
+    assert lines[2].startswith("hidden_card: 10 cm x 20 cm, 73 cm from the wall")
+    for ax in laboratory_figure(two).axes:
+        assert {"monitor", "hidden_card"} <= {label.get_text() for label in ax.texts}
+    corners = RoomPlan(two).survey.corners["hidden_card"]
+    assert corners.shape == (3, 3, 3)
+    np.testing.assert_allclose(corners[0, 0], [0.15, 0.3, 0.1], atol=1e-4)  # its top hangs
+    np.testing.assert_allclose(corners[2, 2], [0.25, 0.3, 0.3], atol=1e-4)

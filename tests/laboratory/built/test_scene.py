@@ -168,9 +168,10 @@ def test_corners_are_those_that_mitsuba_sees(built, tmp_path):
     camera = PERSPECTIVE % "target: [60 cm, 25 cm], roll: 7 deg"
     points = built(WALL, camera, MONITOR, hidden=(1, 1), photograph=(2, 2)).view.centers
     half = np.degrees(2 * np.arctan(np.tan(np.radians(10)) / 2))
-    narrow = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
-    (tmp_path / "narrow.yaml").write_text(narrow)
-    expected = corners_seen(load_laboratory(tmp_path / "narrow.yaml").camera, 1.1)
+    text = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
+    (tmp_path / "narrow.yaml").write_text(text)
+    narrow = load_laboratory(tmp_path / "narrow.yaml")
+    expected = corners_seen(narrow.camera, narrow.wall)
     np.testing.assert_allclose(points[[0, 1, 3, 2]][:, [0, 2]], expected, atol=3e-6)
 
 

@@ -114,7 +114,7 @@ def test_surfaces_that_light_other_pixels_have_the_images_of_each_alone():
     schedule = Schedule(1e-6, 20_000)
 
     def minimized(gram, right, surfaces, λ=0.05):
-        basis = SpectralBasis(gram, surfaces)
+        basis = SpectralBasis.of_gram(gram, surfaces)
         evidence = Evidence(right.T @ basis.rows.T, noise, 1.0, 0.0)
         regularization = 2 * λ / np.sqrt(surfaces.patches) / noise.mean()
         objective = Objective(basis, surfaces, np.eye(3), regularization, positive=True)

@@ -1,0 +1,97 @@
+"""Rooms behind a doorway, by another laboratory: how little ambient light and noise change them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from experiments.published.setting import PublishedSetting
+from experiments.report import Claim, Picture, Section, Table, Verdict
+from periscopy_sim.figures.panels import displayable, draw_panels
+from periscopy_sim.storage.published import published_sets
+
+SETS = "czajkowski2024-doorway"
+"""Begins the names of the sets."""
+
+SCENE, HIDDEN = "doorway", (32, 32)
+
+NOISE = 2e-3
+"""Noise of the averages over their mean, about."""
+
+PAIRS = {
+    "AmbientLight/twoman1bg": "AmbientLight/twoman0bg",
+    "AmbientLight/twoman2bg": "AmbientLight/twoman0bg",
+    "AmbientLight/twoman3bg": "AmbientLight/twoman0bg",
+    "SingleSnapshot/twoman0bg": "AmbientLight/twoman0bg",
+    "SingleSnapshot/play1": "play1",
+    "SingleSnapshot/work": "work",
+    "SingleSnapshot/USF_man": "USF_man",
+}
+"""Photographs under more light, or of a single exposure, and the one that each is compared with."""
+
+
+def run(setting: PublishedSetting) -> Section:
+    """Reconstruct every room by default settings, and compare those of the same things."""
+    photographs, problems = _photographs()
+    section = Section("rooms", "Rooms behind a doorway")
+    if not photographs:
+        return replace(section, tables=[Table("Not read.", ("set", "why"), problems)])
+    rows, images = [], dict[str, NDArray[np.float64]]()
+    for name, photograph in photographs.items():
+        method = _method(photograph.shape[:2])
+        solution = method.solve(photograph)
+        images[name] = np.asarray(solution.image)
+        numbers = method.report(photograph, solution).numbers
+        percents = (100 * numbers[key] for key in ("unexplained", "noise_alone"))
+        rows.append((name, *(f"{percent:.3f}" for percent in percents)))
+    file = setting.out / "rooms.png"
+    panels = {
+        name: [(name, displayable(light)), ("", displayable(images[name]))]
+        for name, light in photographs.items()
+    }
+    draw_panels(file, panels)
+    claims = [
+        Claim(
+            f"{name} against {other}",
+            "",
+            f"{correlation(images[name], images[other]):.3f}",
+            Verdict.MEASURED,
+            "correlation of the images",
+        )
+        for name, other in PAIRS.items()
+        if name in images and other in images
+    ]
+    tables = [Table("Over the mean light, %.", ("photograph", "unexplained", "noise"), rows)]
+    tables += [Table("Not read.", ("set", "why"), problems)] if problems else []
+    return replace(section, claims=claims, tables=tables, pictures=[Picture(file, "All rooms.")])
+
+
+def correlation(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the correlation of two images over all patches and channels."""
+    return float(np.corrcoef(first.ravel(), second.ravel())[0, 1])
+
+
+def _photographs() -> tuple[Mapping[str, NDArray[np.float64]], list[tuple[str, str]]]:
+    """Return all photographs by name, and why sets cannot be had."""
+    photographs, problems = dict[str, NDArray[np.float64]](), []
+    for name, data in published_sets().items():
+        if name.startswith(SETS):
+            try:
+                folder = ps.fetch(name)
+                photographs |= {each: fields["photograph"] for each, fields in data.arrays(folder)}
+            except ps.PeriscopyError as error:
+                problems.append((name, str(error)))
+    return photographs, problems
+
+
+@cache
+def _method(film: tuple[int, int]) -> ps.NoiseAware:
+    """Return the default method, fitted to the shipped scene at a camera's film."""
+    scene = ps.load_scenario(SCENE, HIDDEN, {"film": film[0]})
+    A = ps.transport(scene, noise=NOISE)
+    return ps.NoiseAware.for_scene(scene, A, ps.point_light_backgrounds(scene))

@@ -1,0 +1,324 @@
+"""Several photographs of one hidden scene, each by a camera of its own.
+
+    y_v = s_v A_v f + B_v b_v + n_v
+
+The exposures s_v are unknown, 1 of the first view; each view has its own ambient light and noise.
+Each view is fitted alone first: this gives its noise σ_v, its corrections and an image. Then
+
+    s_v A⊥_v/σ_v  and  y⊥_v/σ_v,  view below view,
+
+are one problem, that of the noise-aware method for a camera that sees all these pixels. It is times
+σ_1, so that the image is in units of the first photograph. In a view σ_v stands for the geometric
+mean over the channels; the ratios of channels follow from all views together.
+
+The exposures maximize the evidence of images f ~ N(0, K⁻¹/μ_c), K = ∇ᵀ∇ + I, in channel c:
+
+    log p(y⊥|s, μ) = Σ_c ½ (m log μ_c − log det H_c + d_cᵀH_c⁻¹d_c),
+    H_c = μ_c I + Σ_v s_v² G_v/σ_vc²,  d_c = Σ_v s_v WᵀA⊥_vᵀy⊥_vc/σ_vc²,  G_v = WᵀA⊥_vᵀA⊥_v W,
+
+m patterns W, with WᵀKW = I, being those that the views show best. In alternation with the image
+they would take hundreds of images where the views show different parts of the scene.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize
+from threadpoolctl import threadpool_limits
+
+from periscopy_sim.model.ambient import ROUNDING
+from periscopy_sim.model.fit import Fit
+from periscopy_sim.model.spectral_basis import laplacian
+from periscopy_sim.model.uncertainty import UncertainTransport
+from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.photograph import ColourMatrix, Photograph
+from periscopy_sim.reconstruction.method import Note, Report, StillMethod
+from periscopy_sim.reconstruction.noise_aware.noise_aware import (
+    NoiseAware,
+    NoiseAwareReconstruction,
+    gain_notes,
+)
+
+STRONGEST = 150
+"""Patterns of each view in which exposures are estimated. Of two walls (64 x 64 pixels, 29 x 36
+patches, 60 and 55 dB) 100 move the exposure by 0.7 standard errors, 200 by 0.1, against 400."""
+
+DISTINCT = 1e-6
+"""Squared length of a pattern beside all others, over the longest, below which they contain it."""
+
+RANGE = np.log(1000.0)
+"""Of the logarithms of exposures and of μ about where the search for them starts."""
+
+STEP = 1e-3
+"""Of the logarithms, for the curvature of the evidence."""
+
+RIDGE = 1e-3
+"""Over the mean of a view's information, in the image that μ starts from."""
+
+UNCERTAIN = 0.05
+"""Relative standard error of an exposure above which a report warns of it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewsReconstruction(NoiseAwareReconstruction):
+    """A hidden image of several views; noise and image are in units of the first photograph.
+
+    Attributes
+    ----------
+    exposures, exposure_errors
+        Each view's exposure over the first one's, and its relative standard error; by camera.
+    views
+        Each view's own solution, by camera; the images are those of each view alone.
+    method
+        The method for all pixels together.
+    """
+
+    _: KW_ONLY
+    exposures: Mapping[str, float]
+    exposure_errors: Mapping[str, float]
+    views: Mapping[str, NoiseAwareReconstruction]
+    method: NoiseAware
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers of the solution and the exposures."""
+        numbers = super().numbers()
+        return {**numbers, "exposures": self.exposures, "exposure_errors": self.exposure_errors}
+
+
+class NoiseAwareViews:
+    """Recover the hidden image of several views of one scene; see the module.
+
+    Parameters
+    ----------
+    views
+        The noise-aware method fitted to each view, by camera. Their settings are those of the
+        first.
+
+    Raises
+    ------
+    InputError
+        If there is no view, or their hidden images have different sizes.
+    """
+
+    def __init__(self, views: Mapping[str, NoiseAware]) -> None:
+        if not views:
+            raise InputError("give one view at least")
+        self.views = dict(views)
+        first = next(iter(self.views.values()))
+        for camera, view in self.views.items():
+            if view.hidden.shapes != first.hidden.shapes:
+                raise InputError(
+                    f"view '{camera}' has {view.hidden.sizes} hidden patches, the first one "
+                    f"{first.hidden.sizes}; give all views the same hidden image"
+                )
+
+    @classmethod
+    def for_scene(
+        cls,
+        scenarios: Mapping[str, Any],
+        A: Mapping[str, Any],
+        B: Mapping[str, Any],
+        **settings: Any,
+    ) -> Self:
+        """Fit to views of one scene: the scenarios, A and B of each by camera.
+
+        The settings are those of `NoiseAware`. Scenarios of different scenes are an InputError.
+        """
+        first, *others = scenarios.items()
+        for camera, scenario in others:
+            if (scenario.path, scenario.parameters) != (first[1].path, first[1].parameters):
+                raise InputError(
+                    f"views of different scenes: '{first[0]}' is of {first[1]!r}, '{camera}' of "
+                    f"{scenario!r}; give cameras of one scene"
+                )
+        return cls(
+            {n: NoiseAware.for_scene(s, A[n], B.get(n), **settings) for n, s in scenarios.items()}
+        )
+
+    def reconstruct(self, photographs: Mapping[str, Photograph | Image]) -> NDArray[np.float64]:
+        """Return the hidden image, (R, C, channels), of a photograph by each camera."""
+        return self.solve(photographs).image
+
+    def solve(self, photographs: Mapping[str, Photograph | Image]) -> ViewsReconstruction:
+        """Return the hidden image and how it came about.
+
+        A photograph of another camera, one that is missing, or other numbers of channels are an
+        InputError; further errors are those of `NoiseAware.reconstruct`.
+        """
+        methods = self._methods(photographs)
+        alone = {camera: methods[camera].solve(photographs[camera]) for camera in methods}
+        fits, planes = [each.fit for each in methods.values()], []
+        for camera, solution in alone.items():
+            assert solution.photograph is not None
+            planes.append(solution.photograph.planes)
+            if len(planes[-1]) != len(planes[0]):
+                raise InputError(
+                    f"the photograph of '{camera}' has {len(planes[-1])} channels, the first one "
+                    f"{len(planes[0])}; give all views the same channels"
+                )
+        noises = np.array([each.noise for each in alone.values()])
+        images = [methods[c].hidden.vector(each.image) for c, each in alone.items()]
+        sizes = [float(np.linalg.norm(f)) for f in images]
+        start = np.divide(sizes, sizes[0]) if min(sizes) > 0 else np.ones(len(sizes))
+        with threadpool_limits(1):  # the bits then do not depend on the number of cores
+            s, errors = find_exposures(seen_patterns(fits, planes, noises), start)
+            scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
+            method = self._together(methods, s * scales)
+            y = [scale * each for scale, each in zip(scales, planes, strict=True)]
+            (evidence,) = method.evidence(np.concatenate(y, axis=1).T[None])
+            solution, _ = method.recover(evidence)
+        solution.warn_unless_converged()
+        return ViewsReconstruction(
+            **vars(solution),
+            exposures=dict(zip(methods, s.tolist(), strict=True)),
+            exposure_errors=dict(zip(methods, errors.tolist(), strict=True)),
+            views=alone,
+            method=method,
+        )
+
+    def report(
+        self, photographs: Mapping[str, Photograph | Image], solution: ViewsReconstruction
+    ) -> tuple[Report, dict[str, Report]]:
+        """Return what is known of the image, and of each view, by camera.
+
+        The first report has standard errors, warnings of uncertain exposures, and each view's image
+        alone as its stages; that of a view has its residual and verdict.
+        """
+        reports = {}
+        for camera, method in self._methods(photographs).items():
+            alone, photograph = solution.views[camera], photographs[camera]
+            light = solution.exposures[camera] * method.hidden.vector(solution.image)
+            own = replace(alone, image=method.hidden.image(light))
+            values = photograph.values if isinstance(photograph, Photograph) else photograph
+            report = StillMethod.report(method, values, own)
+            reports[camera] = replace(report, notes=gain_notes(own))
+        whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
+        first, *others = solution.exposures.items()
+        notes, warnings = [*whole.notes], []
+        for camera, exposure in others:
+            error = solution.exposure_errors[camera]
+            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
+            notes.append(Note("exposure_of", {**number, "first": first[0]}))
+            if error > UNCERTAIN:
+                warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
+        stages = [(f"{camera} alone", alone.image) for camera, alone in solution.views.items()]
+        return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
+
+    def _methods(self, photographs: Mapping[str, Photograph | Image]) -> dict[str, NoiseAware]:
+        """Return the method of each view for its photograph's conditions."""
+        if photographs.keys() != self.views.keys():
+            raise InputError(
+                f"there are photographs of {', '.join(photographs)}, the views are "
+                f"{', '.join(self.views)}; give one of each"
+            )
+        return {camera: view.fitted_to(photographs[camera]) for camera, view in self.views.items()}
+
+    def _together(self, methods: Mapping[str, NoiseAware], weights: Array) -> NoiseAware:
+        """Return the method for all pixels used, view below view, each of a weight, (V,)."""
+        first, fits = next(iter(methods.values())), [each.fit for each in methods.values()]
+        A = [np.float32(w) * np.asarray(fit.rows) for w, fit in zip(weights, fits, strict=True)]
+        mixing = fits[0].mixing
+        if any(not np.array_equal(np.array(fit.mixing), np.array(mixing)) for fit in fits):
+            raise InputError(
+                "the views' colour matrices, over the colours of their walls, differ; give cameras "
+                "of one kind and walls of one colour"
+            )
+        together = NoiseAware(
+            np.concatenate(A),
+            linalg.block_diag(*(fit.basis for fit in fits)),
+            hidden=first.hidden,
+            regularization=first.regularization,
+            positive=first.positive,
+            tolerance=first.tolerance,
+            max_iterations=first.max_iterations,
+            profiles=False,
+            corrections=(),
+            uncertain=_uncertain(methods, weights),
+        )
+        if mixing is None:
+            return together
+        values = np.zeros((together.fit.A.shape[0], 1, len(mixing)))
+        return together.fitted_to(Photograph(values, colour_matrix=ColourMatrix(mixing)))
+
+
+def _uncertain(methods: Mapping[str, NoiseAware], weights: Array) -> UncertainTransport | None:
+    """Return what the scene's errors do to all views together; None if a view counts none."""
+    known = [each.uncertain for each in methods.values() if each.uncertain is not None]
+    if len(known) < len(methods) or any(each.names != known[0].names for each in known):
+        return None
+    masks = [... if each.fit.mask is None else each.fit.mask for each in methods.values()]
+
+    def slopes(image: Image | Mapping[str, Image]) -> Image:
+        views = zip(weights, known, masks, strict=True)
+        return np.concatenate([w * each.slopes(image)[:, used] for w, each, used in views], axis=1)
+
+    return replace(known[0], slopes=slopes)
+
+
+class SeenPatterns(NamedTuple):
+    """One view's information on m patterns that all views share."""
+
+    gram: Array  # (m, m) G
+    products: Array  # (C, m) WᵀA⊥ᵀ y⊥
+    noise: Array  # (C,) σ
+
+
+def seen_patterns(
+    fits: Sequence[Fit], planes: Sequence[Array], noises: Array
+) -> list[SeenPatterns]:
+    """Return what each view shows of the patterns that any view shows best.
+
+    The planes are those of each view's photograph, (C, M'), the noises their σ, (V, C).
+    """
+    rows = np.concatenate([fit.patterns.rows[fit.visible][-STRONGEST:] for fit in fits])
+    rows = rows.astype(np.float64)
+    lengths, V = np.linalg.eigh(rows @ (laplacian(fits[0].hidden.differences) @ rows.T))
+    kept = lengths > DISTINCT * lengths[-1]
+    W = rows.T @ (V[:, kept] / np.sqrt(lengths[kept]))
+    views = []
+    for fit, y, noise in zip(fits, planes, noises, strict=True):
+        shown = fit.operator.matmat(W)
+        views.append(SeenPatterns(shown.T @ shown, y @ shown, noise))
+    return views
+
+
+def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, Array]:
+    """Return the exposures, (V,), 1 first, and their relative standard errors, from a start."""
+    count, (channels, m) = len(views), views[0].products.shape
+    G, d, σ = (np.array(each) for each in zip(*views, strict=True))
+
+    def objective(x: Array) -> tuple[float, Array]:
+        """Return -log p and its derivatives by the logarithms of s_2, … and of μ."""
+        s, μ = np.exp(np.append(0.0, x[: count - 1])), np.exp(x[count - 1 :])
+        value, by_s, by_μ = 0.0, np.zeros(count), np.zeros(channels)
+        for c in range(channels):
+            H = np.tensordot((s / σ[:, c]) ** 2, G, 1)
+            H[np.diag_indices(m)] += μ[c] + ROUNDING * np.trace(H) / m
+            data = (s / σ[:, c] ** 2) @ d[:, c]
+            factor, _ = linalg.lapack.dpotrf(H)
+            upper, _ = linalg.lapack.dpotri(factor)
+            inverse = np.triu(upper) + np.triu(upper, 1).T
+            f = inverse @ data
+            log_ratio = 2 * np.sum(np.log(np.diag(factor))) - m * np.log(μ[c])
+            value += float(log_ratio - f @ data) / 2
+            second = np.outer(f, f) + inverse  # of f, given the photographs
+            light = np.tensordot(G, second, 2)
+            by_s += (s**2 * light - s * (d[:, c] @ f)) / σ[:, c] ** 2
+            by_μ[c] = (μ[c] * np.trace(second) - m) / 2
+        return value, np.append(by_s[1:], by_μ)
+
+    ridge = G[0] + RIDGE * np.trace(G[0]) / m * np.eye(m)
+    sizes = np.sum(linalg.solve(ridge, d[0].T, assume_a="pos") ** 2, axis=0)
+    known = np.where(sizes > 0, sizes, m)  # a black channel shows no size
+    begin = np.log(np.append(start[1:], m / known))
+    bounds = [(x - RANGE, x + RANGE) for x in begin]
+    x = optimize.minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
+    steps = STEP * np.eye(len(x))
+    H = [(objective(x + step)[1] - objective(x - step)[1]) / (2 * STEP) for step in steps]
+    λ, V = np.linalg.eigh(np.add(H, np.transpose(H)) / 2)
+    variances = V**2 @ (1 / np.maximum(λ, 1 / RANGE**2))
+    return np.exp(np.append(0.0, x[: count - 1])), np.append(0.0, np.sqrt(variances[: count - 1]))
