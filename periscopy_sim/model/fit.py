@@ -283,9 +283,8 @@ class Fit:
     @cached_property
     def patterns(self) -> SpectralBasis:
         """The spectral basis of A⊥ᵀA⊥ over the square of the unit, `MOST_PATTERNS` at most."""
-        unit = self.unit
         if self.hidden.patches <= MOST_PATTERNS:
-            return SpectralBasis.of_gram(self.operator.gram / unit**2, self.hidden)
+            return SpectralBasis.of_gram(self.operator.gram / self.unit**2, self.hidden)
         count = min(MOST_PATTERNS, self.pixels)
         return SpectralBasis.strongest(self.operator, self.hidden, count)
 
@@ -328,22 +327,20 @@ class Fit:
         y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
         levels[levels <= ROUNDING * whole] = 1
         y /= levels[:, None, None]  # single precision needs numbers near 1
-        rows = y.reshape(-1, self.pixels).astype(np.float32)
-        coordinates = times_rows(rows, self.lights).astype(np.float64)
-        coordinates = coordinates.reshape(*y.shape[:2], -1)
+        coordinates = self.response(y)
         noises = self._noise(y, coordinates)
         coefficients = np.zeros((*y.shape[:2], len(self.patterns.rows)))
         coefficients[..., self.visible] = coordinates * np.sqrt(self.curvatures)
         ratios = self._noise_to_signal(noises)
         numbers = (each.tolist() for each in (levels, ratios))
-        rests = self._rests(rows, coefficients)
-        each = zip(coefficients, noises, *numbers, rests, strict=True)
+        each = zip(coefficients, noises, *numbers, self._rests(y, coefficients), strict=True)
         return [Evidence(*one) for one in each], y
 
-    def _rests(self, rows: Image, coefficients: Array) -> Sequence[Image | None]:
-        """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients, (K, C, N')."""
+    def _rests(self, y: Array, coefficients: Array) -> Sequence[Image | None]:
+        """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients."""
         if self.patterns.is_whole:
             return [None] * len(coefficients)
+        rows = y.reshape(-1, self.pixels).astype(np.float32)
         products = self.operator.images_of(rows) / np.float32(self.unit)
         flat = coefficients.reshape(len(rows), -1).astype(np.float32)
         combined = combine_rows(flat, self.patterns.rows)

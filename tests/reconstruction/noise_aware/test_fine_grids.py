@@ -15,7 +15,7 @@ def penumbrae():
     down, across = (np.linspace(0, 1, n) for n in HIDDEN)
     y, x = (np.linspace(0, 1, n) for n in WALL)
     rows, columns = (
-        0.5 + np.arctan(6 * (wall[:, None] - hidden)) / np.pi
+        0.5 + np.arctan(12 * (wall[:, None] - hidden)) / np.pi
         for wall, hidden in ((y, down), (x, across))
     )
     smooth = np.stack([np.ones(y.size * x.size), np.repeat(y, x.size), np.tile(x, y.size)], axis=1)
@@ -29,7 +29,7 @@ def test_image_and_standard_errors_are_those_of_all_patterns(channels, monkeypat
     truth = np.zeros((*HIDDEN, channels))
     truth[3:9, 2:7], truth[5:11, 8:12] = 0.8, 0.4
     light = A @ truth.reshape(-1, channels) + B @ rng.random((3, channels))
-    photograph = light + 1e-3 * light.mean() * rng.standard_normal(light.shape)
+    photograph = light + 1e-2 * light.mean() * rng.standard_normal(light.shape)
     photograph = photograph.reshape(*WALL, channels)
 
     def solved():
@@ -44,6 +44,8 @@ def test_image_and_standard_errors_are_those_of_all_patterns(channels, monkeypat
     assert len(few.fit.patterns.rows) == MOST < len(whole.fit.patterns.rows) == 12 * 14
     assert np.abs(near.image - image.image).max() > 0
     assert (np.abs(near.image - image.image) < 0.1 * errors).all()
-    np.testing.assert_allclose(near.noise, image.noise, rtol=0.02)
+    np.testing.assert_allclose(near.noise, image.noise, rtol=0.05)
+    # Both standard errors differ by their contrast τ, which each estimates from its own patterns.
     ratio = few.report(photograph, near).standard_errors / errors
-    assert ratio.min() > 0.8 and ratio.max() < 1.25
+    assert ratio.max() < 1.1 * ratio.min()
+    assert 0.3 < ratio.mean() < 1.5
