@@ -57,7 +57,7 @@ SENTENCES = {
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory, and {seconds:.0f} s "
         "on two cores once A is known"
     ),
-    "reflecting": "Without an emitter, {names}: the image is radiance, not albedo.",
+    "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.build import build_laboratory
@@ -240,6 +241,28 @@ def test_every_kind_of_the_commented_example_makes_a_scene(tmp_path):
     assert list(loaded.emission) == ["monitor", "hidden_second", "hidden_card", "hidden_room"]
     names = {occluder.name for occluder in loaded.occluders}
     assert {"cap", "end", "door_jamb", "door_lintel", "door_corner"} <= names
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("doorway", ("door_y", "door_z", "view_width")),
+        ("corner", ("edge_x", "edge_y")),
+    ],
+)
+def test_edges_and_doorways_have_areas_that_their_numbers_move(name, numbers):
+    scenario = load_scenario(name, (3, 4), photograph=(7, 7))
+    rays, areas = render_transport(scenario, samples=256), area_transport(scenario)
+    assert np.linalg.norm(areas - rays) < 0.06 * np.linalg.norm(
+        rays
+    )  # patches of 28° are flat there
+    for number in numbers:
+        value = float(scenario.document.defaults[number]) + 0.004
+        moved = scenario.at(**{number: value})
+        anew = load_scenario(name, (3, 4), {number: value}, photograph=(7, 7))
+        A, B = area_transport(moved), area_transport(anew)
+        np.testing.assert_allclose(A, B, atol=1e-4 * B.max())
+        assert np.abs(A - areas).max() > 1e-3 * areas.max(), number
 
 
 @pytest.mark.parametrize("name", ["doorway", "corner"])
