@@ -10,6 +10,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,13 +54,12 @@ def run(setting: Inputs) -> Section:
         quality = {each: ps.psnr_gain_matched(images[each], truth[each]) for each in truth}
         decibels = ", ".join(f"{value:.1f}" for value in quality.values())
         claims.append(Claim(f"{name}, PSNR", "", f"{decibels} dB", Verdict.MEASURED))
-        residual = summary["residual"]
         rows.append(
             (
                 name,
                 decibels,
-                f"{residual['unexplained']:.3f}",
-                f"{residual['noise_alone']:.3f}",
+                f"{100 * summary['unexplained']:.3f}",
+                f"{100 * summary['noise_alone']:.3f}",
                 f"{error:.2f}",
                 f"{sum(summary['seconds'].values()):.1f}",
             )
@@ -99,15 +99,15 @@ def _photographed(world: World, folder: Path, seed: int) -> tuple[dict[str, Arra
     return fields, photograph, error
 
 
-def _reconstruct(world: World, folder: Path) -> dict[str, object]:
+def _reconstruct(world: World, folder: Path) -> dict[str, Any]:
     """Run `periscopy reconstruct` in a process of its own; return its summary."""
     sizes = {name: "{}x{}".format(*shape) for name, (_, shape) in world.shown.items()}
     hidden = [*sizes.values()] if len(sizes) == 1 else [f"hidden_{n}={s}" for n, s in sizes.items()]
     options = [part for each in hidden for part in ("--hidden", each)]
     command = [sys.executable, "-m", "periscopy_sim", "reconstruct", folder / "photograph.npy"]
-    command += ["--scene", SCENES / world.assumed, *options, "--out", folder / "out", "--overwrite"]
+    command += ["--scene", SCENES / world.assumed, *options, "--out", folder / "out"]
     subprocess.run(command, check=True)
-    summary: dict[str, object] = json.loads((folder / "out" / "summary.json").read_text("utf-8"))
+    summary: dict[str, Any] = json.loads((folder / "out" / "summary.json").read_text("utf-8"))
     return summary
 
 
