@@ -1,7 +1,7 @@
 """Reconstruct hidden worlds other than a monitor.
 
-`python -m experiments.worlds --out DIR` writes `index.html`, `claims.json` and the pictures. What is
-rendered stays in DIR: the next run goes on from there.
+`python -m experiments.worlds --out DIR` writes `index.html`, `claims.json` and the pictures. What
+is rendered stays in DIR: the next run goes on from there.
 """
 
 from dataclasses import dataclass
