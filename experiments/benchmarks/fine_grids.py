@@ -94,6 +94,8 @@ def _draw(setting: Setting, rows: list[dict[str, Any]]) -> Picture:
         memory.loglog(patches, matrix, "--", label="A alone")
         memory.set(xlabel="patches N", ylabel="largest memory, GB")
         memory.legend()
+        for axis in (each for ax in (seconds, memory) for each in (ax.xaxis, ax.yaxis)):
+            axis.set_major_formatter("{x:,g}")  # the style shows no powers
     return Picture(
         setting.out / "fine_grids.png",
         f"Time and memory of the noise-aware method; above {MOST_PATTERNS} patches, of as many "
