@@ -120,10 +120,10 @@ def _draw(
     for each, image in images.items():
         match = np.sum(image * truth[each], axis=(0, 1)) / np.sum(image**2, axis=(0, 1))
         panels[f"recovered: {each}" if len(truth) > 1 else "recovered"] = image * match
-    with drawn(out, name, PAGE, PAGE / len(panels) * 0.95) as figure:
-        widths = [each.shape[1] / each.shape[0] for each in panels.values()]
-        for ax, (title, image) in zip(
-            figure.subplots(1, len(panels), width_ratios=widths), panels.items(), strict=True
-        ):
+    widths = [each.shape[1] / each.shape[0] for each in panels.values()]
+    height = min(PAGE / sum(widths), 2.0)
+    with drawn(out, name, height * sum(widths), height + 0.25) as figure:
+        axes = figure.subplots(1, len(panels), width_ratios=widths)
+        for ax, (title, image) in zip(axes, panels.items(), strict=True):
             show_light(ax, image, None if title == "photograph" else 1.0)
             ax.set_title(title)
