@@ -244,7 +244,8 @@ class Session(options.OptionGroup):
         """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
         if better := self.better_transport(origin, noise):
             percent = {"error": 100 * origin["transport_error"], "noise": 100 * noise}
-            excess = sentence("transport_error", name=name, **percent)
+            model = "areas" if origin["model"] == "analytic" else "rays"
+            excess = sentence("transport_error", name=name, model=model, **percent)
             self.warn(f"{excess}: pass {better}")
 
     def better_transport(self, origin: Mapping[str, Any], noise: float | None) -> str:
