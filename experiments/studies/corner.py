@@ -5,9 +5,9 @@ PHOTOGRAPHS is an NPZ file of a corner camera (Seidel et al., ICCP 2019), of one
 alone; their sum is the photograph. The first rows and the last columns show the wall, not the
 floor: the mask leaves them out.
 
-`python -m experiments.studies.corner PHOTOGRAPHS.npz --out DIR` writes the photographs and the mask
-to DIR and prints how the angles recovered from both photographs correlate. One command does the
-same with one of them:
+`python -m experiments.studies.corner PHOTOGRAPHS.npz --out DIR` writes the photographs, the
+mask and a picture of the angles to DIR, and prints how those recovered from both photographs
+correlate. One command does the same with one of them:
 
     periscopy reconstruct DIR/sum.npy --mask DIR/mask.npy --scene corner --hidden 1x60
 """
@@ -19,6 +19,7 @@ import numpy as np
 import typer
 
 import periscopy_sim as ps
+from experiments.drawing import PAGE, drawn, show_light
 from periscopy_sim.numerics import Array
 
 ANGLES = 1, 60
@@ -65,6 +66,20 @@ def main(
     for pixels, used in (("all", None), ("floor", mask)):
         angles = recovered_angles(taken, used)
         print(f"| {pixels} | {np.corrcoef(*angles.values())[0, 1]:.3f} |")
+    draw(taken["sum"], angles, out)
+
+
+def draw(photograph: Array, angles: dict[str, Array], out: Path) -> None:
+    """Draw the photograph, and the angles as stripes, to ``corner.png``."""
+    shown = {"under hidden light alone": "penumbra", "under room light, too": "sum"}
+    with drawn(out, "corner", PAGE, 2.2) as figure:
+        places = figure.subplot_mosaic([["photograph", each] for each in shown.values()])
+        show_light(places["photograph"], photograph[..., None])
+        places["photograph"].set_title("photograph of the floor")
+        for title, name in shown.items():
+            stripes = np.tile(angles[name][None, :, None], (12, 1, 1))
+            show_light(places[name], stripes)
+            places[name].set_title(f"angles, {title}")
 
 
 if __name__ == "__main__":

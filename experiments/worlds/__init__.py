@@ -1,0 +1,1 @@
+"""Hidden worlds other than a monitor, photographed by plain Mitsuba and reconstructed."""
