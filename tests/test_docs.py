@@ -142,7 +142,8 @@ def test_commands_are_those_of_the_command_line(block, tmp_path, monkeypatch):
     for words in commands_of(block):
         arguments = words[: words.index(">")] if ">" in words else words
         assert arguments[0] == "periscopy", f"{block}: {words}"
-        for file in (Path(word) for word in arguments if re.fullmatch(r"[\w/]+\.[a-z]+", word)):
+        words = [re.fullmatch(r"(?:\w+=)?([\w/]+\.[a-z]+)", word) for word in arguments]
+        for file in (Path(word[1]) for word in words if word):
             file.parent.mkdir(parents=True, exist_ok=True)
             file.touch()  # inputs must exist
         group, context, rest = command, None, arguments[1:]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.rendering.variant import mi
 from periscopy_sim.storage.formats.exr import write_exr
 
 Array = NDArray[np.float64]
@@ -76,8 +77,6 @@ class World:
 
 def light(scene: Path, seed: int, *, sensor: str = "camera", **parameters: str) -> Array:
     """Return renderings by `mi.render`, (`PASSES`, rows, columns, 3), as a sensor sees them."""
-    import mitsuba as mi
-
     world = mi.load_file(str(scene), **parameters)
     (camera,) = (each for each in world.sensors() if each.id() == sensor)
     seeds = range(seed, seed + PASSES)

@@ -14,7 +14,7 @@ from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
-PIXELS, INCHES = 900, 7.0
+PIXELS, INCHES = 700, 7.0
 """Of the picture's longer side."""
 
 SHARPNESS = 2

@@ -9,6 +9,7 @@ from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
+from tests.scenes.room import Room
 
 
 def never():
@@ -42,10 +43,14 @@ def test_photograph_is_what_its_model_says(level, choice):
     assert error == pytest.approx(0.01, rel=0.1)
 
 
-def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(choice, monkeypatch):
+def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
+    choice, monkeypatch, tmp_path
+):
     from periscopy_sim.live import pictures as module
 
-    room = load_scenario("bright_room", (3, 4), photograph=(12, 12))  # has no closed form
+    parts = Room(tmp_path)
+    sphere = parts.write(parts.blocker())  # has no closed form
+    room = load_scenario(sphere, (3, 4), photograph=(12, 12))
     laboratory = SizedLaboratory(room, is_coarse=False)
     pictures = laboratory.pictures(replace(choice, values={}), never)
     assert not pictures.report.warnings
