@@ -66,8 +66,9 @@ def show_space(
     (rows, columns, 3) likewise, is a pane, of which the eye may see the back. Occluders are
     translucent. Return the picture's width and height, (2,), in any unit.
     """
-    colours = {n: srgb_encode(image) for n, image in {**images, "wall": photograph}.items()}
-    surfaces = {"wall": scenario.view.surface, **scenario.hidden}
+    wall = scenario.view.wall
+    colours = {n: srgb_encode(image) for n, image in {**images, wall: photograph}.items()}
+    surfaces = {wall: scenario.view.surface, **scenario.hidden}  # the wall first
     points = np.concatenate([each.vertices.reshape(-1, 3) for each in surfaces.values()])
     survey = Survey(scenario)
     eye, axes = _eye(survey, surfaces, points)
@@ -87,7 +88,7 @@ def show_space(
         for name, image in colours.items():
             here = met.shapes == survey.names.index(name)
             colour[here] = image.reshape(-1, 3)[met.pixels[here]]
-            if name != "wall":
+            if name != wall:
                 colour[here & (met.facing > 0)] = BACK
         light[met.rays] += met.weights[:, None] * (colour - PAPER)
     picture = light.reshape(rows, SHARPNESS, columns, SHARPNESS, 3).mean(axis=(1, 3))
@@ -99,7 +100,7 @@ def show_space(
         ends = border.reshape(-1, 2)[[np.argmin(border[..., 1]), np.argmax(border[..., 1])]]
         away = np.linalg.norm(ends[:, None] - others, axis=2).min(axis=1)
         above = int(np.argmax(away))  # or below, where less is near
-        label = "photograph" if name == "wall" else name
+        label = "photograph" if name == wall else name
         beside = np.sign(ends[above][0] - border[..., 0].mean())
         ax.annotate(
             label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
@@ -177,9 +178,9 @@ def _met(
         points, normals, uv = points[met], normals[met], uv[met]
         ahead = directions[rays] / np.linalg.norm(directions[rays], axis=1, keepdims=True)
         pixels, opacity = np.zeros(len(rays), int), np.full(len(rays), OPACITY["occluder"])
-        for name, surface in surfaces.items():
+        for k, (name, surface) in enumerate(surfaces.items()):
             here = number == survey.names.index(name)
-            if name == "wall":
+            if k == 0:
                 pixels[here], inside = _pixels(surface, points[here])
                 opacity[here] = OPACITY["wall"] * inside
             else:

@@ -21,7 +21,7 @@ from periscopy_sim.laboratory.quantities import (
     exactly,
     reader,
 )
-from periscopy_sim.scene import HIDDEN, MONITOR
+from periscopy_sim.scene import HIDDEN, MONITOR, WALL
 from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
@@ -40,7 +40,7 @@ TAKEN = {"wall", "camera", "monitor", "target", "view", "vertical", "horizontal"
 
 
 def _name(given: str) -> str:
-    is_taken = given in TAKEN or given.startswith(HIDDEN) or given.endswith("_error")
+    is_taken = given in TAKEN or given.startswith((HIDDEN, WALL)) or given.endswith("_error")
     if is_taken or not re.fullmatch("[a-z][a-z0-9_]{0,39}", given):
         raise ValueError(
             f"'{given}' is no name, or one of the scene's own; use small letters, digits and _"

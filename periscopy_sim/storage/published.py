@@ -184,15 +184,16 @@ def read_arrays(path: Path) -> dict[str, NDArray[np.float64]]:
 
     with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
         names = []
-        for name, shape, _ in whosmat(stream):
+        for name, shape, kind in whosmat(stream):
             check_budget(shape, path)
             side = math.isqrt(math.prod(shape))
-            if len(shape) == 2 and side > 1 and shape in {(side, side), (side**2, 1), (1, side**2)}:
+            is_square = side > 1 and shape in {(side, side), (side**2, 1), (1, side**2)}
+            if is_square and kind not in ("cell", "struct", "object", "function", "opaque"):
                 names.append(name)
         fields = loadmat(stream, variable_names=names) if names else {}
     numbers = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
-    if not numbers:
-        raise PhotographError(f"{path}: has no square picture")
+    if not (numbers and all(np.isfinite(each).all() for each in numbers.values())):
+        raise PhotographError(f"{path}: has no square picture of finite numbers")
     return {
         name: values.astype(np.float64).reshape(math.isqrt(values.size), -1, 1, order="F")
         for name, values in numbers.items()

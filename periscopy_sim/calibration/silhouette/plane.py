@@ -35,7 +35,7 @@ class MaskPlane:
         A SceneError says that there can be no mask.
         """
         wall, hidden = scenario.view.frame, scenario.hidden
-        vertices = {o.name: o.vertices for o in scenario.scene.occluders if o.vertices is not None}
+        vertices = {o.name: o.vertices for o in scenario.view.occluders if o.vertices is not None}
         if name not in vertices:
             hint = did_you_mean(name, vertices) or f"there are {', '.join(vertices) or 'none'}"
             raise SceneError(
