@@ -55,8 +55,8 @@ SENTENCES = {
         "{noise:.2g} %"
     ),
     "fine_grid": (
-        "{patches:,} patches: {method} needs about {memory:.1f} GB of memory, and {seconds:.0f} s "
-        "on two cores once A is known"
+        "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
+        "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
     ),
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",

@@ -318,7 +318,7 @@ def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:
     parts = [entry.partition("=") for entry in entries]
     pairs = {name.strip(): value.strip() for name, _, value in parts}
     if not all(pairs) or len(pairs) < len(parts):
-        raise PeriscopyError(f"{flag} {','.join(pairs)}: name each once, separated by one comma")
+        raise PeriscopyError(f"{flag} {','.join(pairs)}: name each once")
     return pairs
 
 

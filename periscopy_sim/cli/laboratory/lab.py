@@ -45,7 +45,12 @@ def lab(
     say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
 
-def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Define = None) -> None:
+def draw(
+    scene: options.SceneArgument,
+    out: options.OutFile,
+    define: options.Define = None,
+    camera: options.Cameras = None,
+) -> None:
     """Draw a scene to scale: plan, side view, shadows.
 
     Look at it to find wrong signs and units.
@@ -55,7 +60,7 @@ def draw(scene: options.SceneArgument, out: options.OutFile, define: options.Def
     options.require_suffix(out, ".png", "the drawing")
     with staged_file(out) as staged:
         require_vectorized("a drawing")
-        session = _Trial(scene, [], define)
+        session = _Trial(scene, [], define, camera=camera)
         figure = laboratory_figure(session.scenario)
         with progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
@@ -75,4 +80,4 @@ class _Trial(Session):
         """The scene, loaded at first use."""
         scene = ps.load_scene(self.path, self.definitions)
         sizes = dict.fromkeys(scene.emission, PATCHES)
-        return ps.load_scenario(scene, sizes, photograph=(64, 64))
+        return ps.load_scenario(scene, sizes, photograph=(64, 64), camera=self.sensor)
