@@ -106,6 +106,33 @@ def test_reported_error_of_an_exposure_is_its_scatter(scene):
     assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.6
 
 
+def test_corrections_leave_the_exposures(scene):
+    A, image = scene
+    y = photographed(A, image, scales=(1, 0.4), noise=1e-4)
+
+    def correction(photograph, _):
+        return replace(photograph, planes=0.8 * photograph.planes), {}
+
+    views = fitted(A)
+    views.views["right"] = ps.NoiseAware(
+        A["right"], **PLAIN | {"corrections": [lambda _: correction]}
+    )
+    assert views.solve(y).exposures["right"] == pytest.approx(0.4, rel=1e-3)
+
+
+@pytest.mark.parametrize("noise", [1e-2, 1e-4, 1e-6])
+def test_exposures_are_found_at_any_noise(scene, noise, monkeypatch):
+    """Alone, the views' images are far from the scene's; so is where the search begins."""
+    A, image = scene
+    y = photographed(A, image, scales=(1, 0.4), noise=noise)
+    solution = fitted(A).solve(y)
+    error = solution.exposure_errors["right"]
+    assert abs(solution.exposures["right"] / 0.4 - 1) < 4 * error < 0.1
+    monkeypatch.setattr(module, "MOST_STEPS", 1)
+    with pytest.raises(InputError, match="the exposures of the views cannot be found"):
+        fitted(A).solve(y)
+
+
 def test_derivatives_of_the_evidence_are_those_of_its_value():
     """Of three views in two channels."""
     rng = np.random.default_rng(3)
@@ -131,7 +158,11 @@ def test_views_that_share_nothing_warn_of_the_exposure():
     image = rng.uniform(0.2, 1, (*SIZE, 3))
     y = photographed(A, image, scales=(1, 3))
     views = fitted(A)
-    whole, _ = views.report(y, views.solve(y))
+    solution = views.solve(y)
+    # The prior alone knows it; it errs by how bright the two parts are.
+    exposure, error = solution.exposures["right"], solution.exposure_errors["right"]
+    assert error > 0.5 and abs(np.log(exposure / 3)) < 2 * error
+    whole, _ = views.report(y, solution)
     (warning,) = whole.warnings
     assert warning.code == "exposure" and warning.values["camera"] == "right"
 
