@@ -307,6 +307,8 @@ def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, 
     """
     count, (channels, m) = len(views), views[0].products.shape
     G, d, σ = (np.array(each) for each in zip(*views, strict=True))
+    if not d.any():  # black photographs
+        return np.ones(count), np.append(0.0, np.full(count - 1, BRIGHTNESS))
     G = G + ROUNDING * np.trace(G, axis1=1, axis2=2)[:, None, None] / m * np.eye(m)
     ridge = G[0] + RIDGE * np.trace(G[0]) / m * np.eye(m)
     sizes = np.sum(linalg.solve(ridge, d[0].T, assume_a="pos") ** 2, axis=0)
