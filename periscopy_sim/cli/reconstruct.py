@@ -14,7 +14,7 @@ from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
+from periscopy_sim.cli.session import PhotoSession, Session, check_memory, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
@@ -75,6 +75,8 @@ def reconstruct(
     several = len(views) > 1
     if several:
         _check_views(method)
+        _, *others = (view.scenario for view in views.values())
+        check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if errors and not counts_errors:

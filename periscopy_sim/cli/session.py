@@ -3,7 +3,7 @@
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,22 +37,27 @@ if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report, StillMethod
 
 
-def check_memory(scenario: ps.Scenario, method: str = "") -> None:
+def check_memory(
+    scenario: ps.Scenario, method: str = "", others: Sequence[ps.Scenario] = ()
+) -> None:
     """Reject a scene whose A, and a method fitted to it, need more memory than there is.
 
-    Print the memory and time that a fine grid of patches needs.
+    With other views of the scene, it is fitted to each, and to all pixels together. Print the
+    memory and time that a fine grid of patches needs.
     """
     from periscopy_sim.model import spectral_basis
 
     pixels, patches = scenario.transport_shape
     entry = METHODS.get(method, METHODS[DEFAULT])
+    rows = pixels + sum(each.transport_shape[0] for each in others)
+    pixels = 2 * rows if others else rows
     own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
     # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
     needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
     available = machine.available_memory()
     if available is not None and needed > available:
         raise PeriscopyError(
-            f"{pixels} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
+            f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
             f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
             "(--hidden)"
         )
@@ -61,12 +66,12 @@ def check_memory(scenario: ps.Scenario, method: str = "") -> None:
         say(sentence("fine_grid", method=method, **values))
 
 
-def check_file_names(scene: ps.Scene) -> None:
-    """Reject hidden surfaces whose ids cannot be parts of files' names."""
-    for name in scene.emission:
+def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
+    """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
+    for name in names:
         if not re.fullmatch(r"[\w.-]+", name):
             raise PeriscopyError(
-                f"scene '{scene.path}': hidden surface '{name}' names files of results; give it an "
+                f"scene '{path}': {what} '{name}' names files of results; give it an "
                 "id of letters, digits, '_', '-' and '.'"
             )
 
@@ -105,7 +110,7 @@ class Session(options.OptionGroup):
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
             if len(scene.emission) > 1:
-                check_file_names(scene)
+                check_file_names(self.path, "hidden surface", scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
             return ps.load_scenario(scene, sizes, camera=self.sensor)
 
@@ -360,6 +365,7 @@ class PhotoSession(WallSession):
             )
         if len(cameras) == 1:
             return {cameras[0]: self}
+        check_file_names(self.path, "camera", cameras)
         masks = files_of_view("--mask", self.mask, cameras)
         off = files_of_view("--monitor-off", self.monitor_off, cameras)
         return {

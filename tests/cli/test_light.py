@@ -67,6 +67,14 @@ def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch)
         check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
 
 
+def test_memory_of_several_views_is_that_of_all(monkeypatch):
+    view = SimpleNamespace(transport_shape=(100_000, 1000))
+    monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
+    check_memory(view, "noise-aware")
+    with pytest.raises(PeriscopyError, match="200000 pixels x 1000 patches"):
+        check_memory(view, "noise-aware", [view])
+
+
 @pytest.mark.parametrize(("patches", "lines"), [(1044, 0), (14_400, 1)])
 def test_fine_grid_prints_its_memory_and_time(patches, lines, monkeypatch, capsys):
     monkeypatch.setattr(machine, "available_memory", lambda: 6 * 10**9)

@@ -107,6 +107,10 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
         ("left.npy --camera middle", r"'middle' \('left', 'right'\)"),
         ("left.npy right.npy --camera left", "photographs: 2, cameras: left; .* --camera"),
         ("left.npy right.npy --camera left --camera left", "cameras: left, left"),
+        (
+            "left.npy right.npy --camera left --camera a/../../x",
+            "'a/[./]*x' names files",
+        ),
         ("left.npy --camera left --camera right", "photographs: 1, cameras: left, right"),
         ("left.npy right.npy {} --mask left_mask.png", "--mask left=FILE --mask right=FILE"),
         ("left.npy right.npy {} --monitor-off middle=left.npy", "--monitor-off middle=left.npy"),

@@ -17,7 +17,8 @@ The exposures maximize the evidence of images f ~ N(0, K⁻¹/μ_c), K = ∇ᵀ�
     H_c = μ_c I + Σ_v s_v² G_v/σ_vc²,  d_c = Σ_v s_v WᵀA⊥_vᵀy⊥_vc/σ_vc²,  G_v = WᵀA⊥_vᵀA⊥_v W,
 
 m patterns W, with WᵀKW = I, being those that the views show best. In alternation with the image
-they would take hundreds of images where the views show different parts of the scene.
+they would take hundreds of images where the views show different parts of the scene. What such
+images' equal brightness alone says of exposures is believed to a factor of two.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,15 +27,15 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.model.ambient import ROUNDING
-from periscopy_sim.model.fit import Fit
+from periscopy_sim.model.fit import PRECISION, Fit
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
@@ -51,10 +52,14 @@ DISTINCT = 1e-6
 """Squared length of a pattern beside all others, over the longest, below which they contain it."""
 
 RANGE = np.log(1000.0)
-"""Of the logarithms of exposures and of μ about where the search for them starts."""
+"""Standard deviation of the logarithm of μ about where its search starts."""
 
-STEP = 1e-3
-"""Of the logarithms, for the curvature of the evidence."""
+BRIGHTNESS = np.log(2.0)
+"""Standard deviation of the logarithm of how bright the parts of a scene are that views see; that
+of an exposure about the one of views that see parts alike."""
+
+MOST_STEPS, DECREMENT = 200, 1e-4
+"""Of Newton's method; squared distance from the maximum, in standard errors, that is none."""
 
 RIDGE = 1e-3
 """Over the mean of a view's information, in the image that μ starts from."""
@@ -154,7 +159,11 @@ class NoiseAwareViews:
         fits, planes = [each.fit for each in methods.values()], []
         for camera, solution in alone.items():
             assert solution.photograph is not None
-            planes.append(solution.photograph.planes)
+            fit, plane = methods[camera].fit, solution.photograph.planes
+            (whole,) = fit.planes(plain_array(_values(photographs[camera]))[None])
+            whole, rest = (fit.project_out(each) for each in (whole, plane))
+            # A gain keeps the light of its photograph, whose exposure it would take over else.
+            planes.append(plane * (np.vdot(whole, rest) / (np.vdot(rest, rest) or 1.0)))
             if len(planes[-1]) != len(planes[0]):
                 raise InputError(
                     f"the photograph of '{camera}' has {len(planes[-1])} channels, the first one "
@@ -193,8 +202,7 @@ class NoiseAwareViews:
             alone, photograph = solution.views[camera], photographs[camera]
             light = solution.exposures[camera] * method.hidden.vector(solution.image)
             own = replace(alone, image=method.hidden.image(light))
-            values = photograph.values if isinstance(photograph, Photograph) else photograph
-            report = StillMethod.report(method, values, own)
+            report = StillMethod.report(method, _values(photograph), own)
             reports[camera] = replace(report, notes=gain_notes(own))
         whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
         first, *others = solution.exposures.items()
@@ -245,6 +253,10 @@ class NoiseAwareViews:
         return together.fitted_to(Photograph(values, colour_matrix=ColourMatrix(mixing)))
 
 
+def _values(photograph: Photograph | Image) -> Image:
+    return photograph.values if isinstance(photograph, Photograph) else photograph
+
+
 def _uncertain(methods: Mapping[str, NoiseAware], weights: Array) -> UncertainTransport | None:
     """Return what the scene's errors do to all views together; None if a view counts none."""
     known = [each.uncertain for each in methods.values() if each.uncertain is not None]
@@ -287,38 +299,90 @@ def seen_patterns(
 
 
 def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, Array]:
-    """Return the exposures, (V,), 1 first, and their relative standard errors, from a start."""
+    """Return the exposures, (V,), 1 first, and their relative standard errors, from a start.
+
+    To the variance of an exposure adds that of A's rounding, and that of the prior's brightness by
+    the square of the part of the information that the prior has. If Newton's method does not
+    converge, it is an InputError.
+    """
     count, (channels, m) = len(views), views[0].products.shape
     G, d, σ = (np.array(each) for each in zip(*views, strict=True))
-
-    def objective(x: Array) -> tuple[float, Array]:
-        """Return -log p and its derivatives by the logarithms of s_2, … and of μ."""
-        s, μ = np.exp(np.append(0.0, x[: count - 1])), np.exp(x[count - 1 :])
-        value, by_s, by_μ = 0.0, np.zeros(count), np.zeros(channels)
-        for c in range(channels):
-            H = np.tensordot((s / σ[:, c]) ** 2, G, 1)
-            H[np.diag_indices(m)] += μ[c] + ROUNDING * np.trace(H) / m
-            data = (s / σ[:, c] ** 2) @ d[:, c]
-            factor, _ = linalg.lapack.dpotrf(H)
-            upper, _ = linalg.lapack.dpotri(factor)
-            inverse = np.triu(upper) + np.triu(upper, 1).T
-            f = inverse @ data
-            log_ratio = 2 * np.sum(np.log(np.diag(factor))) - m * np.log(μ[c])
-            value += float(log_ratio - f @ data) / 2
-            second = np.outer(f, f) + inverse  # of f, given the photographs
-            light = np.tensordot(G, second, 2)
-            by_s += (s**2 * light - s * (d[:, c] @ f)) / σ[:, c] ** 2
-            by_μ[c] = (μ[c] * np.trace(second) - m) / 2
-        return value, np.append(by_s[1:], by_μ)
-
+    if not d.any():  # black photographs
+        return np.ones(count), np.append(0.0, np.full(count - 1, BRIGHTNESS))
+    G = G + ROUNDING * np.trace(G, axis1=1, axis2=2)[:, None, None] / m * np.eye(m)
     ridge = G[0] + RIDGE * np.trace(G[0]) / m * np.eye(m)
     sizes = np.sum(linalg.solve(ridge, d[0].T, assume_a="pos") ** 2, axis=0)
     known = np.where(sizes > 0, sizes, m)  # a black channel shows no size
     begin = np.log(np.append(start[1:], m / known))
-    bounds = [(x - RANGE, x + RANGE) for x in begin]
-    x = optimize.minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
-    steps = STEP * np.eye(len(x))
-    H = [(objective(x + step)[1] - objective(x - step)[1]) / (2 * STEP) for step in steps]
-    λ, V = np.linalg.eigh(np.add(H, np.transpose(H)) / 2)
-    variances = V**2 @ (1 / np.maximum(λ, 1 / RANGE**2))
-    return np.exp(np.append(0.0, x[: count - 1])), np.append(0.0, np.sqrt(variances[: count - 1]))
+    widths = np.append(np.full(count - 1, BRIGHTNESS), np.full(channels, RANGE))
+    x, step, least = begin, np.zeros(len(begin)), np.inf
+    for _ in range(MOST_STEPS):
+        now = evidence_of(x + step, begin, widths, G, d, σ)
+        if now.value > least + ROUNDING * abs(least):
+            step = step / 2
+            continue
+        x, least = x + step, now.value
+        λ, V = np.linalg.eigh(now.curvature)
+        step = -V @ (V.T @ now.slopes / np.maximum(np.abs(λ), 1 / RANGE**2))
+        if λ[0] > 0 and -step @ now.slopes < DECREMENT:
+            break
+        step /= max(1.0, np.abs(step / widths).max())
+    else:
+        raise InputError(
+            "the exposures of the views cannot be found: the evidence has no maximum near those of "
+            "each view alone; recover each view alone, and compare their residuals"
+        )
+    variances = np.diag(np.linalg.inv(now.curvature))[: count - 1]
+    by_prior = np.minimum(2 * variances * now.of_prior[1:], 1)
+    errors = np.sqrt(variances + PRECISION**2 + (BRIGHTNESS * by_prior) ** 2)
+    return np.exp(np.append(0.0, x[: count - 1])), np.append(0.0, errors)
+
+
+class ExposureEvidence(NamedTuple):
+    """-log p and its derivatives by the logarithms of s_2, … and of μ."""
+
+    value: float
+    slopes: Array  # (V - 1 + C,)
+    curvature: Array  # (V - 1 + C, V - 1 + C)
+    of_prior: Array  # (V,) information on the logarithm of s that the prior has
+
+
+def evidence_of(
+    x: Array, begin: Array, widths: Array, G: Array, d: Array, σ: Array
+) -> ExposureEvidence:
+    """Return the evidence at logarithms x, a priori of such widths about where the search begins.
+
+    G, (V, m, m), d, (V, C, m), and σ, (V, C), are those of the views.
+    """
+    (count, channels, m), size = d.shape, len(d) + d.shape[1]
+    s, μ = np.exp(np.append(0.0, x[: count - 1])), np.exp(x[count - 1 :])
+    value, slopes, curvature = 0.0, np.zeros(size), np.zeros((size, size))
+    of_prior = np.zeros(count)
+    for c in range(channels):
+        light = (s / σ[:, c]) ** 2
+        parts = np.concatenate([light[:, None, None] * G, μ[c] * np.eye(m)[None]])
+        data = (s / σ[:, c] ** 2)[:, None] * d[:, c]
+        try:
+            factor = linalg.cho_factor(parts.sum(axis=0))
+        except (linalg.LinAlgError, ValueError) as error:
+            raise InputError(f"the exposures of the views cannot be found: {error}") from None
+        f = linalg.cho_solve(factor, data.sum(axis=0))
+        shown = parts @ f
+        shares = np.array([linalg.cho_solve(factor, part) for part in parts])  # H⁻¹ parts
+        log_ratio = 2 * np.sum(np.log(np.diag(factor[0]))) - m * np.log(μ[c])
+        value += float(log_ratio - f @ data.sum(axis=0)) / 2
+        powers = np.append(np.full(count, 2.0), 1.0)  # of s and μ in their parts of H
+        rests = np.append(data, np.zeros((1, m)), axis=0) - powers[:, None] * shown
+        both = np.trace(shares, axis1=1, axis2=2) + shown @ f
+        used = [*range(count), count + c]
+        slopes[used] += powers * both / 2 - np.append(data @ f, 0.0)
+        slopes[count + c] -= m / 2
+        crossed = np.einsum("aij,bji->ab", shares, shares) * np.outer(powers, powers) / 2
+        crossed += rests @ linalg.cho_solve(factor, rests.T)
+        diagonal = powers**2 * both / 2 - np.append(data @ f, 0.0)
+        curvature[np.ix_(used, used)] += np.diag(diagonal) - crossed
+        of_prior += shown[:count] @ linalg.cho_solve(factor, shown[count])
+    away = (x - begin) / widths
+    value += float(away @ away) / 2
+    slopes, curvature = slopes[1:] + away / widths, curvature[1:, 1:] + np.diag(widths**-2.0)
+    return ExposureEvidence(value, slopes, curvature, of_prior)

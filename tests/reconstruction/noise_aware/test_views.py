@@ -9,7 +9,7 @@ import periscopy_sim as ps
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.reconstruction.noise_aware import views as module
-from periscopy_sim.reconstruction.noise_aware.views import NoiseAwareViews, find_exposures
+from periscopy_sim.reconstruction.noise_aware.views import NoiseAwareViews
 
 SIZE, PIXELS = (6, 7), {"left": 300, "right": 260}
 PLAIN = {"hidden": SIZE, "profiles": False, "corrections": ()}
@@ -106,25 +106,48 @@ def test_reported_error_of_an_exposure_is_its_scatter(scene):
     assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.6
 
 
-def test_gradient_of_the_evidence_is_that_of_its_value(scene, monkeypatch):
+def test_corrections_leave_the_exposures(scene):
     A, image = scene
-    y = photographed(A, image, scales=(1, 0.4), noise=0.05)
-    fits = [ps.NoiseAware(each, **PLAIN).fit for each in A.values()]
-    seen = module.seen_patterns(fits, [each.T for each in y.values()], np.full((2, 3), 0.3))
-    objectives = []
-    minimize = module.optimize.minimize
+    y = photographed(A, image, scales=(1, 0.4), noise=1e-4)
 
-    def spied(objective, begin, **options):
-        objectives.append((objective, begin))
-        return minimize(objective, begin, **options)
+    def correction(photograph, _):
+        return replace(photograph, planes=0.8 * photograph.planes), {}
 
-    monkeypatch.setattr(module.optimize, "minimize", spied)
-    find_exposures(seen, [1.0, 1.0])
-    objective, x = objectives[0]
-    _, slopes = objective(x)
-    steps = 1e-5 * np.eye(len(x))
-    numeric = [(objective(x + each)[0] - objective(x - each)[0]) / 2e-5 for each in steps]
-    np.testing.assert_allclose(slopes, numeric, rtol=1e-5, atol=1e-4)
+    views = fitted(A)
+    views.views["right"] = ps.NoiseAware(
+        A["right"], **PLAIN | {"corrections": [lambda _: correction]}
+    )
+    assert views.solve(y).exposures["right"] == pytest.approx(0.4, rel=1e-3)
+
+
+@pytest.mark.parametrize("noise", [1e-2, 1e-4, 1e-6])
+def test_exposures_are_found_at_any_noise(scene, noise, monkeypatch):
+    """Alone, the views' images are far from the scene's; so is where the search begins."""
+    A, image = scene
+    y = photographed(A, image, scales=(1, 0.4), noise=noise)
+    solution = fitted(A).solve(y)
+    error = solution.exposure_errors["right"]
+    assert abs(solution.exposures["right"] / 0.4 - 1) < 4 * error < 0.1
+    monkeypatch.setattr(module, "MOST_STEPS", 1)
+    with pytest.raises(InputError, match="the exposures of the views cannot be found"):
+        fitted(A).solve(y)
+
+
+def test_derivatives_of_the_evidence_are_those_of_its_value():
+    """Of three views in two channels."""
+    rng = np.random.default_rng(3)
+    A, noise = rng.standard_normal((3, 20, 12)), rng.uniform(0.5, 1, (3, 2))
+    y = rng.standard_normal((2, 12)) @ A.swapaxes(1, 2) + rng.standard_normal((3, 2, 20))
+    x, widths = 0.3 * rng.standard_normal(4), np.array([0.7, 0.7, 3, 3])
+
+    def evidence(x):
+        return module.evidence_of(x, np.zeros(4), widths, A.swapaxes(1, 2) @ A, y @ A, noise)
+
+    ends = [(evidence(x + step), evidence(x - step)) for step in 1e-5 * np.eye(4)]
+    slopes = [(above.value - below.value) / 2e-5 for above, below in ends]
+    curvature = [(above.slopes - below.slopes) / 2e-5 for above, below in ends]
+    np.testing.assert_allclose(evidence(x).slopes, slopes, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(evidence(x).curvature, curvature, rtol=1e-6, atol=1e-6)
 
 
 def test_views_that_share_nothing_warn_of_the_exposure():
@@ -135,7 +158,11 @@ def test_views_that_share_nothing_warn_of_the_exposure():
     image = rng.uniform(0.2, 1, (*SIZE, 3))
     y = photographed(A, image, scales=(1, 3))
     views = fitted(A)
-    whole, _ = views.report(y, views.solve(y))
+    solution = views.solve(y)
+    # The prior alone knows it; it errs by how bright the two parts are.
+    exposure, error = solution.exposures["right"], solution.exposure_errors["right"]
+    assert error > 0.5 and abs(np.log(exposure / 3)) < 2 * error
+    whole, _ = views.report(y, solution)
     (warning,) = whole.warnings
     assert warning.code == "exposure" and warning.values["camera"] == "right"
 
@@ -210,4 +237,5 @@ def test_black_channels_and_noise_free_views_have_an_image(scene):
     assert solution.exposures["right"] == pytest.approx(0.3, rel=1e-3)
     assert np.linalg.norm(solution.image - image) < 0.02 * np.linalg.norm(image)
     nothing = fitted(A).solve({name: 0 * each for name, each in y.items()})
-    assert not nothing.image.any() and np.isfinite(nothing.exposures["right"])
+    assert not nothing.image.any()
+    assert nothing.exposures["right"] == 1 and nothing.exposure_errors["right"] > 0.5
