@@ -194,8 +194,7 @@ def draw_certainty(
         figure.set_size_inches(width, 0.6 + 2.8 * len(images))
         axes = figure.subplots(len(images), 2, squeeze=False)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
-            of = f" of {name}" if len(images) > 1 else ""
-            show_light(left, f"reconstruction{of}", image, white)
+            show_light(left, name if len(images) > 1 else "reconstruction", image, white)
             shown = show(right, "standard error", errors[name], cmap="magma", vmin=0, vmax=top)
         figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label="% of white")
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
