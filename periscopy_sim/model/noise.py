@@ -6,6 +6,7 @@ even where some edges remain. Of noise that neighbours share, as after rectifica
 is too small.
 """
 
+import warnings
 from statistics import NormalDist
 
 import numpy as np
@@ -25,8 +26,14 @@ def residual_noise(energy: Array, explained: Array, freedom: int) -> Array:
 
     σ² = (‖y⊥‖² − ‖A⊥ f̂‖²)/freedom, or what rounding makes, if more. The energy is ‖y⊥‖² of each
     photograph's channels, `explained` is ‖A⊥ f̂‖², and the freedom counts the pixels less the
-    dimensions of ambient light and f̂.
+    dimensions of ambient light and f̂. It warns where more is explained than there is.
     """
+    if np.any(explained - energy > 10 * SINGLE_ROUNDING * energy):
+        warnings.warn(
+            "rounding explains more of the photograph's light than there is, so that its noise "
+            "counts as none: reconstruct fewer patches",
+            stacklevel=2,
+        )
     rest = np.maximum(energy - explained, SINGLE_ROUNDING**2 * energy)
     return np.asarray(np.sqrt(rest / max(freedom, 1)))
 

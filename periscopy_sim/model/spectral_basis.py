@@ -109,7 +109,7 @@ def cost(pixels: int, patches: int) -> tuple[float, float]:
     """
     count = min(patches, MOST_PATTERNS)
     memory = count * (12.0 * pixels + 48.0 * patches)
-    products = 2 * ROUNDS + 1  # with the light, which is computed anew
+    products = 2 * ROUNDS + 2  # with the light, which is computed anew, in double precision
     return memory, 2.0 * products * count * pixels * patches / RATE
 
 
