@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.ambient import (
@@ -26,7 +25,7 @@ from periscopy_sim.model.ambient import (
     joined_basis,
     wall_profiles,
 )
-from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.model.noise import noise_beside
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
     NOTHING_LEFT,
@@ -41,11 +40,6 @@ from periscopy_sim.photograph import Photograph
 
 PRECISION = 3e-5
 """Relative rounding of A by areas (1.5e-5 for the plate, 4e-5 for the chair)."""
-
-STRONGEST = 64
-"""Patterns whose light is subtracted from a photograph before its noise is a difference of sums of
-squares: in single precision, those of a photograph at 70 dB differ by no more than their rounding.
-"""
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
@@ -297,17 +291,7 @@ class Fit:
     @cached_property
     def lights(self) -> Image:
         """(N', M') the visible patterns' light over its norm, A⊥ W_k/√λ_k: orthonormal rows."""
-        scales = 1 / (np.sqrt(self.curvatures) * self.unit)
-        exact = self.operator.light_of(self.patterns.rows[self.visible] * scales[:, None])
-        products = (exact @ exact.T)[::-1, ::-1]  # the strongest first
-        light = exact.astype(np.float32)
-        del exact
-        # The light of a weak W_k is a millionth of a strong one's. Rounded, W_k has 1e-3 of its
-        # light from strong ones, more than a photograph's noise: each loses what it has of those.
-        inverse, _ = linalg.lapack.dtrtri(linalg.cholesky(products, lower=True), lower=True)
-        change = np.tril(inverse)[::-1, ::-1] - np.eye(len(light))
-        light += np.ascontiguousarray(change, np.float32) @ light
-        return light
+        return self.patterns.lights(self.operator, self.unit, self.visible)
 
     @cached_property
     def least_curvature(self) -> float:
@@ -403,12 +387,8 @@ class Fit:
 
         y⊥ is (K, C, M'), its coordinates along the patterns' light are (K, C, N').
         """
-        strong = coordinates[..., -STRONGEST:].reshape(-1, len(self.lights[-STRONGEST:]))
-        light = combine_rows(strong.astype(np.float32), self.lights[-STRONGEST:]).reshape(y.shape)
-        rest = np.sum((y - light) ** 2, axis=-1) - np.sum(coordinates[..., :-STRONGEST] ** 2, axis=-1)
-        energy = np.sum(y * y, axis=-1)
         freedom = self.pixels - len(self.background) - len(self.curvatures)
-        noise = residual_noise(energy, energy - rest, freedom)
+        noise = noise_beside(self.lights, y, coordinates, freedom)
         largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none
         return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
 

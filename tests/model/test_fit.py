@@ -70,7 +70,7 @@ def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
 @pytest.fixture(scope="module")
 def blurred():
     """A wall that shows patterns down to a millionth of the strongest one's light."""
-    (V, U), (v, u) = (np.mgrid[-1 : 1 : 20j, -1 : 1 : 26j], np.mgrid[-1 : 1 : 12j, -1 : 1 : 16j])
+    (V, U), (v, u) = (np.mgrid[-1:1:20j, -1:1:26j], np.mgrid[-1:1:12j, -1:1:16j])
     across = U.reshape(-1, 1) - u.ravel(), V.reshape(-1, 1) - v.ravel()
     A = np.exp(-2 * (across[0] ** 2 + across[1] ** 2)).astype(np.float32)
     return Fit(A, hidden=Hidden.of((12, 16)), photograph_shape=(20, 26))

@@ -46,4 +46,4 @@ def test_more_explained_than_there_is_does_not_pass_silently():
     energy = np.ones(3)
     assert residual_noise(energy, energy + 1e-7, 10).max() < 1e-6
     with pytest.warns(UserWarning, match="rounding explains more"):
-        residual_noise(energy, energy + [0, 0, 1e-5], 10)
+        residual_noise(energy, energy + 1e-5 * np.eye(3)[0], 10)
