@@ -12,7 +12,6 @@ from statistics import NormalDist
 import numpy as np
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.products import combine_rows
 from periscopy_sim.photograph import Photograph
 
 FEWEST = 25
@@ -49,6 +48,8 @@ def noise_beside(lights: Image, y: Array, coordinates: Array, freedom: int) -> A
     The lights are (N', M') in single precision, the strongest last; y⊥ has the coordinates,
     (K, C, N'), along them. The freedom is that of `residual_noise`.
     """
+    from periscopy_sim.numerics.products import combine_rows  # compiled: readers need no compiler
+
     weak, strong = np.split(coordinates, [-STRONGEST], axis=-1)
     strong = strong.reshape(-1, strong.shape[-1]).astype(np.float32)
     left = y - combine_rows(strong, lights[-STRONGEST:]).reshape(y.shape)
