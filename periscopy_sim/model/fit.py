@@ -25,7 +25,7 @@ from periscopy_sim.model.ambient import (
     joined_basis,
     wall_profiles,
 )
-from periscopy_sim.model.noise import residual_noise
+from periscopy_sim.model.noise import noise_beside
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
     NOTHING_LEFT,
@@ -291,9 +291,7 @@ class Fit:
     @cached_property
     def lights(self) -> Image:
         """(N', M') the visible patterns' light over its norm, A⊥ W_k/√λ_k: orthonormal rows."""
-        scales = 1 / (np.sqrt(self.curvatures) * self.unit)
-        rows = self.patterns.rows[self.visible] * scales[:, None].astype(np.float32)
-        return self.operator.light_of(rows)
+        return self.patterns.lights(self.operator, self.unit, self.visible)
 
     @cached_property
     def least_curvature(self) -> float:
@@ -389,9 +387,8 @@ class Fit:
 
         y⊥ is (K, C, M'), its coordinates along the patterns' light are (K, C, N').
         """
-        explained = np.sum(coordinates**2, axis=-1)
         freedom = self.pixels - len(self.background) - len(self.curvatures)
-        noise = residual_noise(np.sum(y * y, axis=-1), explained, freedom)
+        noise = noise_beside(self.lights, y, coordinates, freedom)
         largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none
         return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
 

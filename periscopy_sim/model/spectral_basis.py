@@ -94,6 +94,21 @@ class SpectralBasis:
         """K⁻¹."""
         return InverseLaplacian(self.hidden)
 
+    def lights(self, A: TransportOperator, unit: float, visible: slice) -> Image:
+        """Return the light of visible patterns over its norm, A⊥ W_k/(unit √λ_k), orthonormal rows.
+
+        The light of a weak pattern is a millionth of a strong one's. Rounded to single precision,
+        the pattern has 1e-3 of its light from strong ones, more than a photograph's noise: in
+        double precision, each loses what it has of stronger ones. The rows are (K', M), rounded.
+        """
+        scales = 1 / (np.sqrt(self.curvatures[visible]) * unit)
+        exact = A.light_of(self.rows[visible] * scales[:, None])
+        change = _inverse_factor((exact @ exact.T)[::-1, ::-1])[::-1, ::-1] - np.eye(len(exact))
+        light = exact.astype(np.float32)
+        del exact  # before a product as large
+        light += np.ascontiguousarray(change, np.float32) @ light  # small: single suffices
+        return light
+
     def combined(self, coefficients: Array) -> Image:
         """Return the sum of patterns by (3, K) coefficients, (3, N)."""
         nothing = np.zeros((len(coefficients), self.rows.shape[1]), np.float32)
@@ -109,7 +124,7 @@ def cost(pixels: int, patches: int) -> tuple[float, float]:
     """
     count = min(patches, MOST_PATTERNS)
     memory = count * (12.0 * pixels + 48.0 * patches)
-    products = 2 * ROUNDS + 1  # with the light, which is computed anew
+    products = 2 * ROUNDS + 2  # with the light, which is computed anew, in double precision
     return memory, 2.0 * products * count * pixels * patches / RATE
 
 
@@ -120,8 +135,13 @@ def _orthonormal(images: Image, K: Any) -> Image:
     norms = np.sqrt(np.einsum("kn,nk->k", exact, smoothed))
     products = exact @ smoothed / np.outer(norms, norms)
     products[np.diag_indices_from(products)] += RIDGE
+    return np.asarray((_inverse_factor(products) / norms).astype(np.float32) @ images)
+
+
+def _inverse_factor(products: Image) -> Array:
+    """Return the inverse of the lower Cholesky factor of products, (k, k)."""
     inverse, _ = linalg.lapack.dtrtri(linalg.cholesky(products, lower=True), lower=True)
-    return np.asarray((inverse / norms).astype(np.float32) @ images)
+    return np.asarray(inverse)
 
 
 class Solver:

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import DTypeLike
 from scipy import linalg
 from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -89,7 +90,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             raise InputError(f"B has {len(self.Q)} rows; they must match the {A.shape[0]} of A")
         self.QtA = np.zeros((self.Q.shape[1], A.shape[1]))
         self.whole_squared_norm = 0.0
-        for rows, block in self._converted_blocks():
+        for rows, block in self._blocks():
             self.QtA += self.Q[rows].T @ block
             self.whole_squared_norm += float(np.vdot(block, block))
         if not np.isfinite(self.whole_squared_norm):
@@ -145,7 +146,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def gram(self) -> Array:
         """A⊥ᵀA⊥, (N, N), by one pass."""
         gram = np.zeros((self.shape[1], self.shape[1]))
-        for rows, block in self._converted_blocks():
+        for rows, block in self._blocks():
             rest = block - self.Q[rows] @ self.QtA  # squared, it has no negative eigenvalue
             gram += rest.T @ rest
         return gram
@@ -170,7 +171,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def light(self, f: Array) -> Array:
         """Return A f, (M, K), backgrounds and all, of f, (N, K)."""
         y = np.empty((self.shape[0], f.shape[1]))
-        for rows, block in self._converted_blocks():
+        for rows, block in self._blocks():
             y[rows] = block @ f
         return y
 
@@ -180,38 +181,33 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def _rmatmat(self, y: Array) -> Array:
         projected = self.project_out(y)
         f = np.zeros((self.shape[1], y.shape[1]))
-        for rows, block in self._converted_blocks():
+        for rows, block in self._blocks():
             f += block.T @ projected[rows]
         return f
 
     def light_of(self, images: Image) -> Image:
-        """Return A⊥ of images, (K, N), as rows, (K, M), in single precision, by one pass."""
-        light = np.empty((len(images), self.shape[0]), np.float32)
-        QtA = self.QtA.astype(np.float32)
-        for rows, block in self._single_blocks(1024):
+        """Return A⊥ of images, (K, N), as rows, (K, M), in their precision, by one pass."""
+        light = np.empty((len(images), self.shape[0]), images.dtype)
+        QtA = self.QtA.astype(images.dtype)
+        for rows, block in self._blocks(1024, images.dtype):
             # Rows of A⊥ are smaller than those of A, and so are their products' roundings.
-            light[:, rows] = images @ (block - self.Q[rows].astype(np.float32) @ QtA).T
+            light[:, rows] = images @ (block - self.Q[rows].astype(images.dtype) @ QtA).T
         return light
 
     def images_of(self, light: Image) -> Image:
         """Return Aᵀ of light, (K, M), as rows, (K, N), in single precision, by one pass."""
         images = np.zeros((len(light), self.shape[1]), np.float32)
         few = len(light) <= FEW
-        for rows, block in self._single_blocks(self.shape[0] if few else 1024):
+        for rows, block in self._blocks(self.shape[0] if few else 1024, np.float32):
             own = light[:, rows]
             images += combine_rows(np.ascontiguousarray(own), block) if few else own @ block
         return images
 
-    def _single_blocks(self, count: int) -> Iterator[tuple[slice, Image]]:
+    def _blocks(
+        self, count: int = 256, dtype: DTypeLike = np.float64
+    ) -> Iterator[tuple[slice, Image]]:
         for rows, block in row_blocks(self.A):
             for start in range(0, len(block), count):
-                part = np.asarray(block[start : start + count], np.float32)
-                first = rows.start + start
-                yield slice(first, first + len(part)), part
-
-    def _converted_blocks(self, count: int = 256) -> Iterator[tuple[slice, Array]]:
-        for rows, block in row_blocks(self.A):
-            for start in range(0, len(block), count):
-                part = np.asarray(block[start : start + count], np.float64)
+                part = np.asarray(block[start : start + count], dtype)
                 first = rows.start + start
                 yield slice(first, first + len(part)), part

@@ -67,6 +67,31 @@ def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):
     np.testing.assert_allclose(fit.operator @ np.eye(N), PROJECTED, atol=1e-6)
 
 
+@pytest.fixture(scope="module")
+def blurred():
+    """A wall that shows patterns down to a millionth of the strongest one's light."""
+    (V, U), (v, u) = (np.mgrid[-1:1:20j, -1:1:26j], np.mgrid[-1:1:12j, -1:1:16j])
+    across = U.reshape(-1, 1) - u.ravel(), V.reshape(-1, 1) - v.ravel()
+    A = np.exp(-2 * (across[0] ** 2 + across[1] ** 2)).astype(np.float32)
+    return Fit(A, hidden=Hidden.of((12, 16)), photograph_shape=(20, 26))
+
+
+def test_light_of_patterns_is_orthonormal_to_single_precision(blurred):
+    assert blurred.curvatures[0] < 1e-11 * blurred.curvatures[-1]
+    light = blurred.lights.astype(np.float64)
+    np.testing.assert_allclose(light @ light.T, np.eye(len(light)), atol=3e-7)
+
+
+@pytest.mark.parametrize("snr", [50, 60, 70, 80])
+def test_noise_far_below_the_light_is_found(blurred, snr):
+    rng = np.random.default_rng(snr)
+    y = rng.uniform(0.2, 1, (3, 192)) @ blurred.A.T.astype(np.float64)
+    size = 10 ** (-snr / 20) * y.mean()
+    y += size * rng.standard_normal(y.shape)
+    evidence = FittedPhotograph(y, blurred).evidence
+    np.testing.assert_allclose(evidence.noise * evidence.level, size, rtol=0.15)
+
+
 def test_faint_shadow_has_no_negative_energy():
     """Rounding of all the light must not make A⊥ᵀA⊥ of the faint shadow indefinite."""
     rng = np.random.default_rng(1)

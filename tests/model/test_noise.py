@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.model.noise import camera_noise, second_differences
+from periscopy_sim.model.noise import camera_noise, residual_noise, second_differences
 
 SIZES = np.array([1.0, 2.0, 0.5])[:, None, None]
 V, U = np.meshgrid(*(np.linspace(-1, 1, 63),) * 2, indexing="ij")
@@ -40,3 +40,10 @@ def test_edge_of_a_poster_and_dead_lines_are_no_noise():
     y[:, 20:40, 10:30] += 50
     y[:, :, 50] = -30
     assert np.abs(camera_noise(y) / SIZES.ravel() - 1).max() < 0.15
+
+
+def test_more_explained_than_there_is_does_not_pass_silently():
+    energy = np.ones(3)
+    assert residual_noise(energy, energy + 1e-7, 10).max() < 1e-6
+    with pytest.warns(UserWarning, match="rounding explains more"):
+        residual_noise(energy, energy + 1e-5 * np.eye(3)[0], 10)

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import periscopy_sim as ps
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from tests.scenes.two_walls import write_two_walls
 
 HIDDEN = (4, 5)
 WALL = (20, 24)
@@ -232,3 +234,17 @@ def test_gain_that_cannot_be_is_not_believed():
     y = photograph(1 + 2 * X).reshape(-1, 3)
     found = estimate(rejected_by(Q, y), NOISE, TRUTH.T)
     assert found.probability < 1e-6 and found.field.min() < 0 and not found.accepted
+
+
+def test_no_gain_is_found_where_noise_hides_hardly_a_pattern(tmp_path):
+    scenario = ps.load_scenario(write_two_walls(tmp_path), (12, 16), camera="right")
+    A = ps.transport(scenario)
+    method = NoiseAware.for_scene(scenario, A, ps.point_light_backgrounds(scenario))
+    down, across = np.mgrid[0:1:12j, 0:1:16j]
+    disc = (across - 0.5) ** 2 + (down - 0.4) ** 2 < 0.08
+    truth = np.stack([across, disc, down], axis=-1)
+    light = (A @ truth.reshape(-1, 3)).reshape(*scenario.photograph_shape, 3)
+    for seed in range(3):
+        solution = method.solve(ps.add_noise(light, 70, seed))
+        assert not solution.corrections["wall_gain_found"]
+        assert np.sqrt(np.mean((solution.image - truth) ** 2)) < 0.05
