@@ -58,9 +58,9 @@ class Surface:
     mirrored
         Whether the shape's u coordinate runs to a viewer's left, so that the columns run against
         it.
-    curved
-        Of a surface that is not flat its 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches of
-        a quarter's edges.
+    curved, whole
+        Of a surface that is not flat: its 2 x 2 Gauss points in each patch, as (2 R, 2 C) patches
+        of a quarter's edges; and its form, the surface in as many patches whatever R and C.
     """
 
     shape: Size
@@ -70,6 +70,7 @@ class Surface:
     up: Array
     mirrored: bool = False
     curved: "Surface | None" = None
+    whole: "Surface | None" = None
 
     @classmethod
     def flat(cls, shape: Size) -> "Surface":
@@ -111,6 +112,7 @@ class Surface:
             across=self.across @ linear.T,
             up=self.up @ linear.T,
             curved=self.curved and self.curved.moved(motion),
+            whole=self.whole and self.whole.moved(motion),
         )
 
     def shifted(self, across: float, up: float) -> "Surface":
@@ -245,7 +247,8 @@ class Hidden(Mapping[str, Surface]):
     @property
     def is_flat(self) -> bool:
         """Whether this is one flat surface."""
-        return len(self) == 1 and float(np.ptp(self.normals, axis=0).max()) < EVEN
+        forms = [surface.whole or surface for surface in self.values()]
+        return len(forms) == 1 and float(np.ptp(forms[0].normals, axis=0).max()) < EVEN
 
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""

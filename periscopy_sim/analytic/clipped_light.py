@@ -82,7 +82,11 @@ def patches_of(surface: Surface) -> Patches:
 
 @lru_cache(maxsize=32)
 def hides_itself(surface: Surface, corners: tuple[float, ...]) -> bool:
-    """Return whether a surface stands between its own patches and corners on the wall, (4, 3)."""
+    """Return whether a surface stands between its own patches and corners on the wall, (4, 3).
+
+    It is told from the surface's form, not from the size of its image.
+    """
+    surface = surface.whole or surface
     wall = np.reshape(corners, (-1, 3))
     some = np.random.default_rng(0).permutation(len(surface.centers))[:SOME]
     starts, ends = (

@@ -67,17 +67,32 @@ class Room:
 
         It spans 0.8 rad of a circle of radius 0.5 m about (0.2, 0.5), in 16 facets.
         """
-        trimesh = pytest.importorskip("trimesh")
-        u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, 17), [0.0, 1.0]))
-        angle = 0.8 * (u - 0.5)
+        angle = 0.8 * (np.linspace(0, 1, 17) - 0.5)
         x, y = 0.2 - 0.5 * np.sin(angle), 0.5 - 0.5 * np.cos(angle)
-        left = np.arange(16)
+        return self._strip(x, y, emitter, mirrored=mirrored, flip=flip)
+
+    def folded_monitor(self) -> str:
+        """A screen of eight folds 0.2 m deep, whose ridges hide its valleys from the side."""
+        x = np.linspace(0.4, 0.0, 17)
+        return self._strip(x, 0.2 * (np.arange(17) % 2), self.area)
+
+    def _strip(
+        self, x: np.ndarray, y: np.ndarray, emitter: str, *, mirrored=False, flip=False
+    ) -> str:
+        """A vertical band through points in x and y, as a PLY mesh of equal parts in u."""
+        trimesh = pytest.importorskip("trimesh")
+        n = len(x)
+        u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, n), [0.0, 1.0]))
+        left = np.arange(n - 1)
         faces = np.concatenate(
-            [np.stack([left, left + 1, left + 18], 1), np.stack([left, left + 18, left + 17], 1)]
+            [
+                np.stack([left, left + 1, left + n + 1], 1),
+                np.stack([left, left + n + 1, left + n], 1),
+            ]
         )
         uv = np.stack([1 - u if mirrored else u, v], axis=1)
         mesh = trimesh.Trimesh(
-            np.stack([x, y, 0.15 + 0.3 * v], axis=1),
+            np.stack([np.tile(x, 2), np.tile(y, 2), 0.15 + 0.3 * v], axis=1),
             faces[:, ::-1] if flip else faces,
             visual=trimesh.visual.TextureVisuals(uv=uv),
             process=False,

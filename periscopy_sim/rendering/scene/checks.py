@@ -74,6 +74,8 @@ def check_surface(shape: Any, what: str) -> None:
     the scene but not in A; Mitsuba's own textured emitters miss it as well. `what` names the
     surface in messages.
     """
+    if shape.class_name() == "Cylinder":  # Mitsuba misplaces its points, in pictures of it too
+        raise SceneError(f"{what} is a cylinder, which cannot show an image; use a mesh of it")
     if shape.is_mesh():
         faces = np.array(shape.faces_buffer(), np.int64).reshape(-1, 3)
         uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2)

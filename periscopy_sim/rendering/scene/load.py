@@ -45,6 +45,12 @@ ASIDE = 1e-5, 2e-5
 FLAT = 1e-5
 """Relative difference of patches' normals and edges up to which a surface counts as flat."""
 
+MIDDLE = np.array([0.5])
+"""Offset of a patch's centre within it."""
+
+WHOLE = 48, 48
+"""Patches from which a hidden surface's form is told, whatever the size of its image."""
+
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
 
@@ -172,6 +178,7 @@ class SceneLoader:
         walls = tuple(bodies.pop(name) for name in self._materials)
         self._views: dict[tuple[Size | None, int, str], View] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
+        self._wholes: dict[str, Surface] = {}
         self.scene = Scene(
             document=nodes.document,
             places=self.layout.places,
@@ -232,10 +239,24 @@ class SceneLoader:
         """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
         for key in sizes.items():
             if key not in self._surfaces:
-                shape = shape_of(self.built(self.scene), key[0])
-                self._surfaces[key] = _surface(shape, key[1], self._path)
+                self._surfaces[key] = self._surface(*key)
         hidden = Hidden({key[0]: self._surfaces[key] for key in sizes.items()})
         return hidden.moved(motions(self.scene.places, scene.places))
+
+    def _surface(self, name: str, size: Size) -> Surface:
+        shape = shape_of(self.built(self.scene), name)
+        what = f"scene '{self._path}': hidden surface '{name}'"
+        if name not in self._wholes:
+            _check_unwrapped(shape, what)
+            self._wholes[name] = _surface(shape, WHOLE, what)
+        whole, surface = self._wholes[name], _surface(shape, size, what)
+        if all(
+            np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max()
+            for each in (whole.normals, whole.across, whole.up)
+        ):
+            return surface
+        curved = _surface(shape, size, what, 0.5 + np.array([-GAUSS, GAUSS]))
+        return replace(surface, curved=curved, whole=whole)
 
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
@@ -330,51 +351,45 @@ def patch_uv(
     return (1 - u if mirrored else u), v
 
 
-def _surface(shape: Any, size: Size, path: Path) -> Surface:
-    """Return a hidden surface in patches, (R, C)."""
-    rows, columns = size
-    what = f"scene '{path}': hidden surface '{shape.id()}'"
+def _located(shape: Any, uv: Array) -> list[Array]:
+    """Return points, normals, derivatives by u and v, and whether valid, at (n, 2) coordinates."""
 
     def locate(uv: Any) -> tuple[Any, ...]:
         si = surface_at(shape, uv)
         return si.p, si.n, si.dp_du, si.dp_dv, si.is_valid()
 
+    return map_points(locate, uv)
+
+
+def _check_unwrapped(shape: Any, what: str) -> None:
+    """Reject a hidden surface without UV coordinates, or whose parts these do not name once."""
     try:
-        _, normal, du, dv, _ = map_points(locate, np.array([[0.5, 0.5]]))
+        _located(shape, np.array([[0.5, 0.5]]))
     except RuntimeError:
         raise SceneError(
             f"{what} has no UV parametrization; unwrap its mesh (in Blender: Edit Mode, UV, Smart "
             "UV Project) and export it with a material, or use a rectangle"
         ) from None
     check_surface(shape, what)
+
+
+def _surface(shape: Any, size: Size, what: str, offsets: Array = MIDDLE) -> Surface:
+    """Return a hidden surface, (R, C), in parts of patches, one at each of the offsets in one."""
+    (rows, columns), parts = size, len(offsets)
+    _, normal, du, dv, _ = _located(shape, np.array([[0.5, 0.5]]))
     mirrored = bool(np.cross(du[0], dv[0]) @ normal[0] < 0)
-
-    def surface(parts: int, offsets: Array) -> Surface:
-        """Return the surface in so many patches along each side of one, at offsets within that."""
-        row, column = np.divmod(np.arange(parts**2 * rows * columns), parts * columns)
-        offset = offsets[row % parts], offsets[column % parts]
-        u, v = patch_uv(row // parts, column // parts, size, mirrored, offset)
-        uv = np.stack([u, v], axis=1)
-        centers, normals, du, dv, valid = map_points(locate, uv)
-        if (missed := ~valid[:, 0].astype(bool)).any():  # between two faces, by rounding
-            for each, mended in zip(
-                (centers, normals, du, dv, valid),
-                map_points(locate, uv[missed] + ASIDE),
-                strict=True,
-            ):
-                each[missed] = mended
-        if not valid.all():
-            raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
-        across, up = (-du if mirrored else du) / (parts * columns), dv / (parts * rows)
-        return Surface((parts * rows, parts * columns), centers, normals, across, up, mirrored)
-
-    middles = surface(1, np.array([0.5]))
-    if all(
-        np.ptp(each, axis=0).max() <= FLAT * np.abs(each).max()
-        for each in (middles.normals, middles.across, middles.up)
-    ):
-        return middles
-    return replace(middles, curved=surface(2, 0.5 + np.array([-GAUSS, GAUSS])))
+    row, column = np.divmod(np.arange(parts**2 * rows * columns), parts * columns)
+    offset = offsets[row % parts], offsets[column % parts]
+    u, v = patch_uv(row // parts, column // parts, size, mirrored, offset)
+    uv = np.stack([u, v], axis=1)
+    found = centers, normals, du, dv, valid = _located(shape, uv)
+    if (missed := ~valid[:, 0].astype(bool)).any():  # between two faces, by rounding
+        for each, mended in zip(found, _located(shape, uv[missed] + ASIDE), strict=True):
+            each[missed] = mended
+    if not valid.all():
+        raise SceneError(f"{what}: its UV coordinates do not cover the unit square")
+    across, up = (-du if mirrored else du) / (parts * columns), dv / (parts * rows)
+    return Surface((parts * rows, parts * columns), centers, normals, across, up, mirrored)
 
 
 def _box(shape: Any, path: Path) -> Array:

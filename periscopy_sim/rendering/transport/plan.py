@@ -19,7 +19,7 @@ from periscopy_sim.analytic.area_transport import (
     points_across,
     require_areas,
 )
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
@@ -122,7 +122,11 @@ def plan_transport(
         require_areas(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
-        return _plan_areas(scenario, across, noise)
+        try:
+            return _plan_areas(scenario, across, noise)
+        except ClosedFormError:  # on a finer grid
+            if by == "areas":
+                raise
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import has_areas
+from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.rendering.transport import plan as planning
 from periscopy_sim.rendering.transport.plan import plan_transport
 
@@ -65,3 +67,41 @@ def test_rays_take_no_surfaces_that_the_scene_has_elsewhere(shipped):
         ps.transport(scene.view, moved, by="rays")
     with pytest.raises(TypeError, match="beside"):
         ps.transport(scene, moved)
+
+
+def test_a_curved_surface_of_few_patches_is_bent_all_the_same(room):
+    """Its middles alone would look flat; the plan says how far off A by areas is, and less so."""
+    monitor = room.curved_monitor(room.area)
+    one, four, eight = (
+        room.load(monitor=monitor, hidden=size) for size in ((2, 1), (1, 4), (1, 8))
+    )
+    for seen in (one, four, eight):
+        assert seen.hidden["monitor"].curved is not None
+        assert not seen.hidden.is_flat
+    assert room.load().hidden["monitor"].curved is None
+    light = [ps.analytic_transport(each).sum(axis=1) for each in (one, four, eight)]
+    off = np.sqrt(np.mean((light[0] - light[2]) ** 2)) / light[2].mean()
+    assert off > 1e-3
+    errors = [plan_transport(each, 1e-3, by="areas").error for each in (one, four, eight)]
+    assert errors[0] > off / 2 and errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("size", [(1, 2), (1, 3), (2, 6), (4, 7)])
+def test_whether_folds_hide_each_other_is_told_whatever_the_patches(room, size):
+    """Patches as wide as a fold are alike, and by themselves would hide nothing."""
+    seen = room.load(monitor=room.folded_monitor(), camera=room.camera(size=(6, 8)), hidden=size)
+    assert not has_areas(seen)
+    plan = plan_transport(seen, 0.1)
+    assert plan.by == "rays"
+    with pytest.raises(ClosedFormError, match="hides parts of itself"):
+        plan_transport(seen, 0.1, by="areas")
+
+
+def test_areas_that_fail_on_another_grid_leave_rays(room, monkeypatch):
+    def refuse(*_):
+        raise ClosedFormError("no")
+
+    monkeypatch.setattr(planning, "area_transport", refuse)
+    assert plan_transport(room.load(), 0.1).by == "rays"
+    with pytest.raises(ClosedFormError):
+        plan_transport(room.load(), 0.1, by="areas")
