@@ -82,7 +82,7 @@ def test_fine_grid_prints_its_memory_and_time(patches, lines, monkeypatch, capsy
     printed = capsys.readouterr().out.splitlines()
     assert len(printed) == lines
     assert not printed or re.match(
-        r"14,400 patches: .* [345]\.\d GB of memory, and \d\d s", *printed
+        r"14,400 patches: .* [345]\.\d GB of memory; .* \d\d s", *printed
     )
 
 
