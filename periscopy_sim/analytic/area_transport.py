@@ -233,10 +233,7 @@ class _ClippedScene:
 
 def _scene_of(scenario: Scenario, name: str) -> _LocalScene | _ClippedScene:
     """Return a scene before a hidden surface: by outlines on a plane where that is possible."""
-    try:
-        return _local_scene(scenario, name)
-    except ClosedFormError:
-        return _clipped_scene(scenario, name)
+    return _local_scene(scenario, name) or _clipped_scene(scenario, name)
 
 
 def _emission(scenario: Scenario, name: str) -> tuple[Array, float]:
@@ -275,13 +272,13 @@ def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
     return _ClippedScene(view.points, view.normals, stacked, patches_of(surface), exponents, scale)
 
 
-def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
-    """Bring a scene into a hidden surface's coordinates; a ClosedFormError says that it cannot."""
-    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+def _local_scene(scenario: Scenario, name: str) -> _LocalScene | None:
+    """Bring a scene into a flat surface's coordinates; None where it has no outlines there."""
+    view, surface = scenario.view, scenario.hidden[name]
     exponents, scale = _emission(scenario, name)
-    axes = surface_axes(scene, name, surface)
-    if abs(axes[0] @ axes[1]) > FLATNESS:
-        raise no_closed_form(scene, name, "has patches that are not rectangular")
+    axes = rectangle_axes(surface)
+    if axes is None:
+        return None
     width, height = (float(np.linalg.norm(edge[0])) for edge in (surface.across, surface.up))
     first = surface.centers[0] - surface.across[0] / 2 + surface.up[0] / 2
     turned = np.stack([axes[0], -axes[1], axes[2]]).T
@@ -291,14 +288,14 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
     unit = np.array([*cells, 1.0])
     points, normals = (view.points - first) @ turned / unit, view.normals @ turned
     if points[..., 2].min() <= 0:
-        raise no_closed_form(scene, name, "does not face all of the wall that the camera sees")
+        return None
     # All light runs within the hull of these corners.
     rectangle = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0)]) * [*(shape * cut)[::-1], 0]
     ends = np.concatenate([rectangle, (seen_corners(view) - first) @ turned / unit])
     meshes = []
     for occluder in view.before(name):
         if occluder.vertices is None or occluder.faces is None:
-            raise no_closed_form(scene, occluder.name, "has no triangles; replace it by a mesh")
+            return None
         vertices = (occluder.vertices - first) @ turned / unit
         above = vertices[:, 2] / points[..., 2].min()
         if above.max() <= FLATNESS:  # behind the surface, it hides nothing of it
@@ -306,10 +303,7 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene:
         if above.min() <= FLATNESS or above.max() >= 1 - FLATNESS:
             if are_apart(vertices, ends):
                 continue
-            end = "monitor's plane" if above.min() <= FLATNESS else "wall's nearest point"
-            raise no_closed_form(
-                scene, occluder.name, f"reaches the {end}; move it between the two"
-            )
+            return None
         meshes.append((vertices, occluder.faces))
     scale *= width * height
     return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
@@ -391,11 +385,8 @@ def are_apart(points: Array, others: Array) -> bool:
     return bool(found.success and found.x[4] > FLATNESS)
 
 
-def surface_axes(scene: Scene, name: str, surface: Surface) -> Array:
-    """Return unit across, up and normal, (3, 3), which all patches of a hidden surface share.
-
-    A ClosedFormError says that they share none.
-    """
+def rectangle_axes(surface: Surface) -> Array | None:
+    """Return unit across, up and normal, (3, 3), of a plane of equal rectangles; None of others."""
     centers, normals = surface.centers, surface.normals
     across, up, normal = surface.across, surface.up, normals[0]
     row, column = np.divmod(np.arange(len(centers)), surface.shape[1])
@@ -403,11 +394,10 @@ def surface_axes(scene: Scene, name: str, surface: Surface) -> Array:
     deviations = (centers - grid, across - across[0], up - up[0], across @ normal, up @ normal)
     deviation = max(np.abs(metres).max() for metres in deviations)
     corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
-    if deviation > tolerance(corners) or np.abs(normals - normal).max() > FLATNESS:
-        reason = f"is not a planar grid of equal parallelograms (off by {deviation:.2g} m)"
-        raise no_closed_form(scene, name, f"{reason}; use a rectangle")
     axes = np.stack([across[0], up[0], normal])
-    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    bent = max(np.abs(normals - normal).max(), abs(axes[0] @ axes[1]))
+    return None if deviation > tolerance(corners) or bent > FLATNESS else np.asarray(axes)
 
 
 def tolerance(points: Array) -> float:

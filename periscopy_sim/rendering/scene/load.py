@@ -49,7 +49,7 @@ MIDDLE = np.array([0.5])
 """Offset of a patch's centre within it."""
 
 WHOLE = 48, 48
-"""Patches from which a hidden surface's form is told, whatever the size of its image."""
+"""Patches by which the form of a hidden surface is judged, whatever the size of its image."""
 
 RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 """Shapes that become triangles between the unit circle and another: its radius and its z."""
