@@ -60,13 +60,18 @@ def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
-    Pixels are square, but for those of a strip, see `LONGEST`.
+    Pixels are square, but for those of a strip, see `LONGEST`, which has a frame with an axis.
 
     The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
     ax.set_title(title)
     ax.set_axis_off()
     aspect = picture.shape[1] / picture.shape[0] / proportions(picture)
+    if not np.isclose(aspect, 1):
+        ax.set_axis_on()
+        ax.spines[:].set_visible(True)
+        for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
+            axis.set_visible(size > 1)
     return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
 
 
