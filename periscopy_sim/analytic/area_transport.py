@@ -298,7 +298,7 @@ def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
     if (count := sum(map(len, faces))) > MOST_FACES:
         reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
         raise no_closed_form(scene, view.before(name)[-1].name, reason)
-    if hides_itself(surface, view.corners[1]):
+    if hides_itself(surface, tuple(view.corners[1].ravel())):
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
     return Faces(view.points, view.normals, exponents, scale, stacked, patches_of(surface))
