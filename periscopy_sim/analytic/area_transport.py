@@ -121,6 +121,8 @@ def area_derivatives(
         if len({len(way.meshes) if isinstance(way, Outlines) else None for way in ways}) > 1:
             ways = [way_to(each, name, by_faces=True) for each in scenarios]
         blocks.append(ways[0].linearized(list(zip(ways[1:], distances, strict=True))))
+    if len(blocks) == 1:
+        return blocks[0]
     A, changes = (np.concatenate(each, axis=-1) for each in zip(*blocks, strict=True))
     return A, changes
 
