@@ -12,7 +12,8 @@ any photograph. One number remains for each channel,
 
 twice the negative logarithm of the evidence up to a constant. F is M less the rank of B, μ and W
 are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = Wᵀ X⊥ᵀ y⊥, and ⊥ projects
-range(B) out. Each α_c minimizes E_c. The mean is x̂ = W z/(μ + α).
+range(B) out. Each α_c minimizes E_c, but for images of a typical direction m, which are near a
+multiple of it by a fraction of this multiple s: α_c is σ_c²/s². The mean is x̂ = W z/(μ + α).
 """
 
 from __future__ import annotations
@@ -39,6 +40,12 @@ the weight of how bright an image is, beside how rough."""
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
+UNKNOWN_SCALE = 0.01
+"""Precision of a multiple of a typical direction, over its square: in effect it is free."""
+
+ROUNDS, TINY = 8, 1e-300
+"""How often a scale and its α are updated; what no scale's square is below."""
+
 ROUNDING = 1e-7
 """Relative rounding of A, which is computed in single precision."""
 
@@ -64,13 +71,13 @@ class Explanation(ABC):
         Q = self.background
         return np.asarray((light - Q @ (Q.T @ light)) / self.noise)
 
-    def slope(self, motion: Array, volume: float) -> float:
-        """Return the derivative of half the evidence along a change dA of the matrix, (M, N).
+    def pull(self, motions: Array) -> Array:
+        """Return the misfit's part, (P,), of the derivatives of half the evidence along P changes.
 
-        dE/2 = Σ_c −r_cᵀ dA f̂_c / σ_c² + ⟨volume, dA⟩, the rest at its best. `motion` is that of
-        dA f̂, and `volume` is ⟨self.volume, dA⟩.
+        dE/2 = Σ_c −r_cᵀ dA f̂_c / σ_c² + ⟨volume, dA⟩, the rest at its best; `motions`, (P, M, C),
+        are those of dA f̂.
         """
-        return float(volume - np.einsum("mc,mc,c->", self.residual, motion, 1 / self.noise))
+        return np.asarray(-np.einsum("mc,pmc,c->p", self.residual, motions, 1 / self.noise))
 
     @abstractmethod
     def beyond_image(self, motion: Array) -> Array:
@@ -101,12 +108,18 @@ class SmoothExplanation(Explanation):
 
     def beyond_image(self, motion: Array) -> Array:
         """Return what no hidden image can follow of motions, with H = X⊥ᵀX⊥ + α K."""
-        (μ, W), beyond = self._modes, np.empty_like(motion)
-        for c, α in enumerate(self.ratios):
-            J = motion[:, :, c].T
-            modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
-            beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
-        return beyond
+        return motion - (self._columns @ self.followed(motion)).transpose(2, 1, 0)
+
+    @property
+    def covariance(self) -> Array:
+        """(J, J) of the first channel's x."""
+        μ, W = self._modes
+        return np.asarray(self.noise[0] ** 2 * (W / (μ + self.ratios[0])) @ W.T)
+
+    def followed(self, motion: Array) -> Array:
+        """Return by how much less light the image would have, (C, J, P), H⁻¹ X⊥ᵀ J."""
+        (μ, W), moves = self._modes, self._columns.T @ motion.transpose(2, 1, 0)
+        return np.asarray(W @ ((W.T @ moves) / (μ + self.ratios[:, None])[:, :, None]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +128,7 @@ class SmoothImages:
 
     basis: Any  # (N, J) S, sparse or dense
     precision: Array  # (J, J) K
+    typical: Array | None = None  # (J,) m
 
     @classmethod
     def hats(cls, hidden: Hidden, coarse: Hidden) -> SmoothImages:
@@ -136,17 +150,24 @@ class SmoothImages:
         return cls(sparse.eye_array(len(f), format="csr"), smoothness(hidden, f))
 
     @classmethod
-    def shown(cls, picture: Matrix) -> SmoothImages:
+    def shown(cls, picture: Matrix, row: tuple[Array, Array] | None = None) -> SmoothImages:
         """Return a known picture, (N, P), in any mixture of its colours.
 
-        A PhotographError says that it is black.
+        `row` has mean and covariance of a channel's mixture over its sum, see `row_priors`. A
+        PhotographError says that the picture is black.
         """
         colours = np.asarray(picture, np.float64)
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
-        ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other but for rounding
-        return cls(colours, gram + ridge * np.eye(len(gram)))
+        if row is None:
+            ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other, but rounded
+            return cls(colours, gram + ridge * np.eye(len(gram)))
+        mean, covariance = row
+        sums = np.ones((len(mean), len(mean)))
+        deviation = np.eye(len(mean)) - mean[:, None] * sums  # from the mean times the row's sum
+        precision = deviation.T @ np.linalg.pinv(covariance, 1e-6, hermitian=True) @ deviation
+        return cls(colours, precision + UNKNOWN_SCALE * sums, mean)
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
         """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
@@ -167,8 +188,13 @@ class SmoothImages:
         # A photograph without noise still has finite precision.
         energy = np.einsum("mc,mc->c", y_free, y_free)
         energy += freedom * ROUNDING**2 * float(np.mean(y**2))
+        z_unit = z / np.sqrt(unit)
+        direction = None if self.typical is None else W.T @ (self.precision @ self.typical)
         best = [
-            _best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)
+            _best_ratio(μ / unit, z_unit[:, c] ** 2, e, freedom)
+            if direction is None
+            else _relative_ratio(μ / unit, z_unit[:, c], direction, e, freedom)
+            for c, e in enumerate(energy)
         ]
         ratios = unit * np.array([α for α, _, _ in best])
         coefficients = W @ (z / (μ[:, None] + ratios))
@@ -232,3 +258,21 @@ def _best_ratio(
     α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
     misfit, refined = misfit_and_cost(np.array([α]))
     return float(α), float(misfit[0]), float(refined[0])
+
+
+def _relative_ratio(
+    μ: Array, z: Array, direction: Array, energy: float, freedom: int
+) -> tuple[float, float, float]:
+    """Return α = σ²/s², s the multiple of a direction Wᵀ K m, and S and E there.
+
+    As s hardly depends on α, neither does the slope on its derivative.
+    """
+    scale = float(z @ direction) / max(float(μ @ direction**2), TINY)
+    misfit = energy - scale * float(z @ direction)
+    for _ in range(ROUNDS):
+        misfit = max(misfit, ROUNDING**2 * energy)
+        α = float(np.clip(misfit / freedom / max(scale**2, TINY), RATIOS[0], RATIOS[-1]))
+        modes = z / (μ + α)
+        misfit, scale = energy - float(z @ modes), float(direction @ modes / np.sum(direction**2))
+    misfit = max(misfit, ROUNDING**2 * energy)
+    return α, misfit, freedom * float(np.log(misfit)) + float(np.log1p(μ / α).sum())
