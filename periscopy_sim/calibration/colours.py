@@ -1,13 +1,10 @@
 """How cameras mix the colours of a monitor: what is known of a colour matrix before a photograph.
 
-Raw converters publish the matrix of each camera from XYZ to its channels. Times that of an sRGB
-monitor from its primaries to XYZ, with rows of sum 1, as exposure and white balance are free, it is
-the colour matrix. The numbers are the mean and the covariance of each row over the 406 different
-matrices of 550 cameras of three channels in the table `adobe_coeff` of dcraw 9.28 (Coffin 2018).
-
-Some converters have changed a photograph to the monitor's colours already: the prior of a row is
-the normal one with the mean and the variance, between the two, of cameras and of no mixing, each
-half of the photographs. Each deviates as cameras do, because monitors and converters differ.
+Raw converters publish each camera's matrix from XYZ to its channels. That matrix times an sRGB
+monitor's from primaries to XYZ is the colour matrix, its rows of sum 1, as exposures are free. The
+numbers are of 406 different matrices of 550 cameras in dcraw's table `adobe_coeff` (Coffin, dcraw
+9.28, 2018). Half of all photographs may have the monitor's colours already, but for deviations like
+cameras'. The normal prior of a row has the mean and the covariance of this mixture.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ import numpy as np
 from periscopy_sim.numerics import Array
 
 CAMERAS = np.array([[0.640, 0.242, 0.118], [0.069, 0.736, 0.195], [0.019, 0.230, 0.751]])
-"""(3, 3) mean colour matrix, from red, green, blue to the camera's."""
+"""(3, 3) mean colour matrix, from red, green and blue to the camera's."""
 
 COVARIANCES = 1e-4 * np.array(
     [

@@ -12,15 +12,15 @@ any photograph. One number remains for each channel,
 
 twice the negative logarithm of the evidence up to a constant. F is M less the rank of B, μ and W
 are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = Wᵀ X⊥ᵀ y⊥, and ⊥ projects
-range(B) out. Each α_c minimizes E_c, but for images of a typical direction m, which are near a
-multiple of it by a fraction of this multiple s: α_c is σ_c²/s². The mean is x̂ = W z/(μ + α).
+range(B) out. Each α_c minimizes E_c. Where x is a multiple s of a typical m but for a deviation in
+proportion to s, α_c is σ_c²/s². The mean is x̂ = W z/(μ + α).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -40,11 +40,9 @@ the weight of how bright an image is, beside how rough."""
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
-UNKNOWN_SCALE = 0.01
-"""Precision of a multiple of a typical direction, over its square: in effect it is free."""
-
-ROUNDS, TINY = 8, 1e-300
-"""How often a scale and its α are updated; what no scale's square is below."""
+UNKNOWN_SCALE, ROUNDS, TINY = 0.01, 8, 1e-300
+"""Of multiples s: their precision times s², so that they are free in effect; how often they and α
+are updated; the least s²."""
 
 ROUNDING = 1e-7
 """Relative rounding of A, which is computed in single precision."""
@@ -188,14 +186,11 @@ class SmoothImages:
         # A photograph without noise still has finite precision.
         energy = np.einsum("mc,mc->c", y_free, y_free)
         energy += freedom * ROUNDING**2 * float(np.mean(y**2))
-        z_unit = z / np.sqrt(unit)
-        direction = None if self.typical is None else W.T @ (self.precision @ self.typical)
-        best = [
-            _best_ratio(μ / unit, z_unit[:, c] ** 2, e, freedom)
-            if direction is None
-            else _relative_ratio(μ / unit, z_unit[:, c], direction, e, freedom)
-            for c, e in enumerate(energy)
-        ]
+        ratio = _best_ratio
+        if self.typical is not None:
+            ratio = partial(_relative_ratio, W.T @ (self.precision @ self.typical))
+        columns = zip(z.T / np.sqrt(unit), energy, strict=True)
+        best = [ratio(μ / unit, each, e, freedom) for each, e in columns]
         ratios = unit * np.array([α for α, _, _ in best])
         coefficients = W @ (z / (μ[:, None] + ratios))
         residual = y_free - X @ coefficients
@@ -240,10 +235,9 @@ def _hats_along(size: int, count: int) -> Any:
     return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
 
-def _best_ratio(
-    μ: Array, squares: Array, energy: float, freedom: int
-) -> tuple[float, float, float]:
+def _best_ratio(μ: Array, z: Array, energy: float, freedom: int) -> tuple[float, float, float]:
     """Return the α at which a channel's E_c is least, S_c and E_c there."""
+    squares = z**2
 
     def misfit_and_cost(ratios: Array) -> tuple[Array, Array]:
         sums = (squares / (μ + ratios[:, None])).sum(axis=1)
@@ -261,18 +255,17 @@ def _best_ratio(
 
 
 def _relative_ratio(
-    μ: Array, z: Array, direction: Array, energy: float, freedom: int
+    direction: Array, μ: Array, z: Array, energy: float, freedom: int
 ) -> tuple[float, float, float]:
-    """Return α = σ²/s², s the multiple of a direction Wᵀ K m, and S and E there.
+    """Return α_c = σ_c²/s², s the multiple of a direction Wᵀ K m, and S_c and E_c there.
 
-    As s hardly depends on α, neither does the slope on its derivative.
+    That s hardly depends on A, so the slope leaves its change out.
     """
     scale = float(z @ direction) / max(float(μ @ direction**2), TINY)
-    misfit = energy - scale * float(z @ direction)
+    misfit = max(energy - scale * float(z @ direction), ROUNDING**2 * energy)
     for _ in range(ROUNDS):
-        misfit = max(misfit, ROUNDING**2 * energy)
         α = float(np.clip(misfit / freedom / max(scale**2, TINY), RATIOS[0], RATIOS[-1]))
         modes = z / (μ + α)
-        misfit, scale = energy - float(z @ modes), float(direction @ modes / np.sum(direction**2))
-    misfit = max(misfit, ROUNDING**2 * energy)
+        misfit = max(energy - float(z @ modes), ROUNDING**2 * energy)
+        scale = float(direction @ modes / np.sum(direction**2))
     return α, misfit, freedom * float(np.log(misfit)) + float(np.log1p(μ / α).sum())

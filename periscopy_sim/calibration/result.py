@@ -139,10 +139,10 @@ class Calibration:
     @property
     def assumes_colours(self) -> bool:
         """Whether other cameras rather than the photograph determine the colour matrix."""
-        errors, variances = self.colour_errors, np.diagonal(VARIANCES, axis1=1, axis2=2)
-        if errors is None or errors.shape != variances.shape:
+        errors, known = self.colour_errors, np.diagonal(VARIANCES, axis1=1, axis2=2)
+        if errors is None or errors.shape != known.shape:
             return False
-        return bool(np.any(errors**2 > LEARNED * variances))
+        return bool(np.any(np.max(errors**2, axis=1) > LEARNED * np.max(known, axis=1)))
 
     @property
     def unexplained(self) -> tuple[float, float]:
