@@ -25,10 +25,6 @@ Size: TypeAlias = tuple[int, int]
 Sizes: TypeAlias = Size | Mapping[str, Size]
 """(R, C) of the only hidden surface, or of each by its id."""
 
-EVEN = 1e-4
-"""Relative difference of distances between patches, up to which they count as equal: rounding of
-single precision in a scene's coordinates leaves less."""
-
 
 def named(stem: str, by_id: Any) -> dict[str, Any]:
     """Return the values of surfaces by names: of the only one the stem, of several ``stem_ID``.
@@ -149,9 +145,6 @@ class Hidden(Mapping[str, Surface]):
     ----------
     surfaces
         The surfaces by id, one at least.
-    by_distance
-        Whether differences are weighted by the distances of patches, see `Differences`. They change
-        the image of a real doorway by 13 %, and no photograph shows yet that they improve it.
 
     Attributes
     ----------
@@ -161,10 +154,10 @@ class Hidden(Mapping[str, Surface]):
         The columns of A that each surface has, by its id.
     """
 
-    def __init__(self, surfaces: Mapping[str, Surface], *, by_distance: bool = False) -> None:
+    def __init__(self, surfaces: Mapping[str, Surface]) -> None:
         if not surfaces:
             raise InputError("there is no hidden surface; give one at least")
-        self._surfaces, self.by_distance = dict(surfaces), by_distance
+        self._surfaces = dict(surfaces)
         ends = np.cumsum([0, *(np.prod(each.shape, dtype=int) for each in surfaces.values())])
         self.slices = {
             name: slice(int(start), int(stop))
@@ -247,20 +240,17 @@ class Hidden(Mapping[str, Surface]):
     @property
     def is_flat(self) -> bool:
         """Whether this is one flat surface."""
-        forms = [surface.whole or surface for surface in self.values()]
-        return len(forms) == 1 and float(np.ptp(forms[0].normals, axis=0).max()) < EVEN
+        return len(self) == 1 and all(surface.curved is None for surface in self.values())
 
     def moved(self, motions: Mapping[str, Array]) -> "Hidden":
         """Return the surfaces moved by matrices, (4, 4), by their ids."""
         if not self.keys() & motions.keys():
             return self
-        moved = {n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()}
-        return Hidden(moved, by_distance=self.by_distance)
+        return Hidden({n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()})
 
     def shifted(self, shifts: Array) -> "Hidden":
         """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        moved = {n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)}
-        return Hidden(moved, by_distance=self.by_distance)
+        return Hidden({n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)})
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
@@ -312,25 +302,19 @@ class Hidden(Mapping[str, Surface]):
     @cached_property
     def differences_by_surface(self) -> "dict[str, Differences]":
         """Each surface's own ∇ by its id: no difference crosses from one surface to another."""
-        return {
-            name: Differences.of_grid(each.shape, each.centers if self.by_distance else None)
-            for name, each in self.items()
-        }
+        return {name: Differences.of_grid(shape) for name, shape in self.shapes.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
     """Forward differences down and across each surface, ∇: those past its border are zero.
 
-    They have weight 1. Given the patches' centres, a difference is weighted by the surface's mean
-    distance along that axis over its own: a derivative along a curved surface.
-
     Attributes
     ----------
     following
         (2, N) number of the next patch down, and of the next across; the patch itself at a border.
     weights
-        (2, N) weights of these differences; 0 at a border.
+        (2, N) weights of these differences: 1, and 0 at a border.
     borders
         (2, N) number of borders at which a patch lies down and across: 0 or 1, or 2 if it is alone.
     """
@@ -340,20 +324,14 @@ class Differences:
     borders: NDArray[np.intp]
 
     @classmethod
-    def of_grid(cls, shape: Size, centers: Array | None = None) -> "Differences":
-        """Return ∇ on one surface, (R, C), whose centres are (R C, 3); None for equal squares."""
+    def of_grid(cls, shape: Size) -> "Differences":
+        """Return ∇ on one surface, (R, C)."""
         numbers = np.arange(shape[0] * shape[1]).reshape(shape)
         following, weights, borders = np.stack([numbers] * 2), np.zeros((2, *shape)), []
         for axis, size in enumerate(shape):
             inside = (slice(None),) * axis + (slice(-1),)
             following[axis] = np.take(numbers, np.minimum(np.arange(size) + 1, size - 1), axis)
-            if centers is None:
-                weights[axis][inside] = 1
-            elif size > 1:
-                steps = np.linalg.norm(np.diff(centers.reshape(*shape, 3), axis=axis), axis=-1)
-                ratios = steps.mean() / steps
-                is_even = np.allclose(ratios, 1, rtol=0, atol=EVEN)
-                weights[axis][inside] = 1 if is_even else ratios
+            weights[axis][inside] = 1
             ends = np.bincount([0, size - 1], minlength=size)
             borders.append(np.broadcast_to(np.expand_dims(ends, 1 - axis), shape).ravel())
         return cls(following.reshape(2, -1), weights.reshape(2, -1), np.stack(borders))

@@ -124,7 +124,8 @@ class Scene:
     lights
         Names of the emitters beside the hidden surfaces, whose light is not in A.
     reflecting
-        The hidden surfaces without an emitter, whose images are radiance that they reflect.
+        The hidden surfaces without an emitter, whose images are radiance that they reflect, by id
+        the names of their materials.
     walls
         The shapes of the relay walls: all but the one that a camera sees are occluders to it.
     source
@@ -139,7 +140,7 @@ class Scene:
     surfaces: tuple[Occluder, ...] = field(repr=False)
     emission: Mapping[str, EmissionProfile | None]
     lights: tuple[str, ...] = ()
-    reflecting: tuple[str, ...] = ()
+    reflecting: Mapping[str, str] = field(default_factory=dict)
     transparent: tuple[str, ...] = ()
     walls: tuple[Occluder, ...] = field(default=(), repr=False)
     source: Any = field(default=None, repr=False)

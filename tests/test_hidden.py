@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.hidden import Hidden, Surface
-from tests.scenes.surfaces import curved, screen_and_column
+from periscopy_sim.hidden import Hidden
+from tests.scenes.surfaces import screen_and_column
 
 
 @pytest.mark.parametrize("shape", [(4, 5), (1, 6), (3, 1), (1, 1)])
@@ -54,20 +54,14 @@ def test_slopes_are_exact_for_polynomials_and_see_darkness_beyond_the_borders() 
     assert not across["card"].any()
 
 
-def test_differences_of_surfaces_do_not_meet_and_follow_distances() -> None:
-    surfaces = {"screen": Surface.flat((3, 4)), "column": curved(2, 9)}
-    hidden = Hidden(surfaces, by_distance=True)
+def test_differences_of_surfaces_do_not_meet() -> None:
+    hidden = screen_and_column()
     f = np.random.default_rng(1).normal(size=hidden.patches)
     both = hidden.differences(f)
     for name, part in hidden.split(np.moveaxis(both, 0, -1)).items():
-        alone = Hidden({name: hidden[name]}, by_distance=True)
+        alone = Hidden({name: hidden[name]})
         expected = alone.differences(hidden.split(f)[name].ravel())
         np.testing.assert_allclose(np.moveaxis(part, -1, 0).reshape(2, -1), expected, atol=1e-14)
-    # On the column, an image that grows evenly with the way along it has even derivatives.
-    steps = np.linalg.norm(np.diff(hidden["column"].centers[:9], axis=0), axis=1)
-    way = np.tile(np.append(0, np.cumsum(steps)), 2)
-    _, across = Hidden({"column": hidden["column"]}, by_distance=True).differences(way)
-    np.testing.assert_allclose(across.reshape(2, 9)[:, :-1], steps.mean(), rtol=1e-12)
 
 
 def test_images_and_vectors() -> None:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, start_values
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.photograph import Photograph
@@ -57,7 +56,7 @@ class Laboratory:
         errors = free_parameters(self.scenario.document)
         self.names, self.errors = tuple(errors), np.array(list(errors.values()))
         self.centers = start_values(self.scenario.document, self.names)
-        self.A = pixel_transport(self.scenario).astype(np.float64)
+        self.A = ps.analytic_transport(self.scenario).astype(np.float64)
         mushroom = ps.read_hidden_image(ps.find_image("mushroom"), HIDDEN)
         self.ambient = 2 * float(np.mean(self.A @ mushroom.reshape(-1, 3)))
 

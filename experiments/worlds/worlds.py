@@ -37,6 +37,11 @@ WORLDS = {
     "the scene outside, taken for a frosted window": World(
         "window.xml", "pane.xml", {"outside": ("sunset", SCREEN)}
     ),
+    "two cards, 0.5 and 1 m behind a door": World(
+        "doorway.xml",
+        "doorway.xml",
+        {"near": ("mushroom", (15, 10)), "far": ("still_life", (15, 10))},
+    ),
 }
 
 

@@ -7,6 +7,7 @@ the patch, see `patch_light`. Where rays leave noise that differs from place to 
 smoothly with the scene: what descends on a scene's parameters needs that.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,8 +36,12 @@ CELLS = 12
 PIXEL_POINTS = 126
 """Wall points along a photograph's longer side, about: by its 63 pixels' own it lost 0.4 dB."""
 
+PART = 1e-3
+"""Of the way to a scene beside, over which light is differenced. Few wall points then pass from one
+side of a face to its other, where light bends; all of the way put derivatives off by 10 %."""
+
 FLATNESS = 1e-6
-"""Deviation, relative to its extent, up to which a surface counts as planar."""
+"""Deviation, relative to its extent, up to which a wall counts as planar."""
 
 MOST_FACES = 256
 """Triangles past which clipping by each costs more than rays."""
@@ -61,16 +66,11 @@ def area_transport(scenario: Scenario) -> NDArray[np.float32]:
     ClosedFormError
         If the scene is not of that kind; the message names the shape.
     """
-    blocks = [_scene_of(scenario, name).light() for name in scenario.hidden]
+    blocks = [way.light() for way in ways_to(scenario).values()]
     return np.hstack(blocks) if len(blocks) > 1 else blocks[0]
 
 
 analytic_transport = area_transport  # the public name
-
-
-def pixel_transport(scenario: Scenario) -> NDArray[np.float32]:
-    """Compute A, (M, N), averaged over the pixels' areas; for the rest see `area_transport`."""
-    return area_transport(scenario.averaged(points_across(scenario.photograph_shape)))
 
 
 def points_across(photograph_shape: tuple[int, int]) -> int:
@@ -81,167 +81,202 @@ def points_across(photograph_shape: tuple[int, int]) -> int:
 def has_areas(scenario: Scenario) -> bool:
     """Return whether a scene is of the kind that `area_transport` takes."""
     try:
-        require_areas(scenario)
+        ways_to(scenario)
     except ClosedFormError:
         return False
     return True
 
 
-def has_outlines(scenario: Scenario) -> bool:
-    """Return whether A is by shadows' outlines on planes alone: 30 times faster than by faces."""
-    return all(isinstance(_scene_of(scenario, name), _LocalScene) for name in scenario.hidden)
-
-
-def require_areas(scenario: Scenario) -> None:
-    """Raise a ClosedFormError unless a scene is of the kind that `area_transport` takes."""
-    for name in scenario.hidden:
-        _scene_of(scenario, name)
-
-
 def area_derivatives(
-    scenario: Scenario,
-    sides: Sequence[tuple[Scenario, Scenario, float]],
-    A: NDArray[np.float32] | None = None,
-) -> NDArray[np.float32]:
-    """Compute derivatives of the light transport matrix of `area_transport` by some parameters.
+    scenario: Scenario, sides: Sequence[tuple[Scenario, float]]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Compute the light transport matrix of `area_transport` and its derivatives by parameters.
 
     Parameters
     ----------
     scenario
         As there.
     sides
-        For each of P parameters the scene on either side, and how far these are apart. Only the
-        places of things there count, not what is seen: far enough for single precision, and so
-        near that places change in proportion.
-    A
-        What `area_transport` computes of the scenario, if that is known.
+        For each of P parameters a scene where it has another value, and by how much: far enough
+        for single precision, and so near that places change in proportion.
 
     Returns
     -------
-    ndarray
-        (P, M, N) float32: derivatives of what `area_transport` computes; where it has a corner,
-        as where faces of two occluders lie in one plane and part, those to either side.
+    A, derivatives
+        (M, N) and (P, M, N) float32; where A has a corner, as where faces of two occluders lie in
+        one plane and part, the derivatives are those to either side.
 
     Raises
     ------
     ClosedFormError
-        As there, of any of the scenes.
+        As there, of any of the scenes; or if a parameter changes an occluder's faces.
     """
+    scenarios, distances = [scenario, *(beside for beside, _ in sides)], [by for _, by in sides]
+    if not all(have_same_faces(each.scene, scenario.scene) for each in scenarios):
+        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
     blocks = []
-    for before, after, _ in sides:
-        _require_alike(after, before)
-    for name, part in scenario.hidden.slices.items():
-        local = _scene_of(scenario, name)
-        beside = [(_scene_of(b, name), _scene_of(a, name), by) for a, b, by in sides]
-        slopes = [
-            _slope(after, before, by)
-            for after, before, by in beside
-            if isinstance(after, _LocalScene)
-            and isinstance(before, _LocalScene)
-            and len(after.meshes) == len(before.meshes)
-        ]
-        # Outlines move where both sides have them, and nothing passes the surface's plane between.
-        if not isinstance(local, _LocalScene) or len(slopes) < len(sides):
-            blocks.append(_differences(sides, name))
-            continue
-        changes = np.empty((len(sides), len(local.points), part.stop - part.start), np.float32)
-        _fill_changes(changes, local, slopes)
-        changes *= local.scale
-        for change, by in zip(changes, slopes, strict=True):
-            if by.scale:
-                A = area_transport(scenario) if A is None else A
-                change += by.scale / local.scale * A[:, part]
-        blocks.append(changes)
-    return np.concatenate(blocks, axis=2) if len(blocks) > 1 else blocks[0]
+    for name in scenario.hidden:
+        ways = [way_to(each, name) for each in scenarios]
+        # Outlines move where all have them, and nothing passes the surface's plane between.
+        if len({len(way.meshes) if isinstance(way, Outlines) else None for way in ways}) > 1:
+            ways = [way_to(each, name, by_faces=True) for each in scenarios]
+        blocks.append(ways[0].linearized(list(zip(ways[1:], distances, strict=True))))
+    A, changes = (np.concatenate(each, axis=-1) for each in zip(*blocks, strict=True))
+    return A, changes
 
 
-def _differences(
-    sides: Sequence[tuple[Scenario, Scenario, float]], name: str
-) -> NDArray[np.float32]:
-    """Return (P, M, N) differences of a surface's columns, over the sides' distances."""
-    steps: list[NDArray[np.float32]] = []
-    last: Scenario | None = None
-    for before, after, distance in sides:
-        if before is not last:  # all may share one side
-            last, start = before, _clipped_scene(before, name).light(np.float64)
-        end = _clipped_scene(after, name).light(np.float64)
-        steps.append(((end - start) / distance).astype(np.float32))
-    return np.array(steps)
+def have_same_faces(one: Scene, other: Scene) -> bool:
+    """Return whether the occluders of two scenes differ in their places alone."""
+    pairs = zip_longest(one.occluders, other.occluders)
+    return all(
+        a
+        and b
+        and np.array(a.vertices).shape == np.array(b.vertices).shape
+        and np.array_equal(np.array(a.faces), np.array(b.faces))
+        for a, b in pairs
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _LocalScene:
-    """A scene as `light_rows` takes it."""
+class Way(ABC):
+    """The way to a hidden surface's columns of A: what light runs past, as arrays."""
 
     points: Array  # (M, K, 3)
     normals: Array  # (M, K, 3)
-    cells: Array  # (2,)
-    exponents: Array  # (2,)
-    meshes: list[tuple[Array, NDArray[np.int64]]]
-    shape: NDArray[np.int64]  # (2,)
-    cut: NDArray[np.int64]  # (2,)
-    scale: float
+    exponents: Array  # (2,) of the surface's profile
+    scale: float  # of the light that `fill` computes
+
+    def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """Return the surface's columns of A, (M, R C)."""
+        A = np.empty((len(self.points), self.patches), dtype)
+        in_parallel(lambda rows: self.fill(slice(*rows), A[slice(*rows)]), ranges(len(A)))
+        A *= self.scale
+        return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
 
     @property
-    def vertices(self) -> Array:
-        """(V, 3) of all meshes."""
-        return np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in self.meshes)])
+    @abstractmethod
+    def patches(self) -> int:
+        """R C."""
+
+    @abstractmethod
+    def linearized(
+        self, sides: Sequence[tuple[Any, float]]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the light and its derivatives, from ways of this kind beside it, at distances."""
+
+    @abstractmethod
+    def fill(self, rows: slice, out: NDArray[Any]) -> None:
+        """Fill `out` with the light of each patch in some rows, over the scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines(Way):
+    """A flat surface's, by shadows' outlines: 30 times as fast as by faces; see `light_rows`."""
+
+    cells: Array  # (2,)
+    meshes: list[tuple[Array, NDArray[np.int64]]]  # vertices and faces of each
+    shape: NDArray[np.int64]  # (2,)
+    cut: NDArray[np.int64]  # (2,)
+
+    @property
+    def patches(self) -> int:
+        """R C."""
+        return int(np.prod(self.shape // self.cut))
 
     @cached_property
     def borders(self) -> Borders:
         """The edges of the meshes."""
         return borders_of(self.meshes)
 
-    def light(self) -> NDArray[np.float32]:
-        """Return the surface's columns of A, (M, R C)."""
-        A = np.empty((len(self.points), int(np.prod(self.shape // self.cut))), np.float32)
+    def fill(self, rows: slice, out: NDArray[Any]) -> None:
+        """Fill `out` with the light of each patch in some rows, over the scale."""
+        lit = Lighting(self.points[rows], self.normals[rows], self.cells, self.exponents)
+        light_rows(lit, self.borders, self.shape, self.cut, out)
+
+    @property
+    def vertices(self) -> Array:
+        """(V, 3) of all meshes."""
+        return np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in self.meshes)])
+
+    def linearized(
+        self, sides: Sequence[tuple["Outlines", float]]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the light and its derivatives by the outlines' motion; see `light_derivatives`."""
+        A, count = self.light(), len(sides)
+        points, normals, cells, exponents, vertices, scales = slopes = [
+            np.array([(getattr(side, name) - getattr(self, name)) / by for side, by in sides])
+            for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
+        ]
+        shines = np.any([each.reshape(count, -1).any(axis=1) for each in slopes[:4]], axis=0)
+        vertices = vertices[:, self.borders.sources]
+        changes = np.empty((count, *A.shape), np.float32)
 
         def part(some: tuple[int, int]) -> None:
             at = slice(*some)
             lit = Lighting(self.points[at], self.normals[at], self.cells, self.exponents)
-            light_rows(lit, self.borders, self.shape, self.cut, A[at])
+            by = Lighting(points[:, at], normals[:, at], cells, exponents)
+            out = changes[:, at]
+            light_derivatives(lit, by, vertices, shines, self.borders, self.shape, self.cut, out)
 
         in_parallel(part, ranges(len(A)))
-        A *= self.scale
-        return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
+        changes *= self.scale
+        for change, by in zip(changes, scales, strict=True):
+            if by:
+                change += by / self.scale * A
+        return A, changes
 
 
 @dataclass(frozen=True, eq=False)
-class _ClippedScene:
-    """A scene as `clipped_rows` takes it."""
+class Faces(Way):
+    """Any surface's, by occluders' faces that clip its patches; see `clipped_rows`."""
 
-    points: Array  # (M, K, 3)
-    normals: Array  # (M, K, 3)
     faces: Array  # (F, 3, 3)
-    patches: Patches
-    exponents: Array  # (2,)
-    scale: float
+    grid: Patches
 
-    def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-        """Return the surface's columns of A, (M, R C)."""
-        A = np.empty((len(self.points), len(self.patches.centers)), dtype)
+    @property
+    def patches(self) -> int:
+        """R C."""
+        return len(self.grid.centers)
 
-        def part(some: tuple[int, int]) -> None:
-            at = slice(*some)
-            points, normals = self.points[at], self.normals[at]
-            clipped_rows(points, normals, self.faces, self.patches, self.exponents, A[at])
+    def fill(self, rows: slice, out: NDArray[Any]) -> None:
+        """Fill `out` with the light of each patch in some rows, over the scale."""
+        points, normals = self.points[rows], self.normals[rows]
+        clipped_rows(points, normals, self.faces, self.grid, self.exponents, out)
 
-        in_parallel(part, ranges(len(A)))
-        A *= self.scale
-        return A
+    def linearized(
+        self, sides: Sequence[tuple["Faces", float]]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the light and its derivatives, differences in double precision."""
+        A = self.light(np.float64)
+        changes = np.empty((len(sides), *A.shape), np.float32)
+        for change, (side, distance) in zip(changes, sides, strict=True):
+            moved = {
+                name: moved_towards(getattr(self, name), getattr(side, name))
+                for name in ("points", "normals", "exponents", "scale", "faces")
+            }
+            grid = Patches(*map(moved_towards, self.grid, side.grid))
+            moved_light = replace(self, grid=grid, **moved).light(np.float64)
+            change[:] = (moved_light - A) / (PART * distance)
+        return A.astype(np.float32), changes
 
 
-def _scene_of(scenario: Scenario, name: str) -> _LocalScene | _ClippedScene:
-    """Return a scene before a hidden surface: by outlines on a plane where that is possible."""
-    return _local_scene(scenario, name) or _clipped_scene(scenario, name)
+def moved_towards(own: Any, beside: Any) -> Any:
+    """Return numbers moved by `PART` of the way to others."""
+    return own + PART * (beside - own)
 
 
-def _emission(scenario: Scenario, name: str) -> tuple[Array, float]:
-    """Return the exponents, (2,), of a surface's profile, and the wall's albedo over π.
+def ways_to(scenario: Scenario) -> dict[str, Way]:
+    """Return the way to each hidden surface's columns of A; a ClosedFormError says why not."""
+    return {name: way_to(scenario, name) for name in scenario.hidden}
 
-    A ClosedFormError says that the wall or the profile has no closed form.
+
+def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
+    """Return the way to a hidden surface's columns of A, by outlines where it has such.
+
+    A ClosedFormError says that there is none.
     """
-    view, scene, emission = scenario.view, scenario.scene, scenario.scene.emission[name]
+    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
+    emission = scene.emission[name]
     if view.reflectance is None:
         raise no_closed_form(scene, "wall", "is not diffuse; give it a diffuse bsdf")
     if emission is None:
@@ -251,13 +286,10 @@ def _emission(scenario: Scenario, name: str) -> tuple[Array, float]:
     if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
     exponents = np.array([emission.vertical, emission.horizontal])
-    return exponents, float(view.reflectance.mean()) / np.pi
-
-
-def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
-    """Return a scene for clipping by faces; a ClosedFormError says that it cannot."""
-    view, scene, surface = scenario.view, scenario.scene, scenario.hidden[name]
-    exponents, scale = _emission(scenario, name)
+    scale = float(view.reflectance.mean()) / np.pi
+    outlines = None if by_faces else outlines_on(view, name, surface, exponents, scale)
+    if outlines is not None:
+        return outlines
     faces = [np.empty((0, 3, 3))]
     for occluder in view.before(name):
         if occluder.vertices is None or occluder.faces is None:
@@ -266,22 +298,22 @@ def _clipped_scene(scenario: Scenario, name: str) -> _ClippedScene:
     if (count := sum(map(len, faces))) > MOST_FACES:
         reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
         raise no_closed_form(scene, view.before(name)[-1].name, reason)
-    if hides_itself(surface, tuple(view.corners[1].ravel())):
+    if hides_itself(surface, view.corners[1]):
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
-    return _ClippedScene(view.points, view.normals, stacked, patches_of(surface), exponents, scale)
+    return Faces(view.points, view.normals, exponents, scale, stacked, patches_of(surface))
 
 
-def _local_scene(scenario: Scenario, name: str) -> _LocalScene | None:
-    """Bring a scene into a flat surface's coordinates; None where it has no outlines there."""
-    view, surface = scenario.view, scenario.hidden[name]
-    exponents, scale = _emission(scenario, name)
-    axes = rectangle_axes(surface)
-    if axes is None:
+def outlines_on(
+    view: View, name: str, surface: Surface, exponents: Array, scale: float
+) -> Outlines | None:
+    """Return the way by outlines, in the surface's coordinates; None where it has none."""
+    across, up, normal = surface.across[0], surface.up[0], surface.normals[0]
+    width, height = np.linalg.norm(across), np.linalg.norm(up)
+    if surface.curved is not None or abs(across @ up) > FLATNESS * width * height:
         return None
-    width, height = (float(np.linalg.norm(edge[0])) for edge in (surface.across, surface.up))
-    first = surface.centers[0] - surface.across[0] / 2 + surface.up[0] / 2
-    turned = np.stack([axes[0], -axes[1], axes[2]]).T
+    first = surface.centers[0] - across / 2 + up / 2
+    turned = np.stack([across / width, -up / height, normal]).T
     shape = np.array(surface.shape)
     cut = -(-CELLS // shape)
     cells = np.array([width, height]) / cut[::-1]
@@ -305,51 +337,8 @@ def _local_scene(scenario: Scenario, name: str) -> _LocalScene | None:
                 continue
             return None
         meshes.append((vertices, occluder.faces))
-    scale *= width * height
-    return _LocalScene(points, normals, cells, exponents, meshes, shape * cut, cut, scale)
-
-
-def _require_alike(after: Scenario, before: Scenario) -> None:
-    """Raise a ClosedFormError unless two scenes have occluders of the same faces."""
-    pairs = zip_longest(after.scene.occluders, before.scene.occluders)
-    if any(
-        a is None
-        or b is None
-        or not np.array_equal(np.array(a.faces), np.array(b.faces))
-        or np.array(a.vertices).shape != np.array(b.vertices).shape
-        for a, b in pairs
-    ):
-        raise ClosedFormError("a parameter changes how many vertices an occluder has, or its faces")
-
-
-def _slope(after: _LocalScene, before: _LocalScene, distance: float) -> _LocalScene:
-    """Return the derivative of a scene's arrays, from those on either side."""
-    slopes = {
-        name: (getattr(after, name) - getattr(before, name)) / distance
-        for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
-    }
-    meshes = [(slopes.pop("vertices"), np.empty((0, 3), np.int64))]
-    return replace(before, meshes=meshes, **slopes)
-
-
-def _fill_changes(
-    changes: NDArray[np.float32], local: _LocalScene, slopes: Sequence[_LocalScene]
-) -> None:
-    points, normals, cells, exponents = stacked = [
-        np.array([getattr(by, name) for by in slopes])
-        for name in ("points", "normals", "cells", "exponents")
-    ]
-    vertices = np.array([by.vertices[local.borders.sources] for by in slopes])
-    shines = np.any([each.reshape(len(slopes), -1).any(axis=1) for each in stacked], axis=0)
-
-    def part(some: tuple[int, int]) -> None:
-        at = slice(*some)
-        lit = Lighting(local.points[at], local.normals[at], local.cells, local.exponents)
-        by = Lighting(points[:, at], normals[:, at], cells, exponents)
-        out = changes[:, at]
-        light_derivatives(lit, by, vertices, shines, local.borders, local.shape, local.cut, out)
-
-    in_parallel(part, ranges(changes.shape[1]))
+    scale *= float(width * height)
+    return Outlines(points, normals, exponents, scale, cells, meshes, shape * cut, cut)
 
 
 def wall_plane(view: View) -> WallFrame:
@@ -383,21 +372,6 @@ def are_apart(points: Array, others: Array) -> bool:
     bounds = [(-1, 1)] * 3 + [(None, None), (0, 1)]  # the plane's normal, place and distance
     found = optimize.linprog([0, 0, 0, 0, -1], rows, np.zeros(len(rows)), bounds=bounds)
     return bool(found.success and found.x[4] > FLATNESS)
-
-
-def rectangle_axes(surface: Surface) -> Array | None:
-    """Return unit across, up and normal, (3, 3), of a plane of equal rectangles; None of others."""
-    centers, normals = surface.centers, surface.normals
-    across, up, normal = surface.across, surface.up, normals[0]
-    row, column = np.divmod(np.arange(len(centers)), surface.shape[1])
-    grid = centers[0] + column[:, None] * across[0] - row[:, None] * up[0]
-    deviations = (centers - grid, across - across[0], up - up[0], across @ normal, up @ normal)
-    deviation = max(np.abs(metres).max() for metres in deviations)
-    corners = np.concatenate([centers - (across + up) / 2, centers + (across + up) / 2])
-    axes = np.stack([across[0], up[0], normal])
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    bent = max(np.abs(normals - normal).max(), abs(axes[0] @ axes[1]))
-    return None if deviation > tolerance(corners) or bent > FLATNESS else np.asarray(axes)
 
 
 def tolerance(points: Array) -> float:

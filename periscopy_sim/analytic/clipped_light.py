@@ -9,7 +9,6 @@ Light is that of the surface's own Gauss points, and linear over the patch betwe
 and the centroid of the pieces tell how much of it is seen.
 """
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -80,14 +79,12 @@ def patches_of(surface: Surface) -> Patches:
     )
 
 
-@lru_cache(maxsize=32)
-def hides_itself(surface: Surface, corners: tuple[float, ...]) -> bool:
+def hides_itself(surface: Surface, wall: Array) -> bool:
     """Return whether a surface stands between its own patches and corners on the wall, (4, 3).
 
     It is told from the surface's form, not from the size of its image.
     """
     surface = surface.whole or surface
-    wall = np.reshape(corners, (-1, 3))
     some = np.random.default_rng(0).permutation(len(surface.centers))[:SOME]
     starts, ends = (
         np.repeat(wall, len(some), axis=0),

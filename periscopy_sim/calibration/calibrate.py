@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.analytic.area_transport import require_areas
+from periscopy_sim.analytic.area_transport import ways_to
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -114,7 +114,7 @@ def calibrate(
     centers = ruled_values(scenario.document, names)
     held = uncertain_parameters(scenario.document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
-    require_areas(scenario)
+    ways_to(scenario)
     if doubt := shadow_doubt(scenario):
         raise SceneError(
             f"scene '{scenario.path}': {doubt}; calibration starts from shadows: "

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from periscopy_sim.analytic.area_transport import (
+    Outlines,
     area_derivatives,
     area_transport,
-    has_outlines,
-    require_areas,
+    ways_to,
 )
 from periscopy_sim.calibration.prior import check_error, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
@@ -79,9 +79,7 @@ class MovingScene:
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""
         scenario = self.at(values)
-        sides = [(scenario, *self._beside(values, k)) for k in range(len(values))]
-        A = area_transport(scenario)
-        return A, area_derivatives(scenario, sides, A)
+        return area_derivatives(scenario, [self._beside(values, k) for k in range(len(values))])
 
     def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
         """Return the scene with a parameter moved a little to either side, and how far."""
@@ -90,7 +88,7 @@ class MovingScene:
             moved[k] += step
             try:
                 beside = self.at(moved)
-                require_areas(beside)
+                ways_to(beside)
                 return beside, step
             except SceneError as error:
                 unphysical = error
@@ -135,9 +133,8 @@ def uncertain_transport(
         for name, error in errors.items():
             check_error(name, error)
         directions = np.diag(list(errors.values()))
-    require_areas(scenario)
-    shape = scenario.photograph_shape
-    largest = LARGEST if has_outlines(scenario) else LARGEST_CLIPPED
+    by_outlines = all(isinstance(way, Outlines) for way in ways_to(scenario).values())
+    shape, largest = scenario.photograph_shape, LARGEST if by_outlines else LARGEST_CLIPPED
     coarse = limit_size(shape, max(largest, *map(max, scenario.hidden.shapes.values())))
     deviations = np.sqrt(np.sum(directions**2, axis=1))
     view = View.of(scenario.scene, coarse, camera=scenario.view.camera)

@@ -41,6 +41,11 @@ SENTENCES = {
     "look": "Look at residual.png.",
     "pass": "Pass {options}.",
     "measure": "Measure it again.",
+    "declare": "Declare the errors of its numbers (<default>s), and run calibrate.",
+    "fine": (
+        "The rest differs from pixel to pixel: grain of a rendering (photograph --samples), or "
+        "uneven paint (--monitor-off)."
+    ),
     "default_method": "Try the default method.",
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "any_place": (
@@ -61,6 +66,18 @@ SENTENCES = {
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
+    ),
+    "hardly_seen": (
+        "{name}, if white, sends {share:.2g} % of the light, less than the noise of {noise:.2g} %: "
+        "the photograph hardly shows it"
+    ),
+    "no_rank": (
+        "A has almost no rank beside the grain of {samples} rays, in which P loses {percent:.0f} % "
+        "of a white image; use the method noise-aware, which needs no rank"
+    ),
+    "glossy": (
+        "{scene}: {names} ({materials}) without an emitter counts as diffuse; its image is wrong "
+        "where what it sends depends on direction"
     ),
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",

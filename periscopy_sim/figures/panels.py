@@ -181,7 +181,7 @@ def draw_certainty(
     """Draw reconstructions beside the standard errors of their patches, and their assumption.
 
     Both are (R, C, 3) by the surfaces' ids, in one unit; the errors are shown as the root mean
-    square over the channels, in percent of the 99th percentile of all images.
+    square over the channels, in percent of the 99th percentile of all images, and end at 100.
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
     errors = {
@@ -189,14 +189,15 @@ def draw_certainty(
         for name, each in standard_errors.items()
     }
     width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), 12.0)
-    top = max(float(each.max()) for each in errors.values()) or 1.0
+    largest = max(float(each.max()) for each in errors.values()) or 1.0
+    top, beyond = min(largest, 100.0), "max" if largest > 100 else "neither"
     with drawn(path, metadata) as figure:
         figure.set_size_inches(width, 0.6 + 2.8 * len(images))
         axes = figure.subplots(len(images), 2, squeeze=False)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
             show_light(left, name if len(images) > 1 else "reconstruction", image, white)
             shown = show(right, "standard error", errors[name], cmap="magma", vmin=0, vmax=top)
-        figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label="% of white")
+        figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label="% of white", extend=beyond)
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
         sentences += [f"This assumes that {assumed}."] * bool(assumed)
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))

@@ -14,8 +14,8 @@ from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
-PIXELS, INCHES = 700, 7.0
-"""Of the picture's longer side."""
+PIXELS, INCHES = 525, 7.0
+"""Of the picture's longer side; its PNG has four times as many pixels."""
 
 SHARPNESS = 2
 """Rays along each side of a pixel."""

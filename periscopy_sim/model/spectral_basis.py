@@ -15,18 +15,15 @@ beyond them, for which λ_k counts as 0, the second form has the term K⁻¹ d'/
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from scipy import fft, linalg, sparse
 
-from periscopy_sim.hidden import Differences, Hidden, Size
+from periscopy_sim.hidden import Differences, Hidden
 from periscopy_sim.model.transport_operator import TransportOperator
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import filter_rows, project_out
-
-Inverse: TypeAlias = Callable[[Image], Image]
-
 
 MOST_PATTERNS = 1200
 """Patterns that a basis has at most. With so many of 6,480 an image (SBR 0.5, 60 dB) differs from
@@ -197,77 +194,24 @@ class Solver:
 
 
 class InverseLaplacian:
-    """K⁻¹ of hidden surfaces, which K does not join.
-
-    Of equal squares, cosine transforms give it. Where a surface's columns are alike, and its rows,
-    as on cylinders by distance, the eigenvectors down and across do. Both take a small part of the
-    time of a dense inverse.
-    """
+    """K⁻¹ of hidden surfaces, which K does not join: of each by cosine transforms."""
 
     def __init__(self, hidden: Hidden) -> None:
-        self._hidden = hidden
-        self._inverses = [
-            inverse_of_squares(differences, surface.shape)
-            or inverse_by_axes(differences, surface.shape)
-            or dense_inverse(differences)
-            for surface, differences in zip(
-                hidden.values(), hidden.differences_by_surface.values(), strict=True
-            )
-        ]
+        self._hidden, self._gains = hidden, []
+        for shape in hidden.shapes.values():
+            λ, μ = (2 - 2 * np.cos(np.pi * np.arange(size) / size) for size in shape)
+            self._gains.append((1 / (1 + λ[:, None] + μ)).astype(np.float32))
 
     def __call__(self, vectors: Image) -> Image:
         """Return K⁻¹ of each of (K, N) images in single precision."""
-        if len(self._inverses) == 1:
-            return self._inverses[0](vectors)
-        parts = zip(self._inverses, self._hidden.slices.values(), strict=True)
-        return np.hstack([inverse(vectors[:, part]) for inverse, part in parts])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Leave the inverses, which are functions, to be computed anew."""
-        return InverseLaplacian, (self._hidden,)
-
-
-def inverse_of_squares(differences: Differences, shape: Size) -> Inverse | None:
-    """Return K⁻¹ of a surface, (R, C), by cosine transforms; None if differences have weights."""
-    if not np.isin(differences.weights, (0, 1)).all():
-        return None
-    λ, μ = (2 - 2 * np.cos(np.pi * np.arange(size) / size) for size in shape)
-    gain = (1 / (1 + λ[:, None] + μ)).astype(np.float32)
-
-    def inverse(vectors: Image) -> Image:
-        # Not by products with matrices: the threads of BLAS would take the cores.
-        spectra = fft.dctn(vectors.reshape(-1, *shape), axes=(1, 2), norm="ortho") * gain
-        return np.asarray(fft.idctn(spectra, axes=(1, 2), norm="ortho").reshape(vectors.shape))
-
-    return inverse
-
-
-def inverse_by_axes(differences: Differences, shape: Size) -> Inverse | None:
-    """Return K⁻¹ of a surface, (R, C), by the eigenvectors of K down and across.
-
-    None if the weights of differences down vary across, or those of differences across vary down.
-    """
-    down, across = differences.weights.reshape(2, *shape)
-    if np.any(down != down[:, :1]) or np.any(across != across[:1]):
-        return None
-    patches = np.arange(down.size).reshape(shape)
-    D, lines = differences.matrix, (patches[:, 0], patches[0])  # the first column and row
-    along = (D[line + k * down.size][:, line].toarray() for k, line in enumerate(lines))
-    (λ, U), (μ, V) = (linalg.eigh(each.T @ each) for each in along)
-    gain = (1 / (1 + λ[:, None] + μ)).astype(np.float32)
-    U, V = (np.ascontiguousarray(each, np.float32) for each in (U, V))
-
-    def inverse(vectors: Image) -> Image:
-        images = vectors.reshape(-1, *shape)
-        return np.reshape(U @ ((U.T @ images @ V) * gain) @ V.T, vectors.shape)
-
-    return inverse
-
-
-def dense_inverse(differences: Differences) -> Inverse:
-    """Return K⁻¹ of any surface."""
-    inverse = linalg.inv(laplacian(differences).toarray()).astype(np.float32)
-    return lambda vectors: vectors @ inverse
+        parts = []
+        for gain, part in zip(self._gains, self._hidden.slices.values(), strict=True):
+            images = vectors[:, part].reshape(-1, *gain.shape)
+            # Not by products with matrices: the threads of BLAS would take the cores.
+            spectra = fft.dctn(images, axes=(1, 2), norm="ortho") * gain
+            inverse = fft.idctn(spectra, axes=(1, 2), norm="ortho")
+            parts.append(inverse.reshape(len(vectors), -1))
+        return np.hstack(parts) if len(parts) > 1 else parts[0]
 
 
 def laplacian(differences: Differences) -> Any:

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.load import patch_uv
-from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of, surface_at
+from periscopy_sim.rendering.scene.wall import camera_of, look, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import dr, is_vectorized, mi
 from periscopy_sim.scenario import Scenario
@@ -59,24 +57,13 @@ class Survey:
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
         eye = view.scene.places[view.camera][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
-        self.corners = {
-            name: self._corners(name, surface) for name, surface in scenario.hidden.items()
-        }
+        self.corners = {name: surface.vertices for name, surface in scenario.hidden.items()}
         shapes = {shape.id(): shape for shape in self._scene.shapes()}
         self._shapes, self.names = shapes, tuple(shapes)
         self.solids = tuple(
             Solid(each.name, _points_of(each, shapes[each.name]), each.faces)
             for each in view.occluders
         )
-
-    def _corners(self, name: str, surface: Surface) -> Array:
-        rows, columns = surface.shape
-        row, column = np.indices((rows + 1, columns + 1)).reshape(2, -1)
-        uv = patch_uv(row, column, surface.shape, surface.mirrored, (0, 0))
-        inside = np.clip(np.stack(uv, axis=1), SHADOW_EPSILON, 1 - SHADOW_EPSILON)
-        shape = shape_of(self._scene, name)
-        (points,) = map_points(lambda each: (surface_at(shape, each).p,), inside)
-        return points.reshape(rows + 1, columns + 1, 3)
 
     def lit_share(self, points: Array, targets: Array) -> Array:
         """Return the share of targets (k, 3) that nothing hides from each point (n, 3)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import _clipped_scene, area_derivatives, area_transport
+from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, way_to
 from periscopy_sim.hidden import GAUSS, Hidden, Surface
 from periscopy_sim.scenario import Scenario
 from tests.scenes.boxes import LAMBERTIAN, Box, changed, make_scenario, oracle
@@ -18,12 +18,16 @@ def relative(found, expected):
     return np.linalg.norm(found - expected) / np.linalg.norm(expected)
 
 
+def by_faces(scenario):
+    return way_to(scenario, "monitor", by_faces=True).light()
+
+
 @pytest.mark.parametrize("scene", ["chair", "plate"])
 def test_clipping_leaves_what_outlines_leave(scene):
     """Two closed forms that share no code but the light's formula."""
     scenario = ps.load_scenario(scene, (12, 13), photograph=(14, 13))
     by_outlines = area_transport(scenario)
-    assert relative(_clipped_scene(scenario, "monitor").light(), by_outlines) < 1e-4
+    assert relative(by_faces(scenario), by_outlines) < 1e-4
 
 
 @pytest.mark.parametrize("y", [0.05, 0.98, 0.5])
@@ -74,7 +78,7 @@ def test_a_curved_patch_sends_the_light_of_many_flat_ones(hollow):
     # As parallelograms without Gauss points of their own, whose error falls with their area.
     fine = curved_scenario((96, 128), boxes, hollow)
     flat = Hidden({"monitor": replace(fine.hidden["monitor"], curved=None)})
-    exact = area_transport(Scenario(fine.view, flat))
+    exact = by_faces(Scenario(fine.view, flat))
     exact = exact.reshape(-1, 6, 16, 8, 16).sum(axis=(2, 4)).reshape(A.shape)
     assert relative(A, exact) < 2e-3
     assert A.sum() == pytest.approx(exact.sum(), rel=5e-4)
@@ -93,17 +97,34 @@ def test_derivatives_of_curved_surfaces_are_differences():
             scenario.hidden,
         )
 
-    (slope,) = area_derivatives(scenario, [(scenario, beside(1e-5), 1e-5)])
+    A, (slope,) = area_derivatives(scenario, [(beside(1e-5), 1e-5)])
+    np.testing.assert_allclose(A, area_transport(scenario), rtol=1e-6)
     step = 2e-3
     wide = (area_transport(beside(step)) - area_transport(beside(-step))) / (2 * step)
     assert relative(slope.sum(axis=1), wide.sum(axis=1)) < 0.02
+
+
+def test_derivatives_by_faces_are_those_of_outlines():
+    """Though wall points pass from one side of a face to its other before the scene beside."""
+    scenes = [
+        ps.load_scenario("chair", (6, 7), {"occluder_dx": dx}, photograph=(16, 16))
+        for dx in (0.0, 0.0001)
+    ]
+    (_, (exact,)), (_, (slope,)) = (
+        own.linearized([(beside, 1e-4)])
+        for own, beside in (
+            [way_to(each, "monitor", by_faces=by_faces) for each in scenes]
+            for by_faces in (False, True)
+        )
+    )
+    assert relative(slope, exact) < 2e-3  # all of the way, 0.18
 
 
 def test_a_face_in_the_monitors_plane_or_edge_on_hides_nothing():
     frame = Box((0.23, -0.02, 0.29), (0.5, 0.04, 0.4))  # its front lies in the plane
     fin = Box((0.74, 0.9, 0.26), (0.0, 0.05, 0.05))
     scenario = make_scenario([frame.occluder("frame")])
-    hidden, seen = (_clipped_scene(each, "monitor").light() for each in (scenario, make_scenario()))
+    hidden, seen = (by_faces(each) for each in (scenario, make_scenario()))
     np.testing.assert_allclose(hidden, seen, rtol=1e-5)
     seen = area_transport(changed(scenario, scene={"occluders": (fin.occluder("fin"),)}))
     assert np.isfinite(seen).all()

@@ -55,16 +55,16 @@ SCENE = make_scenario(at(0.5))  # which the model can treat
 FOLDED = (
     SCENE.hidden.centers * [1, 0, 1] + [0, 0.2, 0] * np.array([0, 1.25, 0, 0, 1.25, 0])[:, None]
 )
-BENT = bent(SCENE.hidden.normals)
+FINE = SCENE.hidden["monitor"].gauss  # of a surface that is not flat
 BALLS = tuple(Box([0.45, 0.5, 0.25], [0.1] * 3).occluder(f"ball{k}") for k in range(22))
 REFUSALS = [
     ({"view": {"reflectance": None}}, "'wall' is not diffuse"),
     ({"view": {"points": bent(SCENE.view.centers)[:, None]}}, "'wall' is not one plane"),
     ({"view": {"normals": bent(SCENE.view.center_normals)[:, None]}}, "'wall' is not one plane"),
     ({"scene": {"emission": {"monitor": None}}}, "'monitor' has no closed angular profile"),
-    ({"monitor": {"centers": FOLDED}}, "'monitor' hides parts of itself"),
+    ({"monitor": {"centers": FOLDED, "curved": FINE}}, "'monitor' hides parts of itself"),
     ({"scene": {"occluders": (Occluder("ball", None, None),)}}, "'ball' has no triangles"),
-    ({"monitor": {"normals": BENT}, "scene": {"occluders": BALLS}}, "'ball21' is one of 264"),
+    ({"monitor": {"curved": FINE}, "scene": {"occluders": BALLS}}, "'ball21' is one of 264"),
 ]
 
 

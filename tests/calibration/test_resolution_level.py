@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import chi2
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.evidence import Explanation
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, ruled_values
 from periscopy_sim.calibration.problem import CalibrationProblem
@@ -98,7 +97,7 @@ def test_the_last_level_has_no_slope_at_the_truth_but_by_noise(jit: None) -> Non
     names = tuple(errors)
     centers = ruled_values(scene.document, names)
     picture = ps.read_hidden_image(ps.find_image("still_life"), hidden)
-    light = (pixel_transport(scene) @ picture.reshape(-1, 3)).reshape(63, 63, 3)
+    light = (ps.analytic_transport(scene.averaged(2)) @ picture.reshape(-1, 3)).reshape(63, 63, 3)
     y = ps.add_noise(ps.composite(light, np.ones_like(light), 0.5), 60, 1)
     held = UncertainParameters((), np.zeros(0), np.zeros(0))
     known = scene, names, centers, np.array(list(errors.values())), held

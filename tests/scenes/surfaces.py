@@ -16,12 +16,9 @@ def curved(rows: int, columns: int) -> Surface:
 
 def screen_and_column() -> Hidden:
     """Return 3 x 4 equal patches, and 2 x 5 of a column."""
-    surfaces = {"screen": Surface.flat((3, 4)), "column": curved(2, 5)}
-    return Hidden(surfaces, by_distance=True)
+    return Hidden({"screen": Surface.flat((3, 4)), "column": curved(2, 5)})
 
 
 def alone(hidden: Hidden) -> list[Hidden]:
     """Return each surface of a hidden by itself."""
-    return [
-        Hidden({name: surface}, by_distance=hidden.by_distance) for name, surface in hidden.items()
-    ]
+    return [Hidden({name: surface}) for name, surface in hidden.items()]

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.studies.wrong_scenes.subjects import Photographed
-from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.calibration.moving_scene import uncertain_transport
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
@@ -189,7 +188,7 @@ class Trial:
 
 def fitted(scene: Scenario, uncertain: UncertainTransport | None = None) -> ps.NoiseAware:
     """Return the noise-aware method of a scene, as `periscopy reconstruct` fits it."""
-    A, B = pixel_transport(scene), ps.point_light_backgrounds(scene)
+    A, B = ps.transport(scene, by="areas"), ps.point_light_backgrounds(scene)
     return ps.NoiseAware.for_scene(scene, A, B, uncertain=uncertain)
 
 

@@ -104,9 +104,9 @@ class SceneNodes:
             return EmissionProfile(*exponents)
         return EmissionProfile() if emitter.plugin_name() == "area" else None
 
-    def reflecting(self) -> tuple[str, ...]:
-        """Return the hidden surfaces that have no emitter, in file order."""
-        return tuple(name for name in self.hidden if self._emitter(name) is None)
+    def reflecting(self) -> dict[str, str]:
+        """Return the materials of the hidden surfaces that have no emitter, in file order."""
+        return {n: self.material(n) for n in self.hidden if self._emitter(n) is None}
 
     def other_lights(self) -> tuple[str, ...]:
         """Return the names of the emitters that shine beside hidden surfaces, in file order.
@@ -148,9 +148,12 @@ class SceneNodes:
         return written if is_same else parsed
 
     def material(self, name: str) -> str:
-        """Return the name of a shape's BSDF plugin, for messages."""
-        materials = self.children(self._by_id(name), "BSDF")
-        return str(materials[0][1].plugin_name()) if materials else "default"
+        """Return the name of a shape's BSDF plugin, of a ``twosided`` one that of its front."""
+        inner, plugin = self.children(self._by_id(name), "BSDF"), "diffuse"  # Mitsuba's default
+        while inner and plugin in ("diffuse", "twosided"):
+            plugin = str(inner[0][1].plugin_name())
+            inner = self.children(inner[0][1], "BSDF")
+        return plugin
 
     def show(self, textures: Mapping[str, NDArray[np.float32]] | None) -> None:
         """Make each hidden surface show a `texture_of` an image by its id; None for all white."""

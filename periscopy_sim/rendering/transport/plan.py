@@ -17,7 +17,7 @@ from periscopy_sim.analytic.area_transport import (
     area_transport,
     has_areas,
     points_across,
-    require_areas,
+    ways_to,
 )
 from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.hidden import Hidden, Size
@@ -119,7 +119,7 @@ def plan_transport(
         raise InputError(f"the noise is {noise}; give a number from 0 on")
     noise = max(noise, PRECISION)
     if by == "areas":
-        require_areas(scenario)
+        ways_to(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         try:

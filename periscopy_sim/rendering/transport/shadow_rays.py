@@ -74,9 +74,10 @@ def render_transport(
 
 
 def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
-    """Check that every hidden surface lights a pixel; else raise a SceneError."""
+    """Check that every hidden surface lights a pixel beyond rounding; else raise a SceneError."""
+    least = float(np.finfo(A.dtype).eps) * A.max(initial=0)
     for name, part in scenario.hidden.slices.items():
-        if not A[:, part].any():
+        if not A[:, part].max(initial=0) > least:
             raise SceneError(
                 f"scene '{scenario.path}': no light of '{name}' reaches the wall; look for what "
                 "stands between them, or an emitter that shines in other directions"

@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import pixel_transport
 from periscopy_sim.cli.light import Light
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -57,7 +56,7 @@ def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct
     image, summary = reconstruct("y.npy", *options)
     scenario = ps.load_scenario(ps.find_scene("chair"), (4, 5), {"resolution": 24})
     rendered = model == "rendered"
-    A = ps.render_transport(scenario, samples=4) if rendered else pixel_transport(scenario)
+    A = ps.render_transport(scenario, samples=4) if rendered else ps.transport(scenario)
     A = A.astype(np.float64)
     B = ps.point_light_backgrounds(scenario)
     U, σ, _ = np.linalg.svd(B / np.linalg.norm(B, axis=0), full_matrices=False)
