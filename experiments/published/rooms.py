@@ -34,6 +34,9 @@ PAIRS = {
 }
 """Photographs under more light, or of a single exposure, and the one that each is compared with."""
 
+OTHER_ROOMS = {"play1": "shelf_only"}
+"""Photographs of one ceiling before different rooms."""
+
 
 def run(setting: PublishedSetting) -> Section:
     """Reconstruct every room by default settings, and compare those of the same things."""
@@ -41,13 +44,15 @@ def run(setting: PublishedSetting) -> Section:
     section = Section("rooms", "Rooms behind a doorway")
     if not photographs:
         return replace(section, tables=[Table("Not read.", ("set", "why"), problems)])
-    rows, images = [], dict[str, NDArray[np.float64]]()
+    rows, images, uneven = [], dict[str, NDArray[np.float64]](), dict[str, NDArray[np.float64]]()
     for name, photograph in photographs.items():
         method = _method(photograph.shape[:2])
         solution = method.solve(photograph)
         images[name] = np.asarray(solution.image)
-        numbers = method.report(photograph, solution).numbers
-        percents = (100 * numbers[key] for key in ("unexplained", "noise_alone"))
+        residual = method.report(photograph, solution).residual
+        assert residual is not None
+        uneven[name] = np.mean(residual.light / photograph, axis=2)
+        percents = (100 * (each or 0.0) for each in (residual.unexplained, residual.noise_alone))
         rows.append((name, *(f"{percent:.3f}" for percent in percents)))
     file = setting.out / "rooms.png"
     panels = {
@@ -66,13 +71,24 @@ def run(setting: PublishedSetting) -> Section:
         for name, other in PAIRS.items()
         if name in images and other in images
     ]
+    claims += [
+        Claim(
+            f"residuals over the light, {name} against {other}",
+            "",
+            f"{correlation(uneven[name], uneven[other]):.3f}",
+            Verdict.MEASURED,
+            "correlation: different rooms share the ceiling's paint alone",
+        )
+        for name, other in OTHER_ROOMS.items()
+        if name in uneven and other in uneven
+    ]
     tables = [Table("Over the mean light, %.", ("photograph", "unexplained", "noise"), rows)]
     tables += [Table("Not read.", ("set", "why"), problems)] if problems else []
     return replace(section, claims=claims, tables=tables, pictures=[Picture(file, "All rooms.")])
 
 
 def correlation(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the correlation of two images over all patches and channels."""
+    """Return the correlation of two arrays' values."""
     return float(np.corrcoef(first.ravel(), second.ravel())[0, 1])
 
 

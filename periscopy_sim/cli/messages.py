@@ -52,6 +52,10 @@ SENTENCES = {
         "the numbers and the image may be displaced together by whole patches: only a known "
         "picture (--shown) fixes the place"
     ),
+    "assumed_colours": (
+        "the shown picture does not determine the colour matrix, which rests on published matrices "
+        "of cameras: show one of many colours, such as 'blocks'"
+    ),
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
