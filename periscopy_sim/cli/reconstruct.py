@@ -68,7 +68,11 @@ def reconstruct(
     matrices = files_of_view("--transport", matrix, list(views))
     several = len(views) > 1
     if several:
-        _check_views(method)
+        able = [name for name, entry in METHODS.items() if entry.views]
+        if method not in able:
+            raise PeriscopyError(
+                f"--method {method}: it takes one view; several take {', '.join(able)}"
+            )
         _, *others = (view.scenario for view in views.values())
         check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}
@@ -97,12 +101,14 @@ def reconstruct(
             own_errors(method, f"failed on {of}"),
         ):
             joint: Any = METHODS[method].of_views(methods) if several else methods[session.sensor]
-            solution = joint.solve(walls if several else walls[session.sensor])
+            wall: Any = walls if several else walls[session.sensor]
+            solution = joint.solve(wall)
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
-            report, reports = _reports(joint, walls, solution)
+            report = joint.report(wall, solution)
+            report, reports = report if several else (report, {session.sensor: report})
             verdicts = {
                 camera: views[camera].judge(str(file), reports[camera])
                 for camera, file in zip(views, photo, strict=True)
@@ -137,18 +143,6 @@ def reconstruct(
         say(messages.sentence("order"))
 
 
-def _reports(
-    method: Any, walls: Mapping[str, ps.Photograph], solution: Any
-) -> "tuple[Report, dict[str, Report]]":
-    """Return the report of an image, and that of each view; of one view they are the same."""
-    if len(walls) > 1:
-        both: tuple[Report, dict[str, Report]] = method.report(walls, solution)
-        return both
-    ((camera, wall),) = walls.items()
-    report = method.report(wall, solution)
-    return report, {camera: report}
-
-
 def _of_views(
     views: Mapping[str, PhotoSession],
     photos: Sequence[Path],
@@ -167,15 +161,6 @@ def _of_views(
         own[camera] |= {"photograph_shape": shapes[camera], **reports[camera].numbers}
         view.record = {}  # it is no entry of all
     return {"photograph_shape": shapes, "views": own}
-
-
-def _check_views(method: str) -> None:
-    """Reject a method that takes one view alone."""
-    able = [name for name, entry in METHODS.items() if entry.views]
-    if method not in able:
-        raise PeriscopyError(
-            f"--method {method}: it takes one view; several take {', '.join(able)}"
-        )
 
 
 def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
