@@ -121,6 +121,8 @@ def area_derivatives(
         if len({len(way.meshes) if isinstance(way, Outlines) else None for way in ways}) > 1:
             ways = [way_to(each, name, by_faces=True) for each in scenarios]
         blocks.append(ways[0].linearized(list(zip(ways[1:], distances, strict=True))))
+    if len(blocks) == 1:
+        return blocks[0]
     A, changes = (np.concatenate(each, axis=-1) for each in zip(*blocks, strict=True))
     return A, changes
 
@@ -298,7 +300,7 @@ def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
     if (count := sum(map(len, faces))) > MOST_FACES:
         reason = f"is one of {count} triangles that hide; use {MOST_FACES} or fewer"
         raise no_closed_form(scene, view.before(name)[-1].name, reason)
-    if hides_itself(surface, view.corners[1]):
+    if hides_itself(surface, tuple(view.corners[1].ravel())):
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
     return Faces(view.points, view.normals, exponents, scale, stacked, patches_of(surface))

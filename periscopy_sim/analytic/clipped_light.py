@@ -9,6 +9,7 @@ Light is that of the surface's own Gauss points, and linear over the patch betwe
 and the centroid of the pieces tell how much of it is seen.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -79,48 +80,38 @@ def patches_of(surface: Surface) -> Patches:
     )
 
 
-def hides_itself(surface: Surface, wall: Array) -> bool:
+@lru_cache(maxsize=32)
+def hides_itself(surface: Surface, corners: tuple[float, ...]) -> bool:
     """Return whether a surface stands between its own patches and corners on the wall, (4, 3).
 
     It is told from the surface's form, not from the size of its image.
     """
-    surface = surface.whole or surface
+    if surface.curved is None:
+        return False
+    surface, wall = surface.whole or surface, np.reshape(corners, (-1, 3))
     some = np.random.default_rng(0).permutation(len(surface.centers))[:SOME]
-    starts, ends = (
-        np.repeat(wall, len(some), axis=0),
-        np.tile(surface.centers[some], (len(wall), 1)),
-    )
-    ahead = np.sum(np.tile(surface.normals[some], (len(wall), 1)) * (starts - ends), axis=1)
+    starts = np.repeat(wall, len(some), axis=0)
+    ways = np.tile(surface.centers[some], (len(wall), 1)) - starts
+    ahead = np.sum(np.tile(surface.normals[some], (len(wall), 1)) * ways, axis=1) < 0
+    starts, ways = starts[ahead], ways[ahead]
     corner = [
         surface.centers + s * surface.across + t * surface.up
         for s, t in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
     ]
-    faces = np.concatenate([np.stack([corner[0], *corner[k : k + 2]], axis=1) for k in (1, 2)])
-    near = NEAR * float(np.linalg.norm(np.ptp(faces.reshape(-1, 3), axis=0)))
-    return bool(_crosses(starts[ahead > 0], ends[ahead > 0], faces, near))
-
-
-@compiled
-def _crosses(starts: Array, ends: Array, faces: Array, near: float) -> bool:
-    """Return whether a face crosses a segment farther than `near` from its end."""
-    for k in range(len(starts)):
-        way = ends[k] - starts[k]
-        most = 1 - near / np.sqrt(way @ way)
-        for f in range(len(faces)):
-            a = starts[k] - faces[f, 0]
-            b, c = faces[f, 1] - faces[f, 0], faces[f, 2] - faces[f, 0]
-            normal = np.cross(b, c)
-            slope = normal @ way
-            if slope == 0:
-                continue
-            part = -(normal @ a) / slope
-            if not 0 < part < most:
-                continue
-            turned = np.cross(a, way)
-            s, t = (turned @ c) / -slope, (turned @ b) / slope
-            if s >= 0 and t >= 0 and s + t <= 1:
-                return True
-    return False
+    faces = np.concatenate([np.stack([corner[0], *corner[k : k + 2]]) for k in (1, 2)], axis=1)
+    near = NEAR * np.linalg.norm(np.ptp(faces, axis=(0, 1)))
+    first, b, c = faces[0], faces[1] - faces[0], faces[2] - faces[0]
+    n = np.cross(b, c)
+    # Where a way meets a face's plane: its height above the face, and the face's own coordinates.
+    axes = np.stack([n, np.cross(c, n), np.cross(n, b)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        axes /= np.sum(n**2, axis=1, keepdims=True)
+        begin = starts @ axes.swapaxes(1, 2) - np.sum(axes * first, axis=2)[:, None]
+        slopes = ways @ axes.swapaxes(1, 2)
+        part = -begin[0] / slopes[0]
+        _, s, t = begin + part * slopes
+        is_between = (part > 0) & (part < 1 - near / np.linalg.norm(ways, axis=1)[:, None])
+        return bool((is_between & (s >= 0) & (t >= 0) & (s + t <= 1)).any())
 
 
 @compiled

@@ -7,7 +7,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import ways_to
-from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.prior import (
     Free,
     free_parameters,
@@ -19,6 +18,7 @@ from periscopy_sim.calibration.resolution_level import ResolutionLevel
 from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import Search
 from periscopy_sim.calibration.trust import (
+    colour_matrix,
     determined_count,
     doubts,
     is_significant,
@@ -134,8 +134,7 @@ def _calibrated(
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     coarse, fine, names = problem.coarse(), problem.fine(), problem.names
     search = Search(coarse, fine, seed, progress)
-    starts = search.starts() if problem.has_unknown_images else [fine.candidate(fine.center)]
-    level, end = search.best(starts)
+    level, end = search.best(search.starts())
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
     gained = measured.objective_at(κ) - end.objective
@@ -147,6 +146,7 @@ def _calibrated(
     point = np.concatenate([fine.values(end.point), whole.centers[len(names) :], gain])
     joint = whole.look(whole.candidate(point), κ)
     statistical, total, correlation, moves = standard_errors(problem, joint)
+    colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
     distances = (values - problem.centers) / problem.errors
     reasons = doubts(
         names, distances, determined_count(joint, len(names)), misfits(end, problem.camera_noise)
@@ -159,11 +159,9 @@ def _calibrated(
     )
     first = slice(problem.photographs[0].channels)
     residual_before, residual = (
-        _picture(fine, look.explanations[0].residual[:, first] / scale) for look in (measured, best)
+        _picture(fine, np.hstack([e.residual for e in look.explanations])[:, first] / scale)
+        for look in (measured, best)
     )
-    mixture = None
-    if isinstance(known := end.explanations[0], SmoothExplanation) and problem.pictures:
-        mixture = known.coefficients.T / known.coefficients.sum(axis=0).mean()
     progress(1.0)
     return Calibration(
         parameters=tuple(
@@ -181,7 +179,8 @@ def _calibrated(
         gain=_picture(fine, fine.gain(best.point) - 1) + 1,
         overdispersion=κ,
         moved=moved,
-        colour_matrix=mixture,
+        colour_matrix=colours[0],
+        colour_errors=colours[1],
         doubts=reasons,
     )
 

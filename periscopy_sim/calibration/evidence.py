@@ -12,14 +12,15 @@ any photograph. One number remains for each channel,
 
 twice the negative logarithm of the evidence up to a constant. F is M less the rank of B, μ and W
 are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = Wᵀ X⊥ᵀ y⊥, and ⊥ projects
-range(B) out. Each α_c minimizes E_c. The mean is x̂ = W z/(μ + α).
+range(B) out. Each α_c minimizes E_c. Where x is a multiple s of a typical m but for a deviation in
+proportion to s, α_c is σ_c²/s². The mean is x̂ = W z/(μ + α).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,10 @@ the weight of how bright an image is, beside how rough."""
 
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
+
+UNKNOWN_SCALE, ROUNDS, TINY = 0.01, 8, 1e-300
+"""Of multiples s: their precision times s², so that they are free in effect; how often they and α
+are updated; the least s²."""
 
 ROUNDING = 1e-7
 """Relative rounding of A, which is computed in single precision."""
@@ -64,13 +69,13 @@ class Explanation(ABC):
         Q = self.background
         return np.asarray((light - Q @ (Q.T @ light)) / self.noise)
 
-    def slope(self, motion: Array, volume: float) -> float:
-        """Return the derivative of half the evidence along a change dA of the matrix, (M, N).
+    def pull(self, motions: Array) -> Array:
+        """Return the misfit's part, (P,), of the derivatives of half the evidence along P changes.
 
-        dE/2 = Σ_c −r_cᵀ dA f̂_c / σ_c² + ⟨volume, dA⟩, the rest at its best. `motion` is that of
-        dA f̂, and `volume` is ⟨self.volume, dA⟩.
+        dE/2 = Σ_c −r_cᵀ dA f̂_c / σ_c² + ⟨volume, dA⟩, the rest at its best; `motions`, (P, M, C),
+        are those of dA f̂.
         """
-        return float(volume - np.einsum("mc,mc,c->", self.residual, motion, 1 / self.noise))
+        return np.asarray(-np.einsum("mc,pmc,c->p", self.residual, motions, 1 / self.noise))
 
     @abstractmethod
     def beyond_image(self, motion: Array) -> Array:
@@ -101,12 +106,18 @@ class SmoothExplanation(Explanation):
 
     def beyond_image(self, motion: Array) -> Array:
         """Return what no hidden image can follow of motions, with H = X⊥ᵀX⊥ + α K."""
-        (μ, W), beyond = self._modes, np.empty_like(motion)
-        for c, α in enumerate(self.ratios):
-            J = motion[:, :, c].T
-            modes = (W.T @ (self._columns.T @ J)) / (μ + α)[:, None]
-            beyond[:, :, c] = (J - self._columns @ (W @ modes)).T
-        return beyond
+        return motion - (self._columns @ self.followed(motion)).transpose(2, 1, 0)
+
+    @property
+    def covariance(self) -> Array:
+        """(J, J) of the first channel's x."""
+        μ, W = self._modes
+        return np.asarray(self.noise[0] ** 2 * (W / (μ + self.ratios[0])) @ W.T)
+
+    def followed(self, motion: Array) -> Array:
+        """Return by how much less light the image would have, (C, J, P), H⁻¹ X⊥ᵀ J."""
+        (μ, W), moves = self._modes, self._columns.T @ motion.transpose(2, 1, 0)
+        return np.asarray(W @ ((W.T @ moves) / (μ + self.ratios[:, None])[:, :, None]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +126,7 @@ class SmoothImages:
 
     basis: Any  # (N, J) S, sparse or dense
     precision: Array  # (J, J) K
+    typical: Array | None = None  # (J,) m
 
     @classmethod
     def hats(cls, hidden: Hidden, coarse: Hidden) -> SmoothImages:
@@ -136,17 +148,24 @@ class SmoothImages:
         return cls(sparse.eye_array(len(f), format="csr"), smoothness(hidden, f))
 
     @classmethod
-    def shown(cls, picture: Matrix) -> SmoothImages:
+    def shown(cls, picture: Matrix, row: tuple[Array, Array] | None = None) -> SmoothImages:
         """Return a known picture, (N, P), in any mixture of its colours.
 
-        A PhotographError says that it is black.
+        `row` has mean and covariance of a channel's mixture over its sum, see `row_priors`. A
+        PhotographError says that the picture is black.
         """
         colours = np.asarray(picture, np.float64)
         gram = colours.T @ colours
         if not np.trace(gram) > 0:
             raise PhotographError("the shown picture is black: give one that lights the wall")
-        ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other but for rounding
-        return cls(colours, gram + ridge * np.eye(len(gram)))
+        if row is None:
+            ridge = 10 * ROUNDING * np.trace(gram)  # colours that depend on each other, but rounded
+            return cls(colours, gram + ridge * np.eye(len(gram)))
+        mean, covariance = row
+        sums = np.ones((len(mean), len(mean)))
+        deviation = np.eye(len(mean)) - mean[:, None] * sums  # from the mean times the row's sum
+        precision = deviation.T @ np.linalg.pinv(covariance, 1e-6, hermitian=True) @ deviation
+        return cls(colours, precision + UNKNOWN_SCALE * sums, mean)
 
     def explain(self, A: Matrix, background: Array, y: Array) -> SmoothExplanation:
         """Explain photographs y, (M, C) of any unit, by a transport matrix A, (M, N).
@@ -167,9 +186,11 @@ class SmoothImages:
         # A photograph without noise still has finite precision.
         energy = np.einsum("mc,mc->c", y_free, y_free)
         energy += freedom * ROUNDING**2 * float(np.mean(y**2))
-        best = [
-            _best_ratio(μ / unit, z[:, c] ** 2 / unit, e, freedom) for c, e in enumerate(energy)
-        ]
+        ratio = _best_ratio
+        if self.typical is not None:
+            ratio = partial(_relative_ratio, W.T @ (self.precision @ self.typical))
+        columns = zip(z.T / np.sqrt(unit), energy, strict=True)
+        best = [ratio(μ / unit, each, e, freedom) for each, e in columns]
         ratios = unit * np.array([α for α, _, _ in best])
         coefficients = W @ (z / (μ[:, None] + ratios))
         residual = y_free - X @ coefficients
@@ -214,10 +235,9 @@ def _hats_along(size: int, count: int) -> Any:
     return sparse.csr_array(np.maximum(1 - np.abs(places[:, None] - np.arange(count)), 0))
 
 
-def _best_ratio(
-    μ: Array, squares: Array, energy: float, freedom: int
-) -> tuple[float, float, float]:
+def _best_ratio(μ: Array, z: Array, energy: float, freedom: int) -> tuple[float, float, float]:
     """Return the α at which a channel's E_c is least, S_c and E_c there."""
+    squares = z**2
 
     def misfit_and_cost(ratios: Array) -> tuple[Array, Array]:
         sums = (squares / (μ + ratios[:, None])).sum(axis=1)
@@ -232,3 +252,20 @@ def _best_ratio(
     α = RATIOS[least] * (RATIOS[1] / RATIOS[0]) ** move
     misfit, refined = misfit_and_cost(np.array([α]))
     return float(α), float(misfit[0]), float(refined[0])
+
+
+def _relative_ratio(
+    direction: Array, μ: Array, z: Array, energy: float, freedom: int
+) -> tuple[float, float, float]:
+    """Return α_c = σ_c²/s², s the multiple of a direction Wᵀ K m, and S_c and E_c there.
+
+    That s hardly depends on A, so the slope leaves its change out.
+    """
+    scale = float(z @ direction) / max(float(μ @ direction**2), TINY)
+    misfit = max(energy - scale * float(z @ direction), ROUNDING**2 * energy)
+    for _ in range(ROUNDS):
+        α = float(np.clip(misfit / freedom / max(scale**2, TINY), RATIOS[0], RATIOS[-1]))
+        modes = z / (μ + α)
+        misfit = max(energy - float(z @ modes), ROUNDING**2 * energy)
+        scale = float(direction @ modes / np.sum(direction**2))
+    return α, misfit, freedom * float(np.log(misfit)) + float(np.log1p(μ / α).sum())

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.colours import row_priors
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import (
     LARGEST,
@@ -147,10 +148,12 @@ class CalibrationProblem:
                 "give a larger photograph, or mask less of it"
             )
         light = [each.values[pixels] for each in self._averaged]
-        groups = [
-            Group(y[None], SmoothImages.shown(shown_light(picture, hidden)))
-            for y, picture in zip(light, self.pictures, strict=False)
-        ]
+        groups = []
+        for y, picture in zip(light, self.pictures, strict=False):
+            shown = shown_light(picture, hidden)
+            rows = row_priors(y.shape[1], shown.shape[1])
+            each = zip(y.T[:, None, :, None], rows, strict=True)
+            groups += [Group(channel, SmoothImages.shown(shown, row)) for channel, row in each]
         if self.has_unknown_images:
             groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
-        return ResolutionLevel(scene, self.centers, Q, tuple(groups))
+        return ResolutionLevel(scene, self.centers, Q, tuple(groups), len(light))

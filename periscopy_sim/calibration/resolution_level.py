@@ -53,6 +53,7 @@ class Look(Candidate):
     information: Array  # (P + K, P + K) Fisher information of the photographs
     precision: Array  # (P + K,) of the prior
     temperature: float = 1.0  # κ, by which the evidence is divided
+    motions: tuple[Array, ...] = ()  # (P + K, M, C) of each explanation, see `Explanation.motion`
 
     @property
     def objective(self) -> float:
@@ -92,12 +93,8 @@ class ResolutionLevel:
     scene: MovingScene  # seen by the pixels used; its errors are the prior's
     centers: Array  # (P,) means of the parameters before the photographs are looked at
     background: Array  # (M, r) orthonormal basis of the ambient light
-    groups: tuple[Group, ...]  # the photographs, by what is known of their images
-
-    @property
-    def photographs(self) -> int:
-        """Number of photographs."""
-        return sum(len(group.light) for group in self.groups)
+    groups: tuple[Group, ...]  # the photographs, or their channels, by what is known of the images
+    photographs: int = 1  # how many there are
 
     @cached_property
     def terms(self) -> Array:
@@ -156,27 +153,30 @@ class ResolutionLevel:
         A, changes = self.scene.linearized(self.values(point))
         gain = self.gain(point)[:, None]
         bright = gain * A
-        slope = np.zeros(len(point))
-        motions, beyond = [], []
-        for each in candidate.explanations:
-            lights = each.lights.astype(np.float32)
-            by_gain = self.terms[:, :, None] * (bright @ lights)
-            motion = each.motion(np.array([*(gain * (dA @ lights) for dA in changes), *by_gain]))
-            volume = gain * each.volume
-            volumes = [float(np.vdot(volume, dA)) for dA in changes]
-            volumes += (self.terms @ np.einsum("mn,mn->m", volume, A)).tolist()
-            slope += [each.slope(*pair) for pair in zip(motion, volumes, strict=True)]
-            motions.append(motion)
-            beyond.append(each.beyond_image(motion))
-        free = np.concatenate(beyond, axis=2)
+        explanations = candidate.explanations
+        volume = gain * sum(each.volume for each in explanations)
+        volumes = [float(np.vdot(volume, dA)) for dA in changes]
+        volumes += (self.terms @ np.einsum("mn,mn->m", volume, A)).tolist()
+        lights = np.hstack([each.lights for each in explanations]).astype(np.float32)
+        by_gain = self.terms[:, :, None] * (bright @ lights)
+        light = np.array([*(gain * (dA @ lights) for dA in changes), *by_gain])
+        borders = np.cumsum([each.lights.shape[1] for each in explanations])[:-1]
+        parts = zip(explanations, np.split(light, borders, axis=2), strict=True)
+        motions = tuple(each.motion(part) for each, part in parts)
+        pairs = list(zip(explanations, motions, strict=True))
+        slope = np.array(volumes)
+        for each, motion in pairs:
+            slope += each.pull(motion)
+        free = np.concatenate([each.beyond_image(motion) for each, motion in pairs], axis=2)
         crossed = np.einsum("imc,jmc->ij", free, np.concatenate(motions, axis=2), optimize=True)
         return Look(
             point=point,
-            explanations=candidate.explanations,
+            explanations=explanations,
             penalty=candidate.penalty,
             slope=slope,
             prior_slope=self.precision * (point - self.center),
             information=(crossed + crossed.T) / 2,
             precision=self.precision,
+            motions=motions,
             temperature=temperature,
         )

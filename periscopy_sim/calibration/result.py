@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from periscopy_sim.calibration.colours import VARIANCES
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.model.residual import percentages
@@ -98,9 +99,9 @@ class Calibration:
     moved
         Whether the values explain the photographs better than the start's, which they else are, by
         more than chance.
-    colour_matrix
+    colour_matrix, colour_errors
         (3, 3) M, y_c = Σ_k M_ck A f_k, where a picture was known: from the monitor's primaries to
-        the camera's channels, its rows' mean sum 1.
+        the camera's channels, its rows' mean sum 1; and its standard errors.
     doubts
         Why not to believe the values, a sentence each.
     """
@@ -118,6 +119,7 @@ class Calibration:
     overdispersion: float = 1.0
     moved: bool = True
     colour_matrix: Array | None = None
+    colour_errors: Array | None = None
     doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -133,6 +135,14 @@ class Calibration:
     def trusted(self) -> bool:
         """Whether nothing speaks against the values."""
         return not self.doubts
+
+    @property
+    def assumes_colours(self) -> bool:
+        """Whether other cameras rather than the photograph determine the colour matrix."""
+        errors, known = self.colour_errors, np.diagonal(VARIANCES, axis1=1, axis2=2)
+        if errors is None or errors.shape != known.shape:
+            return False
+        return bool(np.any(np.max(errors**2, axis=1) > LEARNED * np.max(known, axis=1)))
 
     @property
     def unexplained(self) -> tuple[float, float]:

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
+from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.problem import CalibrationProblem
-from periscopy_sim.calibration.resolution_level import Look
+from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.numerics import Array
 
@@ -33,18 +34,53 @@ def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Ar
     p wrong by δ, the photographs would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
     """
     count, limit = len(problem.names), problem.errors
-    held = np.zeros(len(joint.point), bool)
-    held[count : count + len(problem.uncertain.names)] = True
-    inverse = np.linalg.inv(joint.curvature()[np.ix_(~held, ~held)])
-    shared = joint.information[np.ix_(~held, held)] / joint.temperature
-    moves = (-inverse @ shared * problem.uncertain.standard_errors)[:count]
-    moves = np.clip(moves, -limit[:, None], limit[:, None])
-    alone = MARGIN**2 * inverse[:count, :count]
+    whole, every = _deviations(problem, joint)
+    moves = np.clip(every[:count], -limit[:, None], limit[:, None])
+    alone = whole[:count, :count]
     covariance = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(covariance))
     statistical = np.minimum(np.sqrt(np.diag(alone)), limit)
     correlation = covariance / np.outer(deviations, deviations)
     return statistical, np.minimum(deviations, limit), correlation, moves
+
+
+def _deviations(problem: CalibrationProblem, joint: Look) -> tuple[Array, Array]:
+    """Return the covariance of all of a look's numbers, and `moves` of all, (., U).
+
+    Those that are held have no part in the covariance, and move by a standard error.
+    """
+    count, errors = len(problem.names), problem.uncertain.standard_errors
+    held = np.zeros(len(joint.point), bool)
+    held[count : count + len(errors)] = True
+    inverse = np.linalg.inv(joint.curvature()[np.ix_(~held, ~held)])
+    shared = joint.information[np.ix_(~held, held)] / joint.temperature
+    covariance, moves = np.zeros((len(held), len(held))), np.zeros((len(held), len(errors)))
+    covariance[np.ix_(~held, ~held)] = MARGIN**2 * inverse
+    moves[~held], moves[held] = -inverse @ shared * errors, np.diag(errors)
+    return covariance, moves
+
+
+def colour_matrix(problem: CalibrationProblem, end: Candidate, joint: Look) -> tuple[Array, Array]:
+    """Return how the camera mixes the first picture's P primaries, (C, P), and its standard errors.
+
+    The errors are those in a known scene and those that the scene's make: of colours x_c,
+    σ_c² (X⊥ᵀX⊥ + α_c K)⁻¹, tempered, and as much as x_c follows motions of the light.
+    """
+    count = problem.photographs[0].channels
+    known, ours = (
+        [each for each in look.explanations if isinstance(each, SmoothExplanation)][:count]
+        for look in (end, joint)
+    )
+    rows = np.array([each.coefficients[:, 0] for each in known])
+    whole, moves = _deviations(problem, joint)
+    pairs = zip(ours, joint.motions, strict=False)
+    followed = np.concatenate([each.noise * each.followed(motion)[0] for each, motion in pairs])
+    own = linalg.block_diag(*(joint.temperature * MARGIN**2 * each.covariance for each in ours))
+    covariance = own + followed @ (whole + moves @ moves.T) @ followed.T
+    size = rows.sum() / count  # of which the matrix is a multiple
+    change = (np.eye(rows.size) - rows.reshape(-1, 1) / (count * size)) / size
+    variances = np.einsum("ij,jk,ik->i", change, covariance, change)
+    return rows / size, np.sqrt(variances).reshape(rows.shape)
 
 
 def determined_count(look: Look, count: int) -> float:

@@ -265,6 +265,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "overdispersion": result.overdispersion,
         "gain": {"least": result.gain.min(), "largest": result.gain.max()},
         "colour_matrix": result.colour_matrix,
+        "colour_errors": result.colour_errors,
         "path": [{"values": rows[:, :-1], "evidence": rows[:, -1]} for rows in result.path],
     }
 
@@ -307,11 +308,14 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
         say(f"standard errors include those of fixed numbers ({names}); --uncertain none does not")
     say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
-    if result.colour_matrix is None:
+    if result.colour_matrix is None or result.colour_errors is None:
         say(sentence("any_place"))
     else:
-        rows = "; ".join(" ".join(f"{m:.2f}" for m in row) for row in result.colour_matrix)
+        pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
+        rows = "; ".join(", ".join(f"{m:.2f} ± {error:.2f}" for m, error in row) for row in pairs)
         say(f"colour matrix, from the monitor's to the camera's: {rows}")
+        if result.assumes_colours:
+            say(sentence("assumed_colours"))
 
 
 def say_silhouette(solution: "Silhouette") -> None:

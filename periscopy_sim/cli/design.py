@@ -11,11 +11,11 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
-from periscopy_sim.cli.session import Session, check_memory
+from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.storage.outputs.resume import resumed_folder

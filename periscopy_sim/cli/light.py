@@ -1,5 +1,6 @@
 """The light that a command models: the transport matrix A and the light model B."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,9 +9,11 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
+from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import Model
-from periscopy_sim.cli.output import fixable, progress
+from periscopy_sim.cli.output import fixable, progress, say
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics import machine
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.transport.kernel import Strata
 
@@ -23,6 +26,35 @@ SAMPLES = 16
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
+
+
+def check_memory(
+    scenario: ps.Scenario, method: str = "", others: Sequence[ps.Scenario] = ()
+) -> None:
+    """Reject a scene whose A, and a method fitted to it, need more memory than there is.
+
+    With other views of the scene, it is fitted to each, and to all pixels together. Print the
+    memory and time that a fine grid of patches needs.
+    """
+    from periscopy_sim.model import spectral_basis
+
+    pixels, patches = scenario.transport_shape
+    entry = METHODS.get(method, METHODS[DEFAULT])
+    rows = pixels + sum(each.transport_shape[0] for each in others)
+    pixels = 2 * rows if others else rows
+    own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
+    # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
+    needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
+    available = machine.available_memory()
+    if available is not None and needed > available:
+        raise PeriscopyError(
+            f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
+            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
+            "(--hidden)"
+        )
+    if own and patches > spectral_basis.MOST_PATTERNS:
+        values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
+        say(sentence("fine_grid", method=method, **values))
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,10 @@ SENTENCES = {
         "the numbers and the image may be displaced together by whole patches: only a known "
         "picture (--shown) fixes the place"
     ),
+    "assumed_colours": (
+        "the shown picture does not determine the colour matrix, which rests on published matrices "
+        "of cameras: show one of many colours, such as 'blocks'"
+    ),
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
@@ -75,8 +79,12 @@ SENTENCES = {
         "{scene}: {names} ({materials}) without an emitter counts as diffuse; its image is wrong "
         "where what it sends depends on direction"
     ),
+    "order": "The photographs and the --cameras are in one order: are these?",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
-    "other_lights": "{scene}: the light of {names} is not in A; it counts as ambient light",
+    "other_lights": (
+        "{scene}: the light of {names} is not in A; it counts as ambient light (to recover it, "
+        "give its shape an id that begins with 'hidden')"
+    ),
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (
         "{scene}: the standard errors ignore the calibration's ({names} changed since); pass "

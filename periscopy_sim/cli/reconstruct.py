@@ -11,10 +11,10 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.output import fixable, output_folder, progress, say
-from periscopy_sim.cli.session import PhotoSession, Session, check_memory, files_of_view
+from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
@@ -35,12 +35,6 @@ OPTIONAL = [
     *("reconstruction*.npy", "reconstruction*.png", "standard_error*.npy"),
 ]
 """Files that depend on the scene, the method and the options."""
-
-OF_VIEW = {
-    *("model", "samples", "transport_error", "transport", "relative_noise"),
-    *("mask", "backgrounds", "pixels_left_out"),
-}
-"""Entries of a session's record that belong to one of several views."""
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report, StillMethod
@@ -74,7 +68,11 @@ def reconstruct(
     matrices = files_of_view("--transport", matrix, list(views))
     several = len(views) > 1
     if several:
-        _check_views(method)
+        able = [name for name, entry in METHODS.items() if entry.views]
+        if method not in able:
+            raise PeriscopyError(
+                f"--method {method}: it takes one view; several take {', '.join(able)}"
+            )
         _, *others = (view.scenario for view in views.values())
         check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}
@@ -103,12 +101,14 @@ def reconstruct(
             own_errors(method, f"failed on {of}"),
         ):
             joint: Any = METHODS[method].of_views(methods) if several else methods[session.sensor]
-            solution = joint.solve(walls if several else walls[session.sensor])
+            wall: Any = walls if several else walls[session.sensor]
+            solution = joint.solve(wall)
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), progress(f"computing {doing}"):
-            report, reports = _reports(joint, walls, solution)
+            report = joint.report(wall, solution)
+            report, reports = report if several else (report, {session.sensor: report})
             verdicts = {
                 camera: views[camera].judge(str(file), reports[camera])
                 for camera, file in zip(views, photo, strict=True)
@@ -139,18 +139,8 @@ def reconstruct(
         say(messages.comparison(each, name if len(compared) > 1 else ""))
     for camera, verdict in verdicts.items():
         say(f"{camera}: {verdict}" if several else verdict)
-
-
-def _reports(
-    method: Any, walls: Mapping[str, ps.Photograph], solution: Any
-) -> "tuple[Report, dict[str, Report]]":
-    """Return the report of an image, and that of each view; of one view they are the same."""
-    if len(walls) > 1:
-        both: tuple[Report, dict[str, Report]] = method.report(walls, solution)
-        return both
-    ((camera, wall),) = walls.items()
-    report = method.report(wall, solution)
-    return report, {camera: report}
+    if several and all(own.verdict.code == "does_not_fit" for own in reports.values()):
+        say(messages.sentence("order"))
 
 
 def _of_views(
@@ -159,38 +149,18 @@ def _of_views(
     verdicts: Mapping[str, str],
     reports: "Mapping[str, Report]",
 ) -> dict[str, Any]:
-    """Return the entries of a summary on the views; of several by camera.
-
-    The first view's session then has the warnings and the seconds of all.
-    """
+    """Return the entries of a summary on the views; of several by camera."""
     own: dict[str, dict[str, Any]] = {
-        camera: {"photograph": str(file), "verdict": verdicts[camera]}
-        for camera, file in zip(views, photos, strict=True)
+        camera: {**view.record, "photograph": str(file), "verdict": verdicts[camera]}
+        for (camera, view), file in zip(views.items(), photos, strict=True)
     }
-    first, *others = views.values()
-    if not others:
-        return own[first.sensor]
-    settings = {n: each for n, each in first.record.items() if n not in OF_VIEW}
+    if len(views) == 1:
+        return next(iter(own.values()))
+    shapes = {camera: view.scenario.photograph_shape for camera, view in views.items()}
     for camera, view in views.items():
-        record = {n: each for n, each in view.record.items() if n in OF_VIEW}
-        shape = {"photograph_shape": view.scenario.photograph_shape}
-        own[camera] |= {**shape, **record, **reports[camera].numbers}
-    for view in others:
-        first.warnings += view.warnings
-        for stage, seconds in view.seconds.items():
-            first.seconds[stage] = round(first.seconds.get(stage, 0.0) + seconds, 4)
-    first.record = settings
-    shapes = {camera: each["photograph_shape"] for camera, each in own.items()}
+        own[camera] |= {"photograph_shape": shapes[camera], **reports[camera].numbers}
+        view.record = {}  # it is no entry of all
     return {"photograph_shape": shapes, "views": own}
-
-
-def _check_views(method: str) -> None:
-    """Reject a method that takes one view alone."""
-    able = [name for name, entry in METHODS.items() if entry.views]
-    if method not in able:
-        raise PeriscopyError(
-            f"--method {method}: it takes one view; several take {', '.join(able)}"
-        )
 
 
 def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":

@@ -17,19 +17,17 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import SAMPLES, Light
+from periscopy_sim.cli.light import SAMPLES, Light, check_memory
 from periscopy_sim.cli.messages import sentence, verdict
-from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
+from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
-from periscopy_sim.model.residual import EXCESS
-from periscopy_sim.numerics import Array, Mask, machine
+from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
 from periscopy_sim.photographs.defects import defective_pixels
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.scene import CAMERA
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
@@ -47,35 +45,6 @@ LEAST_LIGHT = 0.25
 it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
 
 
-def check_memory(
-    scenario: ps.Scenario, method: str = "", others: Sequence[ps.Scenario] = ()
-) -> None:
-    """Reject a scene whose A, and a method fitted to it, need more memory than there is.
-
-    With other views of the scene, it is fitted to each, and to all pixels together. Print the
-    memory and time that a fine grid of patches needs.
-    """
-    from periscopy_sim.model import spectral_basis
-
-    pixels, patches = scenario.transport_shape
-    entry = METHODS.get(method, METHODS[DEFAULT])
-    rows = pixels + sum(each.transport_shape[0] for each in others)
-    pixels = 2 * rows if others else rows
-    own, seconds = spectral_basis.cost(pixels, patches) if method and entry.patterns else (0.0, 0.0)
-    # As measured: beside A, what is made of it and copies, the renderer and a block of rows.
-    needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
-    available = machine.available_memory()
-    if available is not None and needed > available:
-        raise PeriscopyError(
-            f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
-            "(--hidden)"
-        )
-    if own and patches > spectral_basis.MOST_PATTERNS:
-        values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
-        say(sentence("fine_grid", method=method, **values))
-
-
 def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
     """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
     for name in names:
@@ -91,7 +60,7 @@ class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
     `seconds` holds those that each stage took, `warnings` the lines that a summary repeats,
-    `record` its entries about what was read and fitted.
+    `settings` its entries about the method and the light, `record` those about what was read.
     """
 
     scene: options.SceneArgument
@@ -105,14 +74,16 @@ class Session(options.OptionGroup):
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
+        self.settings: dict[str, Any] = {}
         self.record: dict[str, Any] = {}
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Time a block."""
+        """Time a block, together with others of the same name."""
         start = time.perf_counter()
         yield
-        self.seconds[stage] = round(time.perf_counter() - start, 4)
+        seconds = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+        self.seconds[stage] = round(seconds, 4)
 
     @cached_property
     def scenario(self) -> ps.Scenario:
@@ -195,7 +166,10 @@ class Session(options.OptionGroup):
         pairs = dict(entry.split("=", 1) for entry in entries if "=" in entry)
         if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
             form = ", ".join(f"{name}=..." for name in hidden)
-            raise PeriscopyError(f"{flag}: name each of the scene's hidden surfaces once: {form}")
+            wrong = "".join(f" {name}=..." for name in pairs if name not in hidden)
+            raise PeriscopyError(
+                f"{flag}{wrong}: name each of the scene's hidden surfaces once: {form}"
+            )
         return pairs
 
     def hidden_image(self, names: str | Mapping[str, str]) -> Any:
@@ -253,7 +227,8 @@ class Session(options.OptionGroup):
                 self.warn(sentence("no_record", file=matrix))
             origin = {**record, "model": "file", "samples": None}
         origin = {name: origin.get(name) for name in ("model", "samples", "transport_error")}
-        self.record |= {**origin, "transport": matrix, **light.origin}
+        self.record |= {**origin, "transport": matrix}
+        self.settings |= light.origin
         if noise is not None:
             self.record["relative_noise"] = noise
             self.check_error(origin, noise)
@@ -294,6 +269,7 @@ class Session(options.OptionGroup):
         summary = {
             "photograph_shape": self.scenario.photograph_shape,
             "hidden_shape": self.hidden_shape,
+            **self.settings,
             **self.record,
             **values,
             "warnings": self.warnings,
@@ -365,7 +341,7 @@ class PhotoSession(WallSession):
         from periscopy_sim.evaluation.methods import fit_method
 
         colours = wall.colour_matrix and wall.colour_matrix.matrix
-        self.record |= {"method": method, **settings, "colour_matrix": colours}
+        self.settings |= {"method": method, **settings, "colour_matrix": colours}
         with self.timed("transport matrix"):
             noise = relative_noise(wall)
             A = self.transport(light, noise, matrix=matrix, method=method)
@@ -379,6 +355,8 @@ class PhotoSession(WallSession):
 
     def check_rank(self, fitted: "StillMethod[Any]", wall: ps.Photograph) -> None:
         """Reject P of an A whose rank is but that of its rays' grain: other rays prove it."""
+        from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+
         samples, P = self.record["samples"], getattr(fitted, "preconditioner", None)
         if samples is None or P is None:
             return
@@ -389,7 +367,7 @@ class PhotoSession(WallSession):
             raise PeriscopyError(f"{self.scene}: {lost}")
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
-        """Return the session of each photograph's view, by its camera."""
+        """Return the session of each photograph's view, by its camera; what they share is one's."""
         cameras = self.camera or [CAMERA]
         if len(photos) != len(cameras) or len({*cameras}) < len(cameras):
             raise PeriscopyError(
@@ -401,10 +379,14 @@ class PhotoSession(WallSession):
         check_file_names(self.path, "camera", cameras)
         masks = files_of_view("--mask", self.mask, cameras)
         off = files_of_view("--monitor-off", self.monitor_off, cameras)
-        return {
+        views = {
             each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
             for each in cameras
         }
+        for view in views.values():
+            view.seconds, view.warnings = self.seconds, self.warnings
+            view.settings = self.settings
+        return views
 
     def judge(self, name: str, report: "Report") -> str:
         """Return the verdict of a report, one line with a remedy; print the other warnings."""
@@ -419,6 +401,7 @@ class PhotoSession(WallSession):
     def _remedy(self, report: "Report") -> str:
         """Return the sentence of the likeliest remedy; empty where the scene fits."""
         from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.model.residual import EXCESS
 
         if report.verdict.code == "unexplained":
             return sentence("default_method")

@@ -60,13 +60,18 @@ def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
-    Pixels are square, but for those of a strip, see `LONGEST`.
+    Pixels are square, but for those of a strip, see `LONGEST`, which has a frame with an axis.
 
     The false colours are as `imshow` takes them. Return the image, for a colour bar.
     """
     ax.set_title(title)
     ax.set_axis_off()
     aspect = picture.shape[1] / picture.shape[0] / proportions(picture)
+    if not np.isclose(aspect, 1):
+        ax.set_axis_on()
+        ax.spines[:].set_visible(True)
+        for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
+            axis.set_visible(size > 1)
     return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
 
 
@@ -181,7 +186,8 @@ def draw_certainty(
     """Draw reconstructions beside the standard errors of their patches, and their assumption.
 
     Both are (R, C, 3) by the surfaces' ids, in one unit; the errors are shown as the root mean
-    square over the channels, in percent of the 99th percentile of all images, and end at 100.
+    square over the channels, in percent of the 99th percentile of all images. A surface
+    whose errors exceed 100 % spoils no other's scale.
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
     errors = {
@@ -189,8 +195,9 @@ def draw_certainty(
         for name, each in standard_errors.items()
     }
     width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), 12.0)
-    largest = max(float(each.max()) for each in errors.values()) or 1.0
-    top, beyond = min(largest, 100.0), "max" if largest > 100 else "neither"
+    least, *_, largest = sorted(float(each.max()) for each in [*errors.values()] * 2)
+    top = min(largest, max(least, 100.0)) or 1.0
+    beyond = "max" if largest > top else "neither"
     with drawn(path, metadata) as figure:
         figure.set_size_inches(width, 0.6 + 2.8 * len(images))
         axes = figure.subplots(len(images), 2, squeeze=False)

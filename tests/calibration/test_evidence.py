@@ -169,13 +169,8 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(
 
 def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: SmoothImages) -> None:
     explanation = explained(wall, images)
-    slopes = [
-        explanation.slope(
-            explanation.motion(change @ explanation.lights),
-            float(np.vdot(explanation.volume, change)),
-        )
-        for change in wall.changes
-    ]
+    volumes = [float(np.vdot(explanation.volume, change)) for change in wall.changes]
+    slopes = volumes + explanation.pull(explanation.motion(wall.changes @ explanation.lights))
 
     def half(along: Array) -> float:
         A = wall.A + np.tensordot(along, wall.changes, 1)
@@ -227,3 +222,27 @@ def test_a_known_picture_in_mixed_colours_is_explained_to_the_noise(wall: Wall) 
     found = SmoothImages.shown(PICTURE.reshape(-1, 3)).explain(wall.A, wall.Q, y)
     np.testing.assert_allclose(found.coefficients.T, mixture, atol=1e-3)
     np.testing.assert_allclose(found.noise, 1e-4, rtol=0.3)
+
+
+ROW = np.array([0.7, 0.2, 0.1]), 0.01 * np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]])
+
+
+@pytest.mark.parametrize("exposure", [1e-3, 40.0])
+def test_colours_that_a_picture_does_not_show_are_the_priors_at_any_exposure(
+    wall: Wall, exposure: float
+) -> None:
+    """Red and green are shown alike, so their difference is the prior's, and blue is told."""
+    picture = PICTURE.reshape(-1, 3)[:, [0, 0, 2]]
+    row = np.array([0.5, 0.2, 0.3])
+    y = exposure * (wall.A @ picture @ row)[:, None]
+    y += 1e-4 * exposure * np.random.default_rng(0).standard_normal(y.shape)
+    found = SmoothImages.shown(picture, ROW).explain(wall.A, wall.Q, y)
+    mixture, errors = found.coefficients[:, 0], np.sqrt(np.diag(found.covariance))
+    # Of the normal prior, given the sum of red and green over the row's.
+    mean, covariance = ROW
+    gain = (covariance[0] + covariance[1]) @ np.array([1, 0, 0]) / covariance[:2, :2].sum()
+    red = mean[0] + gain * (row[:2].sum() - mean[:2].sum())
+    spread = np.sqrt(covariance[0, 0] - gain**2 * covariance[:2, :2].sum())
+    np.testing.assert_allclose(mixture / exposure, [red, 0.7 - red, 0.3], atol=1e-3)
+    np.testing.assert_allclose(errors[:2] / exposure, spread, rtol=0.01)
+    assert errors[2] < 1e-3 * exposure

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,13 +74,6 @@ def test_slope_of_photographs_is_that_of_the_objective_to_a_tenth(small: Small) 
         lambda x: level.candidate(x).objective_at(temperature) / 2, slope, POINT,
         steps=np.append(0.02 * level.scene.errors, np.full(5, 0.02 * SPREAD)), rtol=0.1,
     )  # fmt: skip
-
-
-@pytest.mark.parametrize("channels", [1, 3, 4])
-def test_photographs_are_counted_in_any_number_of_channels(small: Small, channels: int) -> None:
-    level = small.level(shown=1, count=2)
-    groups = tuple(Group(np.ones((k, 5, channels)), level.groups[0].images) for k in (1, 2))
-    assert replace(level, groups=groups).photographs == 3
 
 
 def test_a_newton_step_gains_what_it_promises(small: Small) -> None:

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import Model
-from periscopy_sim.cli.session import check_memory
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import machine
 from periscopy_sim.rendering.transport import bounced

@@ -7,6 +7,7 @@ from textwrap import wrap
 
 import numpy as np
 
+from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.scenario import Scenario
@@ -24,6 +25,10 @@ CHARACTERS = 138
 
 FLAT = 0.9999
 """Length of the mean normal of a surface that counts as flat; a curved one has a shorter."""
+
+EVEN = 0.05
+"""Standard deviation of the middles of a curved surface's parts, over their radius, up to which
+these are one: facets turn their normals."""
 
 TOUCHING = 1e-3
 """Metres from the wall up to which a thing stands on it."""
@@ -126,7 +131,7 @@ def facts(layout: RoomPlan) -> list[str]:
         (rows, columns), known = surface.shape, "Monitor" if name == MONITOR else name
         facing = surface.normals.mean(axis=0)
         if np.linalg.norm(facing) < FLAT:  # its distance may be a choice, so none is printed
-            lines.append(f"{known}: curved.")
+            lines.append(f"{known}: {_sphere(surface, survey.corners[name]) or 'curved'}.")
             continue
         wide = columns * np.linalg.norm(surface.across, axis=1).mean()
         high = rows * np.linalg.norm(surface.up, axis=1).mean()
@@ -159,6 +164,23 @@ def facts(layout: RoomPlan) -> list[str]:
         what = " (and width x height of the penumbra of an edge)" if flat else ""
         lines.append(f"Distance of occluders from the wall{what}: {', '.join(distances)}.")
     return [line for long in lines for line in wrap(long, CHARACTERS)]
+
+
+def _sphere(surface: Surface, corners: Array) -> str:
+    """Return the middle, radius and directions of a part of a sphere; empty of another form."""
+    facing, centers = surface.normals, surface.centers
+    even = facing - facing.mean(axis=0)
+    radius = -float(np.sum(even * centers) / np.sum(even**2))
+    middles = centers + radius * facing
+    if middles.std(axis=0).max() > EVEN * abs(radius):
+        return ""
+    middle = middles.mean(axis=0)
+    x, y, z = np.moveaxis(corners - middle, -1, 0)
+    angles = np.unwrap(np.arctan2(y, x)), np.arctan2(z, np.hypot(x, y))
+    ends = [np.degrees([each.min(), each.max()]).round().astype(int) for each in angles]
+    ways = " x ".join(f"{low} to {high}°" for low, high in ends)
+    place = ", ".join(f"{each + 0.0:.1f}" for each in middle.round(1))
+    return f"{ways} of a sphere about ({place}) m, of {abs(radius):.2g} m radius"
 
 
 def turn_and_tilt(direction: Array, ahead: Array) -> str:

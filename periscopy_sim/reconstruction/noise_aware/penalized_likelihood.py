@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.hidden import Differences, Hidden
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import Solver, SpectralBasis
 from periscopy_sim.numerics import Array
@@ -64,18 +64,6 @@ class Splitting(NamedTuple):
         return Splitting(primal * self.u, dual * self.p, primal * self.v, dual * self.q)
 
 
-class Gradient(NamedTuple):
-    """∇ as compiled loops read it; see `Differences`."""
-
-    following: NDArray[np.uintp]  # (2, N) number of the next patch
-    weights: NDArray[np.float32]  # (2, N)
-
-    @classmethod
-    def of(cls, differences: Differences) -> "Gradient":
-        """Return the neighbours, as unsigned numbers, and the weights in single precision."""
-        return cls(differences.following.astype(np.uintp), differences.weights.astype(np.float32))
-
-
 class Penalties(NamedTuple):
     """The terms beside the misfit, over ρ."""
 
@@ -106,16 +94,15 @@ class Residuals(NamedTuple):
 
 
 @compiled_reordered
-def right_hand_side(split: Splitting, gradient: Gradient) -> Image:
-    """Return ∇ᵀ(u − p) + v − q, (C, N)."""
+def right_hand_side(split: Splitting, following: NDArray[np.uintp]) -> Image:
+    """Return ∇ᵀ(u − p) + v − q, (C, N); `following`, (2, N), are that of `Differences`."""
     u, p, v, q = split
-    following, weights = gradient
     channels, patches = v.shape
     g = v - q
     for axis in range(AXES):
         for c in range(channels):
             for n in range(patches):
-                value = weights[axis, n] * (u[axis, c, n] - p[axis, c, n])
+                value = u[axis, c, n] - p[axis, c, n]
                 g[c, n] -= value
                 g[c, following[axis, n]] += value
     return g
@@ -123,14 +110,17 @@ def right_hand_side(split: Splitting, gradient: Gradient) -> Image:
 
 @compiled_reordered
 def advance(
-    f: Image, split: Splitting, gradient: Gradient, penalties: Penalties, previous: Image | None
+    f: Image,
+    split: Splitting,
+    following: NDArray[np.uintp],
+    penalties: Penalties,
+    previous: Image | None,
 ) -> Residuals:
     """Update u, v, p and q in place from a new f, (C, N), in single precision.
 
     The frame before, (C, N), is of single precision too, and ≥ 0 where v is; None for a still.
     """
     u, p, v, q = split
-    following, weights = gradient
     channels, patches = v.shape
     zero, α = f.dtype.type(0), f.dtype.type(RELAXATION)
     rest, κ = f.dtype.type(1) - α, f.dtype.type(penalties.threshold)
@@ -141,7 +131,7 @@ def advance(
         squared = zero
         for c in range(channels):
             for axis in range(AXES):
-                slope = weights[axis, n] * (f[c, following[axis, n]] - f[c, n])
+                slope = f[c, following[axis, n]] - f[c, n]
                 image += slope * slope
                 gap += (slope - u[axis, c, n]) ** 2
                 moved[axis, c] = α * slope + rest * u[axis, c, n] + p[axis, c, n]
@@ -282,13 +272,13 @@ class Objective:
         if previous is not None and l1_weight > 0:
             drawn_to = np.ascontiguousarray(previous, np.float32)
         split = start.scaled(scale, threshold) if start else Splitting.zeros(ridge.shape)
-        gradient = Gradient.of(self.hidden.differences)
+        following = self.hidden.differences.following.astype(np.uintp)
         penalties = Penalties(threshold, self.positive, l1_weight * threshold)
         black = BLACK * scale * float(np.sqrt(split.v.size))
         residual, iteration = np.inf, 0
         while residual > schedule.tolerance and iteration < schedule.max_iterations:
-            g = right_hand_side(split, gradient)
+            g = right_hand_side(split, following)
             f = V @ solve(V.T @ g, renew=iteration % RENEWED == 0)
             iteration += 1
-            residual = advance(f, split, gradient, penalties, drawn_to).largest(black)
+            residual = advance(f, split, following, penalties, drawn_to).largest(black)
         return Minimum(split.v, split.scaled(1 / scale, 1 / threshold), iteration, residual)

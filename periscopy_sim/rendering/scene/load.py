@@ -32,7 +32,7 @@ from periscopy_sim.rendering.scene.wall import (
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.scene import CAMERA, Occluder, Scene, corners
+from periscopy_sim.scene import CAMERA, HIDDEN, Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
 
@@ -125,6 +125,8 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
         meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
+        if unknown[0] in scene.places:
+            meant = f"; rename the shape {HIDDEN}_{unknown[0]}"
         raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
         raise SceneError(

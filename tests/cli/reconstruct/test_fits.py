@@ -65,3 +65,18 @@ def test_rank_by_the_grain_of_rays_is_refused(refused, tmp_path):
         "--method", "preconditioned", "--out", "out",
     )  # fmt: skip
     assert "noise-aware" in told and "rank" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--hidden", "bar=2x2"), "rename the shape hidden_bar"),
+        (("--truth", "monitor=mushroom", "--truth", "crad=letters"), "--truth crad=...: name each"),
+    ],
+)
+def test_wrong_id_is_named(refused, tmp_path, words, told):
+    path = write_cards(tmp_path)
+    path.write_text(path.read_text().replace('id="plate"', 'id="bar"'))
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).random((24, 24, 3)) + 1)
+    line = refused("reconstruct", "y.npy", "--scene", path.name, *HIDDEN, *words, "--out", "out")
+    assert told in line

@@ -9,7 +9,6 @@ from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     RELAXATION,
-    Gradient,
     Objective,
     Penalties,
     Schedule,
@@ -22,7 +21,7 @@ from tests.scenes.surfaces import alone, screen_and_column
 
 RNG = np.random.default_rng(0)
 TARGETS = RNG.normal(0.1, 0.7, (3, 120))
-GRADIENT = Gradient.of(Hidden.of((12, 10)).differences)
+FOLLOWING = Hidden.of((12, 10)).differences.following.astype(np.uintp)
 PREVIOUS = np.maximum(RNG.normal(0.2, 0.4, TARGETS.shape), 0)
 
 
@@ -30,7 +29,7 @@ def drawn(targets, previous, positive, pull):
     """The new v for targets of the over-relaxed image."""
     split = Splitting.zeros(targets.shape)
     f, previous = (array.astype(np.float32) for array in (targets / RELAXATION, previous))
-    advance(f, split, GRADIENT, Penalties(0.1, positive, pull), previous)
+    advance(f, split, FOLLOWING, Penalties(0.1, positive, pull), previous)
     np.testing.assert_allclose(split.v + split.q, targets, atol=1e-6)
     return split.v
 
@@ -66,15 +65,17 @@ def test_frame_before_that_is_far_away_pulls_by_its_weight_alone():
 
 
 def test_an_image_that_becomes_black_ends_the_iterations():
-    f, gradient = np.full((3, 4), -1e-6, np.float32), Gradient.of(Hidden.of((2, 2)).differences)
-    residuals = advance(f, Splitting.zeros(f.shape), gradient, Penalties(1.0, True), None)
+    f = np.full((3, 4), -1e-6, np.float32)
+    following = Hidden.of((2, 2)).differences.following.astype(np.uintp)
+    residuals = advance(f, Splitting.zeros(f.shape), following, Penalties(1.0, True), None)
     assert residuals.largest() > 0.5 and residuals.largest(black=1.0) < 1e-5
 
 
 def test_iteration_on_surfaces_is_that_of_the_formulas():
     """With dense differences: u, p, v and q of the module's docstring, and the sums of squares."""
     hidden, κ, α = screen_and_column(), 0.4, RELAXATION
-    gradient, D = Gradient.of(hidden.differences), hidden.differences.matrix.toarray()
+    following = hidden.differences.following.astype(np.uintp)
+    D = hidden.differences.matrix.toarray()
     fields = RNG.normal(size=(6, 3, hidden.patches)).astype(np.float32)
     u, p, (v, q) = fields[:2], fields[2:4], fields[4:]
     f = RNG.normal(size=v.shape).astype(np.float32)
@@ -84,8 +85,8 @@ def test_iteration_on_surfaces_is_that_of_the_formulas():
         return np.moveaxis(field.astype(np.float64), 1, 0).reshape(3, -1)
 
     expected = transposed(u - p) @ D + v - q
-    np.testing.assert_allclose(right_hand_side(split, gradient), expected, atol=1e-5)
-    residuals = advance(f, split, gradient, Penalties(κ, True), None)
+    np.testing.assert_allclose(right_hand_side(split, following), expected, atol=1e-5)
+    residuals = advance(f, split, following, Penalties(κ, True), None)
     steps = np.moveaxis((f @ D.T).reshape(3, 2, -1), 1, 0)
     moved = α * steps + (1 - α) * u + p
     length = np.sqrt(np.sum(moved**2, axis=(0, 1)))
