@@ -33,13 +33,8 @@ def test_slope_is_the_derivative_of_the_evidence(wall: tuple[Array, Array, Array
     rough = 0.1 * np.random.default_rng(0).standard_normal(A.shape) * A
     changes = np.array([rough, rough + 0.05 * A])
     explanation = SharpImages(HIDDEN).explain(A, Q, y)
-    slopes = [
-        explanation.slope(
-            explanation.motion(change @ explanation.lights),
-            float(np.vdot(explanation.volume, change)),
-        )
-        for change in changes
-    ]
+    volumes = np.array([np.vdot(explanation.volume, change) for change in changes])
+    slopes = volumes + explanation.pull(explanation.motion(changes @ explanation.lights))
     beyond = np.linalg.svd(Q)[0][:, LIGHTS:].T
 
     def at_the_image(along: Array) -> float:
