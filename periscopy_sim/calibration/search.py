@@ -37,6 +37,9 @@ DRAWS, DESCENTS, KEPT = 64, 12, 3
 """Draws from the prior, the best of them, where coarse descents start, and how many descents go on
 after the first temperature: of a sign's best 14, 3 end well, and are the best 3 after two steps."""
 
+NUMBERS = 4
+"""Parameters from which all of these draws and descents are made; of fewer, as many fewer."""
+
 SURVIVORS = 3, 2, 2, 2, 2
 """How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of
 `wrong_scenes` loses 0.2 dB, and 18.7 if its rival is chosen before the first fine descent."""
@@ -121,13 +124,20 @@ class Search:
         """The rows of `Calibration.path`."""
         return tuple(np.reshape(rows, (-1, len(self.fine.centers) + 1)) for rows in self._rows)
 
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many points are drawn from the prior, and from how many of them descents start."""
+        part = min(1.0, len(self.coarse.centers) / NUMBERS)
+        return round(part * DRAWS), round(part * DESCENTS)
+
     def visit(self, stage: int, candidate: Candidate) -> None:
         """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
-        coarse = DESCENTS + KEPT * (len(COOLING) - 3) + len(COOLING)
+        draws, descents = self.counts
+        coarse = descents + KEPT * (len(COOLING) - 3) + len(COOLING)
         last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
-        most = DRAWS, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), SURVIVORS[-1] * last
+        most = draws, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), SURVIVORS[-1] * last
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
@@ -137,9 +147,10 @@ class Search:
         A SceneError says that the prior's centre is no scene.
         """
         level, random = self.coarse, np.random.default_rng(self.seed)
-        deviations = level.scene.errors * random.standard_normal((DRAWS, len(level.centers)))
+        draws, descents = self.counts
+        deviations = level.scene.errors * random.standard_normal((draws, len(level.centers)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        starts = nsmallest(DESCENTS, self._scenes(drawn), key=lambda each: each.cost)
+        starts = nsmallest(descents, self._scenes(drawn), key=lambda each: each.cost)
         (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
         curvature, distinct = own.curvature(), [own.point]
         for end in self._coarse_ends(starts, COOLING[2:]):

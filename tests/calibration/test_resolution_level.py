@@ -89,6 +89,7 @@ def test_a_newton_step_gains_what_it_promises(small: Small) -> None:
     assert look.objective - end.objective == pytest.approx(look.predicted_gain, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_the_last_level_has_no_slope_at_the_truth_but_by_noise(jit: None) -> None:  # noqa: ARG001
     """Its score has the χ² distribution; that of the likeliest image alone has not (p < 1e-4)."""
     hidden, size = (29, 36), {"resolution": "63"}

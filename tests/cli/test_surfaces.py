@@ -254,6 +254,7 @@ def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, sum
     assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_paths", "drawings")
 def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
     succeeds("draw", scene, "--out", "scene.png")

@@ -41,6 +41,7 @@ def test_variables_have_labelled_dimensions_units_and_provenance(whole):
     assert np.isfinite(data.photograph.values).all()
 
 
+@pytest.mark.thorough
 def test_light_that_bounces_adds_its_error_to_the_samples(configured, whole, tmp_path, monkeypatch):
     """One round of paths tells little of it."""
     monkeypatch.setattr("periscopy_sim.rendering.transport.bounced.ROUNDS", 1)

@@ -6,6 +6,7 @@ from periscopy_sim.errors import PhotographError, SceneError
 from tests.scenes.silhouette import FLAG, HIDDEN, photograph
 
 
+@pytest.mark.thorough
 def test_known_pictures_show_nearly_every_cell_whatever_the_colours_of_a_camera(
     scene, photographs, images
 ):

@@ -26,6 +26,7 @@ def test_without_the_data_the_section_says_why(setting, monkeypatch):
     assert len(table.rows) == 3
 
 
+@pytest.mark.thorough
 def test_the_same_room_under_more_light_is_recognized(setting, monkeypatch):
     monkeypatch.setattr(rooms, "HIDDEN", (12, 14))
     monkeypatch.setattr(rooms, "NOISE", 0.01)
