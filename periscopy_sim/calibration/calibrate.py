@@ -152,7 +152,7 @@ def _calibrated(
         names, distances, determined_count(joint, len(names)), misfits(end, problem.camera_noise)
     )
     columns = problem.centers, values, statistical, total, problem.errors
-    scale = float(np.sqrt(np.mean([np.mean(group.light**2) for group in fine.groups])))
+    scale = float(np.sqrt(np.mean(np.concatenate([g.light.ravel() for g in fine.groups]) ** 2)))
     before, after = (
         np.concatenate([each.noise for each in look.explanations]) / scale
         for look in (measured, best)

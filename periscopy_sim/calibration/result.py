@@ -139,9 +139,11 @@ class Calibration:
     @property
     def assumes_colours(self) -> bool:
         """Whether other cameras rather than the photograph determine the colour matrix."""
-        errors, known = self.colour_errors, np.diagonal(VARIANCES, axis1=1, axis2=2)
-        if errors is None or errors.shape != known.shape:
+        matrix, errors = self.colour_matrix, self.colour_errors
+        known = np.diagonal(VARIANCES, axis1=1, axis2=2)
+        if matrix is None or errors is None or errors.shape != known.shape:
             return False
+        errors = errors / matrix.sum(axis=1, keepdims=True)
         return bool(np.any(np.max(errors**2, axis=1) > LEARNED * np.max(known, axis=1)))
 
     @property

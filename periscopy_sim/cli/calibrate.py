@@ -313,8 +313,8 @@ def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     else:
         pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
         rows = "; ".join(", ".join(f"{m:.2f} ± {error:.2f}" for m, error in row) for row in pairs)
-        say(f"colour matrix, from the monitor's to the camera's: {rows}")
-        if result.assumes_colours:
+        say(f"colour matrix, from the monitor's to the camera's, up to exposure: {rows}")
+        if result.assumes_colours and result.trusted:
             say(sentence("assumed_colours"))
 
 

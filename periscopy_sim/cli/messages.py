@@ -53,8 +53,8 @@ SENTENCES = {
         "picture (--shown) fixes the place"
     ),
     "assumed_colours": (
-        "the shown picture does not determine the colour matrix, which rests on published matrices "
-        "of cameras: show one of many colours, such as 'blocks'"
+        "the colour matrix rests in part on published matrices of cameras; a picture of many "
+        "colours (blocks) and smaller errors of the scene determine it"
     ),
     "no_derivatives": (
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
@@ -68,18 +68,18 @@ SENTENCES = {
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
     ),
     "hardly_seen": (
-        "{name}, if white, sends {share:.2g} % of the light, less than the noise of {noise:.2g} %: "
+        "{name}, if white, sends {share:.2g} % of the light, and noise hides up to {least:.2g} %: "
         "the photograph hardly shows it"
     ),
     "no_rank": (
         "A has almost no rank beside the grain of {samples} rays, in which P loses {percent:.0f} % "
-        "of a white image; use the method noise-aware, which needs no rank"
+        "of a white image; use the method noise-aware, or more --samples"
     ),
     "glossy": (
         "{scene}: {names} ({materials}) without an emitter counts as diffuse; its image is wrong "
-        "where what it sends depends on direction"
+        "if what it sends depends on direction"
     ),
-    "order": "The photographs and the --cameras are in one order: are these?",
+    "order": "Give each --camera in the order of the photographs.",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": (
         "{scene}: the light of {names} is not in A; it counts as ambient light (to recover it, "

@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 DIFFUSE = "diffuse", "null"
 """Materials whose reflected light, if any, is the same in all directions."""
 
+SIGNIFICANT = 3.0
+"""Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
+
 LEAST_LIGHT = 0.25
 """Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
 it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
@@ -154,9 +157,10 @@ class Session(options.OptionGroup):
                 self.warn(f"{self.scene}: {doubt}")
 
     def warn(self, line: str) -> None:
-        """Print a warning, and keep it for the summary."""
-        warn(line)
-        self.warnings.append(line)
+        """Print a warning, and keep it for the summary; views of one scene have some in common."""
+        if line not in self.warnings:
+            warn(line)
+            self.warnings.append(line)
 
     def by_surface(self, entries: Sequence[str], flag: str) -> dict[str, str]:
         """Read ``VALUE`` of the only hidden surface, or ``ID=VALUE`` of each, by the ids."""
@@ -233,10 +237,11 @@ class Session(options.OptionGroup):
             self.record["relative_noise"] = noise
             self.check_error(origin, noise)
         A = np.asarray(channels_mean(A))
-        white = A.sum(axis=0, dtype=np.float64) / A.sum(dtype=np.float64)
+        white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
+        least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
         for name, part in self.scenario.hidden.slices.items():
-            if (share := float(white[part].sum())) < (noise or 0):
-                percent = {"share": 100 * share, "noise": 100 * (noise or 0)}
+            if (share := float(white[part].sum())) < least:
+                percent = {"share": 100 * share, "least": 100 * least}
                 self.warn(sentence("hardly_seen", name=name, **percent))
         return A
 

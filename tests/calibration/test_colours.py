@@ -28,8 +28,14 @@ def test_cameras_are_within_two_and_a_half_deviations_of_the_prior(published: li
 
 def test_colours_are_assumed_where_errors_are_the_priors() -> None:
     widths = np.sqrt(np.diagonal(VARIANCES, axis1=1, axis2=2))
-    for errors, assumed in ((widths, True), (0.5 * widths, False), (np.ones((3, 1)), False)):
-        assert replace(calibration(), colour_errors=errors).assumes_colours == assumed
+    gains = np.array([[0.4], [2.0], [0.6]])
+    for errors, assumed in ((widths, True), (0.5 * widths, False)):
+        found = replace(
+            calibration(), colour_matrix=gains * np.eye(3), colour_errors=gains * errors
+        )
+        assert found.assumes_colours == assumed
+    one = replace(calibration(), colour_matrix=np.ones((3, 1)), colour_errors=np.ones((3, 1)))
+    assert not one.assumes_colours
     assert not calibration().assumes_colours
 
 

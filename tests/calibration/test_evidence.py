@@ -125,7 +125,7 @@ def test_smoothness_of_an_image_is_its_total_variation_where_it_has_edges() -> N
 
 
 def test_surfaces_are_as_smooth_as_each_alone() -> None:
-    """The column's differences are over its own distances; hats end with their surface."""
+    """No difference crosses from one to the other; hats end with their surface."""
     hidden = screen_and_column()
     f = np.random.default_rng(0).random((hidden.patches, 3))
     K, edges = smoothness(hidden), smoothness(hidden, f)

@@ -26,7 +26,7 @@ CHARACTERS = 138
 FLAT = 0.9999
 """Length of the mean normal of a surface that counts as flat; a curved one has a shorter."""
 
-EVEN = 0.05
+EVEN = 0.01
 """Standard deviation of the middles of a curved surface's parts, over their radius, up to which
 these are one: facets turn their normals."""
 

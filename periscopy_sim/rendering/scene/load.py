@@ -125,7 +125,7 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     where = f"scene '{scene.path}' has hidden surfaces {names}"
     if unknown := [name for name in given if name not in scene.emission]:
         meant = f"; {did_you_mean(unknown[0], scene.emission)}".rstrip("; ")
-        if unknown[0] in scene.places:
+        if unknown[0] in {each.name for each in scene.occluders}:
             meant = f"; rename the shape {HIDDEN}_{unknown[0]}"
         raise SceneError(f"{where}, no '{unknown[0]}'{meant}")
     if not isinstance(hidden, Mapping) and len(scene.emission) > 1:
