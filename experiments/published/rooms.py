@@ -60,27 +60,22 @@ def run(setting: PublishedSetting) -> Section:
         for name, light in photographs.items()
     }
     draw_panels(file, panels)
+    paint = "different rooms share the ceiling's paint alone"
+    compared = (
+        ("images", images, PAIRS, ""),
+        ("residuals over the light", uneven, OTHER_ROOMS, paint),
+    )
     claims = [
         Claim(
-            f"{name} against {other}",
+            f"correlation of {what}, {name} and {other}",
             "",
-            f"{correlation(images[name], images[other]):.3f}",
+            f"{correlation(values[name], values[other]):.3f}",
             Verdict.MEASURED,
-            "correlation of the images",
+            reason,
         )
-        for name, other in PAIRS.items()
-        if name in images and other in images
-    ]
-    claims += [
-        Claim(
-            f"residuals over the light, {name} against {other}",
-            "",
-            f"{correlation(uneven[name], uneven[other]):.3f}",
-            Verdict.MEASURED,
-            "correlation: different rooms share the ceiling's paint alone",
-        )
-        for name, other in OTHER_ROOMS.items()
-        if name in uneven and other in uneven
+        for what, values, pairs, reason in compared
+        for name, other in pairs.items()
+        if name in values and other in values
     ]
     tables = [Table("Over the mean light, %.", ("photograph", "unexplained", "noise"), rows)]
     tables += [Table("Not read.", ("set", "why"), problems)] if problems else []

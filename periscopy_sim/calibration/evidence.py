@@ -12,8 +12,9 @@ any photograph. One number remains for each channel,
 
 twice the negative logarithm of the evidence up to a constant. F is M less the rank of B, μ and W
 are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = Wᵀ X⊥ᵀ y⊥, and ⊥ projects
-range(B) out. Each α_c minimizes E_c. Where x is a multiple s of a typical m but for a deviation in
-proportion to s, α_c is σ_c²/s². The mean is x̂ = W z/(μ + α).
+range(B) out. Each α_c minimizes E_c, unless x is a multiple s of a typical m but for a deviation in
+proportion to s: α_c is then σ_c²/s², and the slope leaves out that s moves. The mean is
+x̂ = W z/(μ + α).
 """
 
 from __future__ import annotations

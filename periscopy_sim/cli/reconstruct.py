@@ -159,7 +159,7 @@ def _of_views(
     shapes = {camera: view.scenario.photograph_shape for camera, view in views.items()}
     for camera, view in views.items():
         own[camera] |= {"photograph_shape": shapes[camera], **reports[camera].numbers}
-        view.record = {}  # it is no entry of all
+        view.record.clear()  # it is no entry of all
     return {"photograph_shape": shapes, "views": own}
 
 

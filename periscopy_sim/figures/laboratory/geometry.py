@@ -178,8 +178,10 @@ def _sphere(surface: Surface, corners: Array) -> str:
     x, y, z = np.moveaxis(corners - middle, -1, 0)
     angles = np.unwrap(np.arctan2(y, x)), np.arctan2(z, np.hypot(x, y))
     ends = [np.degrees([each.min(), each.max()]).round().astype(int) for each in angles]
-    ways = " x ".join(f"{low} to {high}°" for low, high in ends)
-    place = ", ".join(f"{each + 0.0:.1f}" for each in middle.round(1))
+    ends[0] -= 360 * (ends[0][0] // 360) * (ends[0][1] >= 360)
+    names = "azimuth from x", "elevation"
+    ways = ", ".join(f"{n} {low} to {high}°" for n, (low, high) in zip(names, ends, strict=True))
+    place = ", ".join(f"{each + 0.0:.2f}" for each in middle.round(2))
     return f"{ways} of a sphere about ({place}) m, of {abs(radius):.2g} m radius"
 
 

@@ -60,23 +60,23 @@ def test_glossy_surface_is_named(tmp_path, capfd):
 
 def test_rank_by_the_grain_of_rays_is_refused(refused, tmp_path):
     np.save(tmp_path / "y.npy", np.random.default_rng(0).random((32, 32, 3)) + 1)
-    told = refused(
+    line = refused(
         "reconstruct", "y.npy", "--scene", "doorway", "-D", "film=32", "--hidden", "5x5",
         "--method", "preconditioned", "--out", "out",
     )  # fmt: skip
-    assert "noise-aware" in told and "rank" in told
+    assert "noise-aware" in line and "rank" in line
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reply"),
     [
         (("--hidden", "bar=2x2"), "rename the shape hidden_bar"),
         (("--truth", "monitor=mushroom", "--truth", "crad=letters"), "--truth crad=...: name each"),
     ],
 )
-def test_wrong_id_is_named(refused, tmp_path, words, told):
+def test_wrong_id_is_named(refused, tmp_path, words, reply):
     path = write_cards(tmp_path)
     path.write_text(path.read_text().replace('id="plate"', 'id="bar"'))
     np.save(tmp_path / "y.npy", np.random.default_rng(0).random((24, 24, 3)) + 1)
     line = refused("reconstruct", "y.npy", "--scene", path.name, *HIDDEN, *words, "--out", "out")
-    assert told in line
+    assert reply in line

@@ -171,7 +171,7 @@ def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
     np.testing.assert_allclose(seen([(-0.4, -0.02), (0.2, 0.2)]), [0, 1])  # (y, x)
     assert 0 < seen([(0.2, -0.2)]) < 1
     (line,) = (each for each in facts(layout) if each.startswith("hidden_room"))
-    assert line.endswith("of a sphere about (0.0, 0.0, 0.0) m, of 0.5 m radius.")
+    assert line.endswith("of a sphere about (0.00, 0.00, 0.00) m, of 0.5 m radius.")
 
 
 def test_every_hidden_surface_is_drawn_and_named(tmp_path):
