@@ -79,7 +79,6 @@ SENTENCES = {
         "{scene}: {names} ({materials}) without an emitter counts as diffuse; its image is wrong "
         "if what it sends depends on direction"
     ),
-    "order": "Give each --camera in the order of the photographs.",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": (
         "{scene}: the light of {names} is not in A; it counts as ambient light (to recover it, "

@@ -139,8 +139,6 @@ def reconstruct(
         say(messages.comparison(each, name if len(compared) > 1 else ""))
     for camera, verdict in verdicts.items():
         say(f"{camera}: {verdict}" if several else verdict)
-    if several and all(own.verdict.code == "does_not_fit" for own in reports.values()):
-        say(messages.sentence("order"))
 
 
 def _of_views(

@@ -231,7 +231,7 @@ ROW = np.array([0.7, 0.2, 0.1]), 0.01 * np.array([[2, -1, -1], [-1, 2, -1], [-1,
 def test_colours_that_a_picture_does_not_show_are_the_priors_at_any_exposure(
     wall: Wall, exposure: float
 ) -> None:
-    """Red and green are shown alike, so their difference is the prior's, and the picture determines blue."""
+    """Red and green are shown alike: their difference is the prior's, blue is the picture's."""
     picture = PICTURE.reshape(-1, 3)[:, [0, 0, 2]]
     row = np.array([0.5, 0.2, 0.3])
     y = exposure * (wall.A @ picture @ row)[:, None]
