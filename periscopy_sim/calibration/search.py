@@ -45,8 +45,9 @@ SURVIVORS = 3, 2, 2, 2, 2
 """How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of
 `wrong_scenes` loses 0.2 dB, and 18.7 if its rival is chosen before the first fine descent."""
 
-DAMPING = 1e-3
-"""The first of a descent: fraction of the information that is added to it."""
+DAMPING, SHORTER = 1e-3, 4.0
+"""Fraction of the information that is added to it, and factor of a curvature of which a step leads
+too far, but not uphill."""
 
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
@@ -63,17 +64,18 @@ def fine_cooling(photographs: int) -> list[float]:
 
 
 def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
-    """Return the look after at most `STEPS` steps of Levenberg and Marquardt's method."""
-    look, damping = replace(start, temperature=temperature), DAMPING
+    """Return the look after at most `STEPS` Newton steps; failed ones correct the curvature."""
+    look = replace(start, temperature=temperature)
     for _ in range(STEPS):
         if look.predicted_gain < NEGLIGIBLE:
             break
+        curvature = look.curvature(DAMPING)
         for _ in range(TRIALS):
-            step = _step(level, look, damping)
+            step = _step(level, look, curvature)
             candidate = level.candidate(look.point + step)
             if candidate.objective_at(temperature) < look.objective:
                 break
-            damping = max(damping, DAMPING) * 10
+            curvature = _steeper(level, look, curvature, candidate)
         else:
             break
         # Valleys are rough: the information nearby exceeds that over the valley. A parabola that
@@ -83,14 +85,29 @@ def descend(level: ResolutionLevel, start: Look, temperature: float) -> Look:
             if farther.objective_at(temperature) >= candidate.objective_at(temperature):
                 break
             step, candidate = 2 * step, farther
-        gain, damping = look.objective - candidate.objective_at(temperature), damping / 5
+        gain = look.objective - candidate.objective_at(temperature)
         look = level.look(candidate, temperature)
         if gain < NEGLIGIBLE:
             break
     return look
 
 
-def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
+def _steeper(level: ResolutionLevel, look: Look, curvature: Array, beyond: Candidate) -> Array:
+    """Return a curvature that a step which led too far has corrected.
+
+    Where two faces of a scene lie in one plane, light has a corner: past it the slope is another.
+    The update of symmetric rank one gives the curvature along the step that the slopes at its ends
+    show (Conn, Gould, Toint, Math. Program. 50, 1991), so that the other parameters still move.
+    """
+    step = beyond.point - look.point
+    if beyond.explanations:
+        change = level.look(beyond, look.temperature).downhill - look.downhill - curvature @ step
+        if change @ step > 0:
+            return np.asarray(curvature + np.outer(change, change) / (change @ step))
+    return SHORTER * curvature
+
+
+def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
     """Return Newton's step, no longer than `FARTHEST`.
 
     Parameters that alone would cross the border of the physical stay.
@@ -98,8 +115,7 @@ def _step(level: ResolutionLevel, look: Look, damping: float) -> Array:
     free = np.ones(len(look.point), bool)
     for _ in range(2):
         step = np.zeros(len(free))
-        curvature = look.curvature(damping)[np.ix_(free, free)]
-        step[free] = -np.linalg.solve(curvature, look.downhill[free])
+        step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], look.downhill[free])
         step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / FARTHEST)
         if level.scene.is_physical(level.values(look.point + step)):
             break
