@@ -46,8 +46,8 @@ SURVIVORS = 3, 2, 2, 2, 2
 `wrong_scenes` loses 0.2 dB, and 18.7 if its rival is chosen before the first fine descent."""
 
 DAMPING, SHORTER = 1e-3, 4.0
-"""Fraction of the information that is added to it, and factor of a curvature of which a step leads
-too far, but not uphill."""
+"""Fraction of the information that is added to it, and factor of the curvature after a step too far
+whose end is no scene, or shows no more curvature."""
 
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""

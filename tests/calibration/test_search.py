@@ -88,3 +88,27 @@ def test_a_step_is_doubled_only_where_a_parabola_falls_on(told: float, asked: in
     level.asked, level.looked = 0, [0]
     descend(level, start, 1.0)
     assert level.looked[1] == asked
+
+
+class Corner(Valleys):
+    """Of two numbers: the evidence rises at once where the first is 0, and falls with the other."""
+
+    centers, center = np.zeros(2), np.zeros(2)
+
+    def candidate(self, point: Any) -> Candidate:
+        x, y = point
+        evidence = 400 * x if x > 0 else -20 * x
+        explanations: Any = (SimpleNamespace(cost=evidence + 100 * (y - 1) ** 2),)
+        return Candidate(point, explanations, float(point @ point))
+
+    def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
+        point = candidate.point
+        slope = np.array([200.0 if point[0] > 0 else -10.0, 100 * (point[1] - 1)])
+        shared = point, candidate.explanations, candidate.penalty
+        return Look(*shared, slope, point.copy(), np.diag([10.0, 100]), np.ones(2), temperature)
+
+
+def test_a_corner_of_one_number_does_not_hold_the_others() -> None:
+    level: Any = Corner([])
+    end = descend(level, level.look(level.candidate(np.array([-0.01, 0.0]))), 1.0)
+    assert end.point == pytest.approx([0, 1], abs=0.1)
