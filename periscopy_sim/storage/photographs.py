@@ -158,6 +158,8 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
     if shape is not None:
         check_size(values.shape[:2], shape, str(path))
     grey, largest = values[..., :1], values.max(initial=0)
+    if largest == 0 and not values.any():
+        raise PhotographError(f"{path}: a black mask leaves no pixel. Save the wall white")
     if (values != grey).any() or not 0 < largest < np.inf:  # also where one is NaN
         raise PhotographError(f"{path}: not a greyscale mask. Save the wall white, the rest black")
     # A quotient, since half of the largest integer may be no integer.

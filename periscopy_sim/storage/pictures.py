@@ -107,18 +107,22 @@ def png_bytes(pixels: NDArray[np.uint8], text: Mapping[str, str]) -> bytes:
     return stream.getvalue()
 
 
+MAJORITY = 0.5 + 1e-6
+"""Fraction of a pixel that a mask must leave; ties are decided alike in mirror images."""
+
+
 def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Return an image resampled by its exact mean over the area of each new pixel.
 
     The image is (rows, columns, channels), constant over each of its pixels; the result is W_r
-    image W_c^T for each channel, with W of `_coverage`, and has more or fewer pixels.
+    image W_c^T for each channel, with W of `coverage`, and has more or fewer pixels.
     """
     image = np.asarray(image, np.float64)
-    down, across = (_coverage(*sizes) for sizes in zip(shape, image.shape, strict=False))
+    down, across = (coverage(*sizes) for sizes in zip(shape, image.shape, strict=False))
     return np.asarray(across @ np.tensordot(down, image, axes=1))
 
 
-def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
+def coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
     """Return (boxes, pixels) fractions of each of equal boxes that each of equal pixels covers."""
     edges, pixel = np.arange(boxes + 1) * (pixels / boxes), np.arange(pixels)
     covered = np.minimum(edges[1:, None], pixel + 1) - np.maximum(edges[:-1, None], pixel)
@@ -126,18 +130,18 @@ def _coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
 
 
 def averaged_photograph(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
-    """Return a photograph averaged to fewer pixels, with those of which the mask leaves over half.
+    """Return a photograph averaged to fewer pixels, those of which the mask leaves the `MAJORITY`.
 
     Its photographs with the monitor off are averaged alike.
     """
     if shape == photograph.shape:
         return photograph
-    coverage = area_average(photograph.pixels[..., None], shape)
-    inside = coverage > 0.5 + 1e-6  # ties are decided alike in mirror images
+    covered = area_average(photograph.pixels[..., None], shape)
+    inside = covered > MAJORITY
 
     def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
         light = area_average(blackened(values, photograph.mask), shape)
-        return np.asarray(light / np.where(inside, coverage, np.inf))
+        return np.asarray(light / np.where(inside, covered, np.inf))
 
     off = {name: means(each) for name, each in photograph.monitor_off.items()}
     mask = None if inside.all() else inside[..., 0]
