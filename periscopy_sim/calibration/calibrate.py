@@ -144,23 +144,23 @@ def _calibrated(
     # The errors are those of all numbers together, also of the uncertain ones, at the search's end.
     whole = problem.joint()
     point = np.concatenate([fine.values(end.point), whole.centers[len(names) :], gain])
+    whole = whole.with_misfit(whole.candidate(point))
     joint = whole.look(whole.candidate(point), κ)
     statistical, total, correlation, moves = standard_errors(problem, joint)
     colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
     distances = (values - problem.centers) / problem.errors
-    reasons = doubts(
-        names, distances, determined_count(joint, len(names)), misfits(end, problem.camera_noise)
-    )
+    reports = [level.plainly(each.point) for each in (measured, best, end)]
+    misfit = misfits(reports[2], problem.camera_noise(fine.scene.pixels.size))
+    reasons = doubts(names, distances, determined_count(joint, len(names)), misfit)
     columns = problem.centers, values, statistical, total, problem.errors
     scale = float(np.sqrt(np.mean(np.concatenate([g.light.ravel() for g in fine.groups]) ** 2)))
     before, after = (
-        np.concatenate([each.noise for each in look.explanations]) / scale
-        for look in (measured, best)
+        np.concatenate([each.noise for each in look.explanations]) / scale for look in reports[:2]
     )
     first = slice(problem.photographs[0].channels)
     residual_before, residual = (
         _picture(fine, np.hstack([e.residual for e in look.explanations])[:, first] / scale)
-        for look in (measured, best)
+        for look in reports[:2]
     )
     progress(1.0)
     return Calibration(
@@ -190,4 +190,4 @@ def _picture(level: ResolutionLevel, values: Image) -> Array:
     pixels = level.scene.pixels
     picture = np.zeros((*pixels.shape, *values.shape[1:]))
     picture[pixels] = values
-    return picture[pixels.any(axis=1)][:, pixels.any(axis=0)]
+    return picture

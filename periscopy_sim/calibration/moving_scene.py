@@ -29,8 +29,8 @@ STEP = 0.02
 for single precision, and so short that vertices move in proportion."""
 
 LARGEST = 126
-"""Most rows and columns of a photograph that a search uses, and for which derivatives are computed;
-light of larger ones is interpolated."""
+"""Most rows and columns of a photograph for which derivatives are computed, where light of larger
+ones is interpolated; a search uses half as many more at most."""
 
 LARGEST_CLIPPED = 63
 """The same for derivatives of an A that faces clip: those of a doorway take 4 s instead of 17."""
@@ -53,6 +53,11 @@ class MovingScene:
         """(rows, columns) which pixels of the photograph are used."""
         view = self.scenario.view
         return np.ones(view.shape, bool) if view.pixels is None else view.pixels
+
+    @property
+    def across(self) -> int:
+        """Points along each side of a pixel, over which light is averaged."""
+        return self.scenario.view.across
 
     def at(self, values: Array) -> Scenario:
         """Return the scene at some values, (P,).

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
+from periscopy_sim.calibration.correlated_noise import CorrelatedNoise
 from periscopy_sim.calibration.evidence import Explanation, SmoothImages
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
+from periscopy_sim.calibration.pixel_averages import footprints
 from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.wall_gain import polynomials
@@ -33,6 +38,11 @@ class Candidate:
     point: Array  # (P + K,)
     explanations: tuple[Explanation, ...]  # of each group; () where there is no scene
     penalty: float  # −2 log of the prior's density, up to a constant
+
+    @property
+    def unexplained(self) -> float:
+        """Twice the logarithm of the noise, summed over channels."""
+        return 2 * sum(float(np.log(each.noise).sum()) for each in self.explanations)
 
     @cached_property
     def cost(self) -> float:
@@ -79,7 +89,7 @@ class Look(Candidate):
 
 @dataclass(frozen=True, eq=False)
 class ResolutionLevel:
-    """Photographs in M pixels, explained by P parameters of a scene and a gain over the wall.
+    """Photographs in M large pixels, explained by P parameters of a scene and a gain over the wall.
 
     A point is (P + K,) numbers: the parameters, then the coefficients of the gain
 
@@ -90,10 +100,12 @@ class ResolutionLevel:
     makes them.
     """
 
-    scene: MovingScene  # seen by the pixels used; its errors are the prior's
+    scene: MovingScene  # seen in the pixels' middles; its errors are the prior's
     centers: Array  # (P,) means of the parameters before the photographs are looked at
     background: Array  # (M, r) orthonormal basis of the ambient light
     groups: tuple[Group, ...]  # the photographs, or their channels, by what is known of the images
+    noise: CorrelatedNoise
+    finer: tuple[MovingScene, Any] | None = None  # seen in more pixels, and `averages` over these
     photographs: int = 1  # how many there are
 
     @cached_property
@@ -101,6 +113,11 @@ class ResolutionLevel:
         """(K, M) p_k, between -1 and 1."""
         pixels = self.scene.pixels
         return polynomials(pixels.shape, 1, DEGREE)[:, pixels.ravel()]
+
+    @cached_property
+    def footprints(self) -> Any:
+        """(M, M) sparse averages over the pixels of light in their middles."""
+        return footprints(self.scene.pixels, self.scene.across)
 
     @cached_property
     def precision(self) -> Array:
@@ -126,40 +143,78 @@ class ResolutionLevel:
 
     def with_edges(self, candidate: Candidate) -> ResolutionLevel:
         """Return a level whose image prior uses the edges of the estimated images."""
-        groups, hidden = [], self.scene.scenario.hidden
+        return self._with_images(candidate, partial(SmoothImages.like, self.scene.scenario.hidden))
+
+    def holding(
+        self, candidate: Candidate, surface: str, shift: tuple[int, int]
+    ) -> ResolutionLevel:
+        """Return a level on which the estimated images are known, but for their colours.
+
+        That of one hidden surface is shifted by whole patches, (down, right), dark beyond the
+        border. A PhotographError says that it is black.
+        """
+        hidden = self.scene.scenario.hidden
+
+        def known(f: Array) -> SmoothImages:
+            images = hidden.split(f)
+            moved = ndimage.shift(images[surface], (*shift, 0), order=0, mode="grid-constant")
+            return SmoothImages.shown(hidden.join({**images, surface: moved}))
+
+        return self._with_images(candidate, known)
+
+    def _with_images(
+        self, candidate: Candidate, prior: Callable[[Array], SmoothImages]
+    ) -> ResolutionLevel:
+        """Return a level with a prior that depends on each unknown image, (N, C), as estimated."""
+        groups = []
         for group, explained in zip(self.groups, candidate.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
                 each = zip(group.light, explained.images, strict=True)
-                groups += [Group(y[None], SmoothImages.like(hidden, f)) for y, f in each]
+                groups += [Group(y[None], prior(f)) for y, f in each]
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))
 
+    def with_misfit(self, candidate: Candidate) -> ResolutionLevel:
+        """Return a level whose noise is like the residual of a candidate, explained `plainly`."""
+        residual = np.hstack([each.residual for each in candidate.explanations])
+        return replace(self, noise=self.noise.like(residual))
+
+    def plainly(self, point: Array) -> Candidate:
+        """Return the photographs explained at a point as if the noise were white."""
+        white = replace(self.noise, excess=0 * self.noise.excess)
+        return replace(self, noise=white).candidate(point)
+
     def candidate(self, point: Array) -> Candidate:
         """Return the photographs explained at a point."""
+        scene, averages = self.finer or (self.scene, self.footprints)
         try:
-            A = self.gain(point)[:, None] * self.scene.transport(self.values(point))
+            A = averages @ scene.transport(self.values(point))
         except SceneError:
             return Candidate(point, (), self.penalty(point))
-        explained = (
-            group.images.explain(A, self.background, np.hstack([*group.light]))
-            for group in self.groups
+        bright = self.noise.whitened(self.gain(point)[:, None] * A)
+        lights = [self.noise.whitened(np.hstack([*group.light])) for group in self.groups]
+        explained = tuple(
+            group.images.explain(bright, self.background, light)
+            for group, light in zip(self.groups, lights, strict=True)
         )
-        return Candidate(point, tuple(explained), self.penalty(point))
+        return Candidate(point, explained, self.penalty(point))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
         """Return the derivatives, too; a SceneError says that the point is no scene."""
         point = candidate.point
         A, changes = self.scene.linearized(self.values(point))
-        gain = self.gain(point)[:, None]
-        bright = gain * A
+        S, gain = self.footprints, self.gain(point)[:, None]
+        bright = gain * (S @ A)
         explanations = candidate.explanations
-        volume = gain * sum(each.volume for each in explanations)
-        volumes = [float(np.vdot(volume, dA)) for dA in changes]
-        volumes += (self.terms @ np.einsum("mn,mn->m", volume, A)).tolist()
+        volume = self.noise.whitened(np.sum([each.volume for each in explanations], axis=0))
+        at_points = S.T @ (gain * volume)
+        volumes = [float(np.vdot(at_points, dA)) for dA in changes]
+        volumes += (self.terms @ np.einsum("mn,mn->m", volume, bright)).tolist()
         lights = np.hstack([each.lights for each in explanations]).astype(np.float32)
         by_gain = self.terms[:, :, None] * (bright @ lights)
-        light = np.array([*(gain * (dA @ lights) for dA in changes), *by_gain])
+        light = np.array([*(gain * (S @ (dA @ lights)) for dA in changes), *by_gain])
+        light = np.moveaxis(self.noise.whitened(np.moveaxis(light, 0, 1)), 0, 1)
         borders = np.cumsum([each.lights.shape[1] for each in explanations])[:-1]
         parts = zip(explanations, np.split(light, borders, axis=2), strict=True)
         motions = tuple(each.motion(part) for each, part in parts)

@@ -5,9 +5,9 @@ points from the prior, descends from those that explain most, and keeps the best
 A descent begins where the evidence counts for little, so that only what the photographs show beyond
 doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
 Visual Reconstruction, 1987). Fine descents follow from all ends, whose images are nonnegative and
-have few edges; soon only two go on. They find a valley, but not its bottom, because the likeliest
-image of few edges goes with a biased scene. A last descent integrates over all images that have its
-edges.
+have few edges; soon only two go on. The better one hops into valleys where its image lies a patch
+aside, as long as these explain more. It is not at the bottom, because the likeliest image of few
+edges goes with a biased scene. A last descent integrates over all images that have its edges.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
-from itertools import compress
 
 import numpy as np
 
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
+from periscopy_sim.calibration.sharp_images import SharpExplanation
 from periscopy_sim.calibration.trust import FARTHEST, is_significant
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
@@ -41,9 +42,9 @@ NUMBERS = 4
 """Parameters from which all of these draws and descents are made; of fewer, as many fewer. Chosen
 for speed: three of the chair end within 0.24 mm of the truth, as they did after all draws."""
 
-SURVIVORS = 3, 2, 2, 2, 2
+SURVIVORS = 3, 2, 2, 2, 1
 """How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of
-`wrong_scenes` loses 0.2 dB, and 18.7 if its rival is chosen before the first fine descent."""
+`wrong_scenes` loses 18.7 dB if one is chosen before the first, a mesh 7 dB after the second."""
 
 DAMPING, SHORTER = 1e-3, 4.0
 """Fraction of the information that is added to it, and factor of the curvature after a step too far
@@ -52,9 +53,9 @@ whose end is no scene, or shows no more curvature."""
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
 
-SHARES = 0.2, 0.3, 0.3, 0.1
+SHARES = 0.05, 0.15, 0.65, 0.1
 """Fractions of the time that draws, coarse, fine and last descents take (chair, 63 x 63 pixels, 29
-x 36 patches), for the progress alone; the rest is the standard errors'."""
+x 36 patches), hops being fine ones, for the progress alone; the rest is the standard errors'."""
 
 
 def fine_cooling(photographs: int) -> list[float]:
@@ -154,7 +155,7 @@ class Search:
         draws, descents = self.counts
         coarse = descents + KEPT * (len(COOLING) - 3) + len(COOLING)
         last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
-        most = draws, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), SURVIVORS[-1] * last
+        most = draws, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), last
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
@@ -185,18 +186,56 @@ class Search:
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
-        looks = [self.fine.look(start, HOTTEST * self.fine.photographs) for start in starts]
-        for T, count in zip(fine_cooling(self.fine.photographs), SURVIVORS, strict=False):
-            looks = _ranked([self._cooled(self.fine, 2, look, T) for look in looks])[:count]
-        first, *others = _objectives(looks)
-        is_ahead = [True, *(first - other > NEGLIGIBLE for other in others)]
-        ends = [self._end(look) for look in compress(looks, is_ahead)]
-        best, *_ = _ranked([look for _, look in ends])
-        return next(end for end in ends if end[1] is best)
+        level, cooling = self.fine, fine_cooling(self.fine.photographs)
+        looks = [level.look(start, cooling[0]) for start in starts]
+        for T, count in zip(cooling, SURVIVORS, strict=False):
+            looks = _ranked([self._cooled(level, 2, look, T) for look in looks])[:count]
+            if level is self.fine:
+                level = level.with_misfit(looks[0])
+                looks = [level.look(level.candidate(x.point), x.temperature) for x in looks]
+        return self._end(self._hopped(level, *looks))
+
+    def _hopped(self, level: ResolutionLevel, look: Look) -> Look:
+        """Return the best look that images a patch aside lead to.
+
+        An image and a scene that move together send the wall nearly the same light, but valleys of
+        the evidence are a patch apart. So the image is held a patch aside while the scene follows,
+        and is then estimated again. A hop counts if it gains more than chance, and the photographs
+        leave less unexplained: images that are merely likelier also lie where a dark border hides
+        their edge.
+        """
+        while rivals := [level.candidate(point) for point in self._asides(look)]:
+            T = look.temperature
+            nearest = min(rivals, key=lambda each: each.objective_at(T))
+            if not nearest.explanations:
+                break
+            rival = descend(level, level.look(nearest, T), T)
+            gains = is_significant(look.objective - rival.objective, len(look.point))
+            is_far = is_significant(rival.penalty, len(look.point))
+            if is_far or not gains or rival.unexplained > look.unexplained:
+                break
+            self.visit(2, rival)
+            look = rival
+        return look
+
+    def _asides(self, look: Look) -> Iterator[Array]:
+        """Yield points to which the scene follows images that are held a patch aside."""
+        is_unknown = any(isinstance(each, SharpExplanation) for each in look.explanations)
+        for surface in self.fine.scene.scenario.hidden if is_unknown else ():
+            for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                try:
+                    held = self.coarse.holding(look, surface, shift)
+                except PhotographError:  # all that is bright has left the surface
+                    continue
+                end = held.look(held.candidate(look.point))
+                for T in held.photographs * np.array(COOLING[1:4]):
+                    end = descend(held, end, T)
+                yield end.point
 
     def _end(self, start: Look) -> tuple[ResolutionLevel, Look]:
         """Return the end of a last descent, and its level."""
         level = self.fine.with_edges(start)
+        level = level.with_misfit(level.candidate(start.point))
         look = level.look(level.candidate(start.point), start.temperature)
         for T in fine_cooling(level.photographs):
             if start.temperature >= T:
@@ -232,15 +271,13 @@ class Search:
 
 
 def _ranked(looks: list[Look]) -> list[Look]:
-    """Return looks, the best first; but the first stays unless another is significantly better."""
-    objectives = _objectives(looks)
+    """Return looks, the best first; but the first stays unless another is significantly better.
+
+    They are compared by their objectives at the hottest of their temperatures.
+    """
+    hottest = max(look.temperature for look in looks)
+    objectives = [look.objective_at(hottest) for look in looks]
     order = sorted(range(len(looks)), key=lambda k: objectives[k])
     if not is_significant(objectives[0] - objectives[order[0]], len(looks[0].point)):
         order.sort(key=lambda k: k > 0)
     return [looks[k] for k in order]
-
-
-def _objectives(looks: list[Look]) -> list[float]:
-    """Return the objectives at the hottest of the looks' temperatures."""
-    hottest = max(look.temperature for look in looks)
-    return [look.objective_at(hottest) for look in looks]

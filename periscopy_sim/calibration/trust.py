@@ -102,7 +102,7 @@ def is_significant(gain: float, parameters: float, chance: float = 0.01) -> bool
     return bool(gain > special.chdtri(max(parameters, 1.0), chance))
 
 
-def misfits(look: Look, noise: Array) -> Array:
+def misfits(look: Candidate, noise: Array) -> Array:
     """Return how much of each photograph no scene explains, (K,): the residual over the light.
 
     Both exclude the light of far lamps and the camera's white noise, of standard deviation

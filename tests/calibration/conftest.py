@@ -7,8 +7,7 @@ from tests.scenes.calibration import HIDDEN, SIDE, SIZE, Small, picture
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Average A over no more than one point a pixel, and follow two of four draws."""
-    monkeypatch.setattr(problem, "LARGEST", SIDE)
+    """Use all pixels, and follow two of four draws."""
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
     monkeypatch.setattr(search, "DESCENTS", 2)

@@ -8,6 +8,7 @@ import pytest
 
 from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
+from tests.scenes.calibration import TRUTH, Small
 
 
 class Valleys:
@@ -29,6 +30,9 @@ class Valleys:
         edges = copy(self)
         edges.bend *= self.sharper
         return edges
+
+    def with_misfit(self, _: Any) -> "Valleys":
+        return self
 
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
@@ -78,6 +82,23 @@ def test_nothing_follows_a_descent_that_leaves_the_prior(
     _, best = Watched(level, level, 0).best([level.candidate(np.zeros(1))])
     assert (visited[-1][0], visited[-1][1].temperature) == (3, last)
     assert best.temperature == coldest
+
+
+@pytest.mark.parametrize("aside", [(0.0, -0.0186), (0.0203, 0.0)])
+def test_a_search_hops_out_of_valleys_whose_image_lies_a_patch_aside(
+    small: Small, aside: tuple[float, float]
+) -> None:
+    """Of an occluder that stands as much aside, where a descent alone stays."""
+    problem = small.problem()
+    search = Search(problem.coarse(), problem.fine(), 0)
+    start = np.append(list(TRUTH.values()), np.zeros(len(search.fine.terms)))
+    start[:2] += aside
+    stays = search.fine.look(search.fine.candidate(start), 8.0)
+    for _ in range(3):
+        stays = descend(search.fine, stays, 8.0)
+    assert stays.point[:2] - start[:2] == pytest.approx(0, abs=0.002)
+    _, found = search.best([search.fine.candidate(start)])
+    assert found.point[:2] == pytest.approx(list(TRUTH.values())[:2], abs=0.0005)
 
 
 @pytest.mark.parametrize(("told", "asked"), [(1.0, 1), (1.4, 1), (1.6, 2), (3.5, 3)])

@@ -49,8 +49,8 @@ def images():
     return [{n: 0.05 + rng.random((*size, 3)) ** 2 for n, size in SIZES.items()} for _ in range(2)]
 
 
-def photograph(scenario, image, seed=0):
-    light = area_transport(scenario) @ scenario.hidden.vector(image)
+def photograph(scenario, image, seed=0, across=1):
+    light = area_transport(scenario.averaged(across)) @ scenario.hidden.vector(image)
     composite = ps.composite(light.reshape(SIDE, SIDE, 3), AMBIENT, 1.0)
     return ps.add_noise(composite, 60, seed)
 
@@ -58,7 +58,7 @@ def photograph(scenario, image, seed=0):
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("is_shown", [True, False])
 def test_the_depth_of_each_surface_is_found(scene, images, is_shown):
-    y = photograph(ps.load_scenario(scene, SIZES, TRUTH), images[0])
+    y = photograph(ps.load_scenario(scene, SIZES, TRUTH), images[0], across=3)
     shown = images[:1] if is_shown else []
     found = ps.calibrate(y, scene, SIZES, dict.fromkeys(TRUTH, 0.01), shown=shown)
     assert found.trusted and found.moved

@@ -49,8 +49,8 @@ class Small:
     pictures: list[Array]
 
     def photograph(self, index: int, snr: float = 55) -> Array:
-        """Return a photograph by areas, of one wall point a pixel, with noise."""
-        scene = self.scenario.at(**TRUTH)
+        """Return a photograph by areas, of 64 wall points a pixel, with noise."""
+        scene = self.scenario.at(**TRUTH).averaged(8)
         light = area_transport(scene) @ self.pictures[index].reshape(-1, 3)
         composite = ps.composite(light.reshape(SIDE, SIDE, 3), AMBIENT, 1.0)
         return np.asarray(ps.add_noise(composite, snr, index))

@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.analytic.area_transport import area_transport, points_across
 from periscopy_sim.calibration.evidence import SmoothImages
 from periscopy_sim.calibration.moving_scene import LARGEST, limit_size, limit_sizes
 from periscopy_sim.calibration.problem import (
     COARSE_HATS,
     MOST_PATCHES,
     ambient_basis,
-    finest_view,
     shown_light,
 )
 from periscopy_sim.calibration.silhouette.mask import Likelihood, Mask, MaskFit, known_pictures
@@ -164,8 +163,9 @@ class _Place:
     def mask(self, cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, Array]:
         """Return a mask before a photograph's pixels, and a basis of range(B), (M, r)."""
         used, scene, hidden = photograph.pixels, self.scenario.scene, self.hidden
-        view = View.of(scene, photograph.shape, camera=self.scenario.view.camera)
-        fine = finest_view(view, photograph.shape).of_pixels(used)
+        shape, camera = photograph.shape, self.scenario.view.camera
+        view = View.of(scene, shape, camera=camera)
+        fine = View.of(scene, shape, across=points_across(shape), camera=camera).of_pixels(used)
         A = area_transport(Scenario(replace(fine, scene=scene.without(self.name)), hidden))
         shadows = CellShadows.of(A, Scenario(view, hidden), self.plane, cells, used)
         if not shadows.light.any():
