@@ -149,18 +149,19 @@ def _calibrated(
     statistical, total, correlation, moves = standard_errors(problem, joint)
     colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
     distances = (values - problem.centers) / problem.errors
-    reports = [level.plainly(each.point) for each in (measured, best, end)]
-    misfit = misfits(reports[2], problem.camera_noise(fine.scene.pixels.size))
+    start, found = (level.plainly(each.point) for each in (measured, end))
+    kept = found if moved else start
+    misfit = misfits(found, problem.camera_noise(fine.scene.pixels.size))
     reasons = doubts(names, distances, determined_count(joint, len(names)), misfit)
     columns = problem.centers, values, statistical, total, problem.errors
     scale = float(np.sqrt(np.mean(np.concatenate([g.light.ravel() for g in fine.groups]) ** 2)))
     before, after = (
-        np.concatenate([each.noise for each in look.explanations]) / scale for look in reports[:2]
+        np.concatenate([e.noise for e in look.explanations]) / scale for look in (start, kept)
     )
     first = slice(problem.photographs[0].channels)
     residual_before, residual = (
         _picture(fine, np.hstack([e.residual for e in look.explanations])[:, first] / scale)
-        for look in reports[:2]
+        for look in (start, kept)
     )
     progress(1.0)
     return Calibration(
@@ -186,7 +187,7 @@ def _calibrated(
 
 
 def _picture(level: ResolutionLevel, values: Image) -> Array:
-    """Return values of a level's pixels, (M, ...), as (rows, columns, ...) of those it has."""
+    """Return values of a level's pixels, (M, ...), as (rows, columns, ...), 0 in others."""
     pixels = level.scene.pixels
     picture = np.zeros((*pixels.shape, *values.shape[1:]))
     picture[pixels] = values
