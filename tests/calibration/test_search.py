@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
 from tests.scenes.calibration import TRUTH, Small
@@ -133,3 +135,14 @@ def test_a_corner_of_one_number_does_not_hold_the_others() -> None:
     level: Any = Corner([])
     end = descend(level, level.look(level.candidate(np.array([-0.01, 0.0]))), 1.0)
     assert end.point == pytest.approx([0, 1], abs=0.1)
+
+
+@pytest.mark.usefixtures("jit", "quick")
+def test_an_image_of_one_row_cannot_hop_out_of_its_surface() -> None:
+    """Up and down it would be black: the search goes on without these hops."""
+    row, size = (1, 7), {"resolution": "24"}
+    scene = ps.load_scenario("chair", row, size).at(occluder_dx=0.004).averaged(5)
+    light = area_transport(scene) @ np.random.default_rng(0).uniform(0.2, 1, (7, 3))
+    y = ps.add_noise(light.reshape(24, 24, 3), 60, 0)
+    found = ps.calibrate(y, "chair", row, {"occluder_dx": 0.005}, parameters=size)
+    assert found.values["occluder_dx"] == pytest.approx(0.004, abs=0.001)
