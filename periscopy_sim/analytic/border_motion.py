@@ -50,10 +50,11 @@ def light_derivatives(
     """
     rows, columns = shape
     changes = np.empty((rows, columns, len(shines)))  # parameters side by side: loops vectorize
-    still, near = np.empty((rows, columns)), np.empty((rows, columns))
+    still, smooth = np.empty((rows, columns)), np.empty((len(shines), rows, columns))
     cells, exponents = lit.cells, lit.exponents
     for i in range(len(lit.points)):
         changes[:] = 0
+        smooth[:] = 0
         for k in range(lit.points.shape[1]):
             p, normal = lit.points[i, k], lit.normals[i, k]
             border, layers, between = border_of(p, borders, shape)
@@ -68,15 +69,18 @@ def light_derivatives(
             for q in range(len(shines)):
                 if not shines[q]:
                     continue
-                near[:] = 0
                 place = p + PART * moved.points[q, i, k]
                 facing = normal + PART * moved.normals[q, i, k]
                 size, fall = cells + PART * moved.cells[q], exponents + PART * moved.exponents[q]
-                add_light(place, facing, size, fall, shadow, near)
-                for row in range(rows):
-                    for column in range(columns):
-                        changes[row, column, q] += (near[row, column] - still[row, column]) / PART
-        gather(changes, cut, 1 / lit.points.shape[1], out[:, i])
+                add_light(place, facing, size, fall, shadow, smooth[q])
+                smooth[q] -= still
+        scale = 1 / lit.points.shape[1]
+        out[:, i] = 0
+        gather(changes, cut, scale, out[:, i])
+        for q in range(len(shines)):
+            if shines[q]:
+                light = smooth[q].reshape((rows, columns, 1))
+                gather(light, cut, scale / PART, out[q : q + 1, i])
 
 
 @compiled

@@ -57,6 +57,7 @@ def light_rows(
             segments = cut_by_cells(border, outline_of(border, layers, shape[0]), shape)
             shadow = shadow_within(segments, shape)
             add_light(p, lit.normals[i, k], lit.cells, lit.exponents, shadow, light)
+        out[i] = 0
         gather(light.reshape((shape[0], shape[1], 1)), cut, 1 / lit.points.shape[1], out[i : i + 1])
 
 
@@ -122,13 +123,12 @@ def falloff(aside: float, height: float, exponent: float) -> float:
 
 @compiled
 def gather(light: Array, cut: Indices, scale: float, out: NDArray[np.float32]) -> None:
-    """Fill `out`, (P, N), with the mean of each patch's cells, of (R, C, P), times a number."""
+    """Add the mean of each patch's cells, of (R, C, P), times a number, to `out`, (P, N)."""
     columns = light.shape[1] // cut[1]
-    for q in range(len(out)):
-        for j in range(out.shape[1]):
-            row, column = j // columns * cut[0], j % columns * cut[1]
-            total = 0.0
-            for r in range(row, row + cut[0]):
-                for c in range(column, column + cut[1]):
-                    total += light[r, c, q]
-            out[q, j] = total * scale / (cut[0] * cut[1])
+    scale /= cut[0] * cut[1]
+    for j in range(out.shape[1]):
+        row, column = j // columns * cut[0], j % columns * cut[1]
+        for r in range(row, row + cut[0]):
+            for c in range(column, column + cut[1]):
+                for q in range(len(out)):
+                    out[q, j] += scale * light[r, c, q]
