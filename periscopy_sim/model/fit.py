@@ -25,7 +25,8 @@ from periscopy_sim.model.ambient import (
     joined_basis,
     wall_profiles,
 )
-from periscopy_sim.model.noise import noise_beside
+from periscopy_sim.model.evidence import Evidence
+from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
     NOTHING_LEFT,
@@ -43,25 +44,6 @@ PRECISION = 3e-5
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """The information on the hidden image in one photograph.
-
-    The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
-    """
-
-    coefficients: Array  # (C, K) WᵀA⊥ᵀ y⊥ of K patterns, in the camera's channels
-    noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
-    level: float  # root mean square of y⊥
-    noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
-    rest: Image | None = None  # (C, N) A⊥ᵀ y⊥ beyond K < N patterns
-
-    @property
-    def mean_noise(self) -> float:
-        """The σ that λ is counted in: the mean over the channels."""
-        return float(self.noise.mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,20 +301,38 @@ class Fit:
 
         The patterns' light is read once for all photographs.
         """
-        y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
-        y = y.reshape(planes.shape)
-        whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
-        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
-        levels[levels <= ROUNDING * whole] = 1
-        y /= levels[:, None, None]  # single precision needs numbers near 1
+        y, levels = self._rejected(planes)
         coordinates = self.response(y)
-        noises = self._noise(y, coordinates)
+        noises = self._floored(noise_beside(self.lights, y, coordinates, self._freedom))
         coefficients = np.zeros((*y.shape[:2], len(self.patterns.rows)))
         coefficients[..., self.visible] = coordinates * np.sqrt(self.curvatures)
         ratios = self._noise_to_signal(noises)
         numbers = (each.tolist() for each in (levels, ratios))
         each = zip(coefficients, noises, *numbers, self._rests(y, coefficients), strict=True)
         return [Evidence(*one) for one in each], y
+
+    def single_evidence(self, planes: Array) -> Evidence:
+        """Return the evidence of one photograph's planes, (C, M').
+
+        Of a whole basis it needs no light of patterns, which would take longer than all else.
+        """
+        exact = self.patterns.exact
+        if exact is None:
+            return self.evidence(planes[None])[0][0]
+        (y,), (level,) = self._rejected(planes[None])
+        coefficients = (exact @ self.operator.rmatmat(y.T)).T / self.unit
+        shown = np.sum(coefficients[:, self.visible] ** 2 / self.curvatures, axis=1)
+        noise = self._floored(residual_noise(np.sum(y**2, axis=1), shown, self._freedom))
+        return Evidence(coefficients, noise, float(level), float(self._noise_to_signal(noise)))
+
+    def _rejected(self, planes: Array) -> tuple[Array, Array]:
+        """Return y⊥ of photographs' planes, (K, C, M'), over its level, and the levels, (K,)."""
+        y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
+        y = y.reshape(planes.shape)
+        whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
+        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
+        levels[levels <= ROUNDING * whole] = 1
+        return y / levels[:, None, None], levels  # single precision needs numbers near 1
 
     def _rests(self, y: Array, coefficients: Array) -> Sequence[Image | None]:
         """Return the `rest` of evidences, (K, C, N), from y⊥ and the coefficients."""
@@ -382,13 +382,13 @@ class Fit:
         rows = np.ascontiguousarray(light.reshape(-1, self.pixels), np.float32)
         return times_rows(rows, self.lights).reshape(*light.shape[:2], -1).astype(np.float64)
 
-    def _noise(self, y: Array, coordinates: Array) -> Array:
-        """Return the standard deviation of what the least-squares image leaves of y⊥, (K, C).
+    @property
+    def _freedom(self) -> int:
+        """Pixels less the dimensions of ambient light and of images."""
+        return self.pixels - len(self.background) - len(self.curvatures)
 
-        y⊥ is (K, C, M'), its coordinates along the patterns' light are (K, C, N').
-        """
-        freedom = self.pixels - len(self.background) - len(self.curvatures)
-        noise = noise_beside(self.lights, y, coordinates, freedom)
+    def _floored(self, noise: Array) -> Array:
+        """Return the standard deviation of noise, (..., C), none far below another channel's."""
         largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none
         return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
 

@@ -49,13 +49,14 @@ class SpectralBasis:
     curvatures: Array  # (K,) λ, ascending
     rows: Image  # (K, N) W_k in row k, in single precision
     hidden: Hidden  # the surfaces of the N patches
+    exact: Array | None = None  # (K, N) the rows in double precision, of all patterns
 
     @classmethod
     def of_gram(cls, gram: Array, hidden: Hidden) -> Self:
         """Return all patterns of A⊥ᵀA⊥, (N, N)."""
         curvatures, W = linalg.eigh(gram, laplacian(hidden.differences).toarray())
-        rows = np.ascontiguousarray(W.T, np.float32)
-        return cls(np.maximum(curvatures, 0), rows, hidden)
+        exact = np.ascontiguousarray(W.T)
+        return cls(np.maximum(curvatures, 0), exact.astype(np.float32), hidden, exact)
 
     @classmethod
     def strongest(cls, A: TransportOperator, hidden: Hidden, count: int, seed: int = 0) -> Self:

@@ -121,6 +121,18 @@ def test_noise_is_the_residual_of_least_squares_over_its_freedom(measured):
     assert evidence.noise_to_signal == pytest.approx(ratio, rel=1e-3)
 
 
+@pytest.mark.parametrize("most", [N, N - 3])
+def test_evidence_needs_no_light_of_patterns(monkeypatch, most):
+    monkeypatch.setattr("periscopy_sim.model.fit.MOST_PATTERNS", most)
+    fit = fitted()
+    found, expected = (
+        fit.single_evidence(fit.planes(Y[None])[0]),
+        fit.evidence(fit.planes(Y[None]))[0][0],
+    )
+    for name in ("coefficients", "noise", "level", "noise_to_signal"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-3)
+
+
 def test_coefficients_explain_what_least_squares_does(fit, measured):
     evidence = measured.evidence
     expected = fit.patterns.rows @ PROJECTED.T @ REJECTED / (evidence.level * fit.unit)
