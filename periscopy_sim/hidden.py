@@ -373,6 +373,14 @@ class Differences:
         steps = self(f)
         return np.asarray(np.sqrt(np.sum(steps.reshape(*steps.shape[:2], -1) ** 2, axis=(0, 2))))
 
+    def variation_in_the_dark(self, f: NDArray[Any]) -> float:
+        """Return Σ ‖∇f‖ of images, (N, C), where all beyond the borders is dark, too."""
+        bright = np.linalg.norm(f, axis=1)
+        after = (self.weights == 0) & (self.borders > 0)
+        before = (self.borders - after).sum(axis=0)  # at differences of patches beyond
+        inside = np.hypot(self.norms(f), np.sqrt(after.sum(axis=0)) * bright)
+        return float(np.sum(inside + before * bright))
+
     @cached_property
     def matrix(self) -> Any:
         """∇ as a sparse matrix, (2 N, N): differences down first."""

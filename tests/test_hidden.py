@@ -22,6 +22,8 @@ def test_flat_differences_are_numpys(shape: tuple[int, int]) -> None:
     dark = [np.diff(padded[:, 1:-1], axis=0), np.diff(padded[1:-1], axis=1)]
     energy = sum(float(np.sum(step**2)) for step in dark)
     assert np.sum((differences.in_the_dark @ f) ** 2) == pytest.approx(energy, rel=1e-12)
+    wide = Hidden.of(padded.shape[:2]).differences.norms(padded.reshape(-1, 3)).sum()
+    assert differences.variation_in_the_dark(f) == pytest.approx(wide, rel=1e-12)
     largest = np.linalg.norm(differences.matrix.toarray(), 2) ** 2
     assert largest * (1 - 1e-9) <= differences.norm_bound <= 8
 

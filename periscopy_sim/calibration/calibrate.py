@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,8 +15,8 @@ from periscopy_sim.calibration.prior import (
     uncertain_parameters,
 )
 from periscopy_sim.calibration.problem import CalibrationProblem
-from periscopy_sim.calibration.resolution_level import ResolutionLevel
-from periscopy_sim.calibration.result import Calibration, Parameter
+from periscopy_sim.calibration.resolution_level import Candidate, ResolutionLevel
+from periscopy_sim.calibration.result import Calibration, Parameter, Rival
 from periscopy_sim.calibration.search import Search
 from periscopy_sim.calibration.trust import (
     colour_matrix,
@@ -139,7 +140,8 @@ def _calibrated(
     measured = level.candidate(np.append(problem.centers, gain))
     gained = measured.objective_at(κ) - end.objective
     moved = is_significant(gained, determined_count(end, len(names)))
-    best = end if moved else measured
+    best, rivals = (end, search.rivals) if moved else (measured, [])
+    whole_odds = 1 + sum(odds for _, odds in rivals)
     values = fine.values(best.point)
     # The errors are those of all numbers together, also of the uncertain ones, at the search's end.
     whole = problem.joint()
@@ -183,7 +185,22 @@ def _calibrated(
         colour_matrix=colours[0],
         colour_errors=colours[1],
         doubts=reasons,
+        rivals=tuple(
+            Rival(
+                dict(zip(names, fine.values(each.point).tolist(), strict=True)), odds / whole_odds
+            )
+            for each, odds in rivals
+        ),
+        images=tuple(
+            _last_image(problem, each) for each in (end, *(r for r, _ in rivals)) if rivals
+        ),
     )
+
+
+def _last_image(problem: CalibrationProblem, candidate: Candidate) -> Any:
+    """Return the hidden image of the last photograph, not shown, as a candidate explains it."""
+    light = candidate.explanations[-1].lights[:, -problem.photographs[-1].channels :]
+    return problem.hidden.image(np.maximum(light, 0))
 
 
 def _picture(level: ResolutionLevel, values: Image) -> Array:

@@ -77,6 +77,11 @@ class CalibrationProblem:
     photographs: Sequence[Photograph]  # of one laboratory and one mask
     pictures: Sequence[Image | Mapping[str, Image]]  # of the first ones, see `shown_light`
 
+    @cached_property
+    def hidden(self) -> Hidden:
+        """The hidden surfaces, in patches as the search has them."""
+        return self._in_patches(MOST_PATCHES)
+
     @property
     def has_unknown_images(self) -> bool:
         """Whether the monitor showed an unknown image in one of the photographs."""
@@ -99,7 +104,7 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        images = SharpImages(self._in_patches(MOST_PATCHES), self.photographs[0].channels)
+        images = SharpImages(self.hidden, self.photographs[0].channels)
         level, finest = self._level(PIXELS_A_PATCH, images), self._averaged[0]
         across, part = points_across(finest.shape), level.scene.scenario
         scene = self._scene(finest.pixels, across, part.hidden)
@@ -123,7 +128,7 @@ class CalibrationProblem:
 
     @property
     def _smooth(self) -> SmoothImages:
-        return SmoothImages.hats(*map(self._in_patches, (MOST_PATCHES, COARSE_HATS)))
+        return SmoothImages.hats(self.hidden, self._in_patches(COARSE_HATS))
 
     def _in_patches(self, longest: int) -> Hidden:
         """Return the hidden surfaces in at most so many patches along a side."""
@@ -143,7 +148,7 @@ class CalibrationProblem:
 
         `COARSE_PIXELS` is the least, if there are as many.
         """
-        hidden = self._in_patches(MOST_PATCHES)
+        hidden = self.hidden
         finest, count = self._averaged[0], max(COARSE_PIXELS, a_patch * hidden.patches)
         by = max(1, round(np.sqrt(finest.pixels.sum() / count)))
         shape = limit_size(finest.shape, max(finest.shape) // by)

@@ -39,10 +39,18 @@ class Candidate:
     explanations: tuple[Explanation, ...]  # of each group; () where there is no scene
     penalty: float  # −2 log of the prior's density, up to a constant
 
-    @property
-    def unexplained(self) -> float:
-        """Twice the logarithm of the noise, summed over channels."""
-        return 2 * sum(float(np.log(each.noise).sum()) for each in self.explanations)
+    def misfit_at(self, temperature: float) -> float:
+        """Return the objective by the noise alone, up to a constant; infinite of no scene.
+
+        Of images of few edges that leaves out how likely these are.
+        """
+        if not self.explanations:
+            return np.inf
+        fits = (
+            float(2 * (len(e.residual) - e.background.shape[1]) * np.log(e.noise).sum())
+            for e in self.explanations
+        )
+        return sum(fits) / temperature + self.penalty
 
     @cached_property
     def cost(self) -> float:

@@ -1,7 +1,9 @@
 """The result of a calibration, and how far to trust it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +72,14 @@ class Parameter:
         return DeterminedBy.RULER
 
 
+@dataclass(frozen=True)
+class Rival:
+    """A scene whose hidden image lies a patch aside, by values of the free parameters."""
+
+    values: Mapping[str, float]
+    probability: float  # that it is right, rather than the calibrated scene or another rival
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Parameters that explain a photograph.
@@ -85,7 +95,7 @@ class Calibration:
         (P, P) of the free parameters' standard errors.
     path
         (J, P + 1) each: values and evidence of the draws, and of where the coarse, the fine and the
-        last descents ended at each temperature, and hops, among the fine ones.
+        last descents ended at each temperature; the fine ones include those of images aside.
     residual_before, residual
         (rows, columns, 3) residual of the first photograph at the start and at the end, over the
         root mean square of all photographs; 0 in pixels that the search does not use.
@@ -104,6 +114,11 @@ class Calibration:
         the camera's channels, its rows' mean sum 1; and its standard errors.
     doubts
         Why not to believe the values, a sentence each.
+    rivals
+        Scenes whose hidden image lies a patch aside, and which may be right as well.
+    images
+        If there are rivals, the last photograph's hidden image, coarse, at the end and in each
+        rival, as `Hidden.image` has it.
     """
 
     parameters: tuple[Parameter, ...]
@@ -121,6 +136,8 @@ class Calibration:
     colour_matrix: Array | None = None
     colour_errors: Array | None = None
     doubts: tuple[str, ...] = ()
+    rivals: tuple[Rival, ...] = ()
+    images: tuple[Any, ...] = ()
 
     def __repr__(self) -> str:
         """Return the values with their errors, what is unexplained, and if it is trusted."""

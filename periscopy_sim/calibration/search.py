@@ -5,9 +5,10 @@ points from the prior, descends from those that explain most, and keeps the best
 A descent begins where the evidence counts for little, so that only what the photographs show beyond
 doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
 Visual Reconstruction, 1987). Fine descents follow from all ends, whose images are nonnegative and
-have few edges; soon only two go on. The better one hops into valleys where its image lies a patch
-aside, as long as these explain more. It is not at the bottom, because the likeliest image of few
-edges goes with a biased scene. A last descent integrates over all images that have its edges.
+have few edges; soon only two go on, then the better one, until it gains little. It hops where its
+image lies a patch aside, as long as the photographs show that it belongs there. It is not at the
+bottom, because the likeliest image of few edges goes with a biased scene. A last descent integrates
+over all images that have its edges.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 
 import numpy as np
+from scipy.special import expit
 
+from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpExplanation
 from periscopy_sim.calibration.trust import FARTHEST, is_significant
@@ -42,9 +45,10 @@ NUMBERS = 4
 """Parameters from which all of these draws and descents are made; of fewer, as many fewer. Chosen
 for speed: three of the chair end within 0.24 mm of the truth, as they did after all draws."""
 
-SURVIVORS = 3, 2, 2, 2, 1
-"""How many fine descents go on after each temperature from `HOTTEST` to a 16th of it. A shelf of
-`wrong_scenes` loses 18.7 dB if one is chosen before the first, a mesh 7 dB after the second."""
+SURVIVORS = 3, 2
+"""How many fine descents go on after `HOTTEST`, and after each temperature from then on, until the
+better one is chosen after the last. A shelf of `wrong_scenes` loses 18.7 dB if one is chosen before
+the first, a mesh 8 dB after the fifth."""
 
 DAMPING, SHORTER = 1e-3, 4.0
 """Fraction of the information that is added to it, and factor of the curvature after a step too far
@@ -53,7 +57,19 @@ whose end is no scene, or shows no more curvature."""
 NEGLIGIBLE = 0.5
 """Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
 
-SHARES = 0.05, 0.15, 0.65, 0.1
+ROUNDS, LEAST_GAIN = 8, 3.0
+"""Most descents at the last temperature, and the decrease of the objective below which one is the
+last: a chair of `wrong_scenes` gains 6 dB in eight."""
+
+ASIDES, SPREAD = 2, 10.0
+"""How many of the places a patch aside are tried, those of the least misfit; and by how much the
+prediction error of one falls where it is e times as likely. Both places of 20 images of scenes by
+plain Mitsuba that nothing was tuned on are likeliest by a spread of 9."""
+
+SURE, UNLIKELY = 0.8, 0.05
+"""Probability of a place from which the search moves there, and below which it is no rival."""
+
+SHARES = 0.03, 0.09, 0.8, 0.05
 """Fractions of the time that draws, coarse, fine and last descents take (chair, 63 x 63 pixels, 29
 x 36 patches), hops being fine ones, for the progress alone; the rest is the standard errors'."""
 
@@ -135,6 +151,8 @@ class Search:
     fine: ResolutionLevel
     seed: int
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
+    # The ends beside the best, of other places of the image, each so many times as likely.
+    rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
     @property
@@ -154,8 +172,8 @@ class Search:
         self._rows[stage].append(np.append(values, candidate.cost))
         draws, descents = self.counts
         coarse = descents + KEPT * (len(COOLING) - 3) + len(COOLING)
-        last = len(fine_cooling(self.fine.photographs)) - len(SURVIVORS) + 1
-        most = draws, coarse, KEPT + 1 + sum(SURVIVORS[:-1]), last
+        fine = KEPT + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS
+        most = draws, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
@@ -188,34 +206,63 @@ class Search:
         """Return the best look that descents from some fine candidates lead to, and its level."""
         level, cooling = self.fine, fine_cooling(self.fine.photographs)
         looks = [level.look(start, cooling[0]) for start in starts]
-        for T, count in zip(cooling, SURVIVORS, strict=False):
-            looks = _ranked([self._cooled(level, 2, look, T) for look in looks])[:count]
+        for T in cooling:
+            looks = _ranked([self._cooled(level, 2, look, T) for look in looks])
+            looks = looks[: SURVIVORS[level is not self.fine]]
             if level is self.fine:
                 level = level.with_misfit(looks[0])
                 looks = [level.look(level.candidate(x.point), x.temperature) for x in looks]
-        return self._end(self._hopped(level, *looks))
+        best = self._hopped(level, self._settled(level, looks[0]))
+        self.rivals[:] = [(self._end(rival)[1], odds) for rival, odds in self.rivals]
+        return self._end(best)
+
+    def _settled(self, level: ResolutionLevel, look: Look, goal: float | None = None) -> Look:
+        """Return where a descent ends that goes on until it gains little.
+
+        Edges stay in an image until the scene has gone so far that others explain more, so each
+        step is as short as the one before, for ten of them and more. It ends early where rounds
+        that gain as much as the last would not lead to a misfit that is the goal.
+        """
+        for remaining in reversed(range(ROUNDS)):
+            before, look = look, self._cooled(level, 2, look, look.temperature)
+            gain = before.objective - look.objective
+            if gain < LEAST_GAIN:
+                break
+            if goal is not None and look.misfit_at(look.temperature) - remaining * gain > goal:
+                break
+        return look
 
     def _hopped(self, level: ResolutionLevel, look: Look) -> Look:
         """Return the best look that images a patch aside lead to.
 
         An image and a scene that move together send the wall nearly the same light, but valleys of
         the evidence are a patch apart. So the image is held a patch aside while the scene follows,
-        and is then estimated again. A hop counts if it gains more than chance, and the photographs
-        leave less unexplained: images that are merely likelier also lie where a dark border hides
-        their edge.
+        and is then estimated again.
         """
-        while rivals := [level.candidate(point) for point in self._asides(look)]:
-            T = look.temperature
-            nearest = min(rivals, key=lambda each: each.objective_at(T))
-            if not nearest.explanations:
-                break
-            rival = descend(level, level.look(nearest, T), T)
-            gains = is_significant(look.objective - rival.objective, len(look.point))
-            is_far = is_significant(rival.penalty, len(look.point))
-            if is_far or not gains or rival.unexplained > look.unexplained:
-                break
-            self.visit(2, rival)
-            look = rival
+        while (better := self._better_aside(level, look)) is not look:
+            look = better
+        return look
+
+    def _better_aside(self, level: ResolutionLevel, look: Look) -> Look:
+        """Return the first of the likeliest ends aside that is surely better, or the look.
+
+        Those in other valleys that may be right are the `rivals`. Two places are compared by how
+        well they predict pixels, since what is likely of images depends on what the border cuts
+        off.
+        """
+        self.rivals.clear()
+        T, asides, error = look.temperature, map(level.candidate, self._asides(look)), None
+        for aside in nsmallest(ASIDES, asides, key=lambda each: each.misfit_at(T)):
+            if aside.explanations:
+                end = self._settled(level, level.look(aside, T), look.misfit_at(T))
+                if is_significant(end.penalty, len(look.point)):
+                    continue
+                error = _prediction_error(level, look) if error is None else error
+                gain = (error - _prediction_error(level, end)) / SPREAD
+                if expit(gain) > SURE:
+                    return end
+                if expit(gain) > UNLIKELY and _are_parted(level, look, end):
+                    self.rivals.append((end, float(np.exp(gain))))
         return look
 
     def _asides(self, look: Look) -> Iterator[Array]:
@@ -228,7 +275,7 @@ class Search:
                 except PhotographError:  # all that is bright has left the surface
                     continue
                 end = held.look(held.candidate(look.point))
-                for T in held.photographs * np.array(COOLING[1:4]):
+                for T in held.photographs * np.array(COOLING[2:4]):
                     end = descend(held, end, T)
                 yield end.point
 
@@ -268,6 +315,19 @@ class Search:
         colder = self._descended(level, stage, look, T)
         is_far = is_significant(colder.penalty, len(look.point))
         return look if is_far and HOTTEST * level.photographs > T else colder
+
+
+def _prediction_error(level: ResolutionLevel, look: Look) -> float:
+    """Return the tempered error with which a look predicts pixels, and its penalty."""
+    edged = level.with_edges(look).candidate(look.point)
+    smooth = (each for each in edged.explanations if isinstance(each, SmoothExplanation))
+    return sum(each.prediction_error for each in smooth) / look.temperature + look.penalty
+
+
+def _are_parted(level: ResolutionLevel, one: Look, other: Look) -> bool:
+    """Return whether a wall of the objective parts two ends."""
+    between = level.candidate((one.point + other.point) / 2).objective_at(one.temperature)
+    return is_significant(between - max(one.objective, other.objective), 2)
 
 
 def _ranked(looks: list[Look]) -> list[Look]:

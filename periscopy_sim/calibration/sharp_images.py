@@ -1,15 +1,18 @@
 """Unknown images that are nonnegative and have few edges, and photographs explained by them.
 
-    E = F Σ_c log ‖y⊥_c − A⊥ f̂_c‖² + 6 N log(‖A⊥‖_F Σ ‖∇f̂‖),   f̂ ≥ 0
+    E = F Σ_c log ‖y⊥_c − A⊥ f̂_c‖² + 6 N log(‖A⊥‖_F V),   V = Σ ‖∇f̂‖,   f̂ ≥ 0
 
 is twice the negative logarithm of a posterior density, less a constant, where it is largest. The
 noise is white, with F dimensions beyond the ambient light and an unknown σ_c. The density of the
-3 N values of an image is proportional to λ^(3 N) exp(−λ Σ ‖∇f‖) with an unknown λ. At the maximum
+3 N values of an image is proportional to λ^(3 N) exp(−λ V) with an unknown λ. At the maximum
 
-    σ_c² = ‖y⊥_c − A⊥ f̂_c‖² / F,   λ = 3 N / Σ ‖∇f̂‖,
+    σ_c² = ‖y⊥_c − A⊥ f̂_c‖² / F,   λ = 3 N / V,
 
-and f̂ is the noise-aware image of σ and 2 λ. ‖A⊥‖_F counts edges in units of their light on the
-wall: without it, the scene that needs the darkest image would be the best.
+and f̂ is the noise-aware image of σ and 2 λ. V counts the borders, too, beyond which all is dark:
+else the likeliest place of an image has it half out of sight. The noise-aware image does not, so
+the slope of an image that is bright at the border is up to a third too large. ‖A⊥‖_F counts edges
+in units of their light on the wall: without it, the scene that needs the darkest image would be the
+best.
 """
 
 from __future__ import annotations
@@ -60,14 +63,14 @@ class SharpImages:
         darkest = ROUNDING * np.sqrt(np.mean(y**2))
         cost, images, residuals, noises = 0.0, [], [], []
         for light in y.T.reshape(-1, self.channels, len(A)):
-            (shown,) = method.evidence(light.T[None])
+            shown = method.fit.single_evidence(light)
             method.regularization, split = REGULARIZATION, None
             for _ in range(ROUNDS):
                 solution, split = method.recover(shown, start=split)
                 f = self.hidden.vector(solution.image)
                 residual = method.fit.project_out(light - (A @ f).T)
                 noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
-                variation = differences.norms(f).sum() + darkest / method.fit.norm
+                variation = differences.variation_in_the_dark(f) + darkest / method.fit.norm
                 λ = 2 * dimensions / variation
                 shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
                 method.regularization = λ * float(noise.mean()) / method.fit.norm
@@ -86,6 +89,7 @@ class SharpImages:
             images=tuple(images),
             differences=differences,
             columns=A - background @ (background.T @ A),
+            gram=method.fit.operator.gram,
         )
 
 
@@ -96,6 +100,7 @@ class SharpExplanation(Explanation):
     images: tuple[Array, ...]  # K of (N, C) f̂
     differences: Differences  # ∇ of the images
     columns: Array  # (M, N) A⊥
+    gram: Array  # (N, N) A⊥ᵀA⊥
 
     @cached_property
     def volume(self) -> Matrix:
@@ -109,7 +114,7 @@ class SharpExplanation(Explanation):
         As for `SmoothExplanation`, with the curvature of total variation at f̂, in the patches that
         are lit.
         """
-        beyond, gram = np.empty_like(motion), self.columns.T @ self.columns
+        beyond = np.empty_like(motion)
         for k, f in enumerate(self.images):
             variation = self.differences.norms(f).sum() or 1.0  # of a black image nothing is lit
             λ = 2 * f.size / variation
@@ -117,6 +122,6 @@ class SharpExplanation(Explanation):
             for c, values in enumerate(f.T, k * f.shape[1]):
                 lit = values > TOLERANCE * f.max()
                 X, J = self.columns[:, lit], motion[:, :, c].T
-                H = gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
+                H = self.gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
                 beyond[:, :, c] = (J - X @ linalg.solve(H, X.T @ J, assume_a="pos")).T
         return beyond

@@ -1,7 +1,8 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
+from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -36,7 +38,10 @@ _UNCERTAIN = (
 )
 _SILHOUETTE = "Recover this shape's silhouette instead: a flat mask of cells within its rectangle."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
-_OUT = "Scene to write, NAME.xml, with NAME.json and NAME.png beside it."
+_OUT = (
+    "Scene to write, NAME.xml, with NAME.json and NAME.png beside it, and scenes that explain as "
+    "much, NAME_aside1.xml, if there are such."
+)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -149,28 +154,63 @@ def find_parameters(
     errors = arguments.known_errors(named, document) if uncertain else None
     colours = session.colours
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
-    with output_files(outputs, session.inputs) as (scene, json, png):
+    with output_files(outputs, session.inputs) as (scene, json, png), ExitStack() as stack:
         with progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
+            from periscopy_sim.calibration.search import ASIDES
 
+        asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
+        spare_inputs(asides, session.inputs)
         files = session.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
-        values = {name: f"{value:.9g}" for name, value in result.values.items()}
-        values[CALIBRATED] = result.scene_covariance.text()
         remark = _distrust("periscopy calibrate", result.doubts)
-        _write_copy(session, scene, values, out, remark)
+        _write_copy(session, scene, _written(result, result.values), out, remark)
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(
             png, files["photograph"][0].values, result, document.units, session.metadata
         )
+        for rival, aside in zip(result.rivals, asides, strict=False):
+            values = _written(result, rival.values)
+            _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
+    written = [*outputs, *asides[: len(result.rivals)]]
+    for stale in asides[len(result.rivals) :]:
+        stale.unlink(missing_ok=True)
     say_calibration(result, document.units)
-    say_written(*outputs)
+    if result.rivals:
+        say_rivals(result, [out, *written[len(outputs) :]], document.units, outputs[-1])
+    say_written(*written)
     if result.doubts:
         reasons = (*result.doubts, *fixed_numbers(result, document.units))
         warn_boxed("this calibration is not to be trusted", reasons, DISTRUSTED)
+
+
+def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, str]:
+    """Return free parameters' values, and the covariance about them, as a scene file has them."""
+    known = result.scene_covariance
+    known = replace(known, values=np.array([*values.values(), *known.values[len(values) :]]))
+    return {n: f"{value:.9g}" for n, value in values.items()} | {CALIBRATED: known.text()}
+
+
+def say_rivals(
+    result: "Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
+) -> None:
+    """Print how likely each place of the image is, and which number differs most there."""
+    own = 1 - sum(rival.probability for rival in result.rivals)
+    shares = [f"{scenes[0]} ({_about(own)})"]
+    for scene, rival in zip(scenes[1:], result.rivals, strict=True):
+        moves = {p.name: rival.values[p.name] - p.value for p in result.parameters}
+        name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
+        moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
+        shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
+    say(sentence("rivals", scenes=", ".join(shares), picture=picture))
+
+
+def _about(probability: float) -> str:
+    """Return a probability in tens of per cent, since it is no better known."""
+    return f"about {10 * max(round(10 * probability), 1)} %"
 
 
 def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[str]:
@@ -266,6 +306,7 @@ def calibration_record(result: "Calibration") -> dict[str, Any]:
         "gain": {"least": result.gain.min(), "largest": result.gain.max()},
         "colour_matrix": result.colour_matrix,
         "colour_errors": result.colour_errors,
+        "rivals": [{"values": r.values, "probability": r.probability} for r in result.rivals],
         "path": [{"values": rows[:, :-1], "evidence": rows[:, -1]} for rows in result.path],
     }
 

@@ -32,20 +32,38 @@ def draw_calibration(
     units: Mapping[str, str],
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the photograph, its residual before and after, and the parameters.
+    """Draw the photograph, its residual before and after, rivals' images, and the parameters.
 
     The photograph is (rows, columns, 3), linear; `units` are those of the parameters that have one.
     """
     warning = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
-    heights = [2.9 + warning, 1.1 + 0.22 * len(calibration.parameters)]
+    images = _images(calibration)
+    rows = [2.4 * len(images)] if images else []
+    heights = [2.9 + warning, *rows, 1.1 + 0.22 * len(calibration.parameters)]
     with drawn(path, metadata) as figure:
         figure.set_size_inches(9.3, sum(heights))
-        above, beneath = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+        above, *middle, beneath = figure.subfigures(
+            len(heights), 1, height_ratios=heights, squeeze=False
+        )[:, 0]
         _draw_residuals(above.subplots(1, 3), photograph, calibration)
         if calibration.doubts:
             reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
             above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
+        likely = [rival.probability for rival in calibration.rivals]
+        for part in middle:
+            axes = part.subplots(len(images), len(calibration.images), squeeze=False)
+            for row, (name, shown) in zip(axes, images.items(), strict=True):
+                shares = zip(row, shown, [1 - sum(likely), *likely], strict=True)
+                for k, (ax, image, share) in enumerate(shares):
+                    place = "aside" if k else "calibrated"
+                    show_light(ax, f"{name} {place} ({100 * share:.0f} %)", image)
         _draw_parameters(beneath.subplots(), calibration, units)
+
+
+def _images(calibration: "Calibration") -> dict[str, list[Array]]:
+    """Return each surface's images that the photographs do not show to be wrong, if several."""
+    each = [i if isinstance(i, Mapping) else {"image": i} for i in calibration.images]
+    return {name: [images[name] for images in each] for name in (each[0] if each else ())}
 
 
 def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") -> None:

@@ -1,5 +1,6 @@
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -68,11 +69,11 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     assert best.point == pytest.approx(found, abs=0.1)
 
 
-@pytest.mark.parametrize(("sharper", "last", "coldest"), [(1.0, 2.0, 4.0), (100.0, 8.0, 8.0)])
+@pytest.mark.parametrize(("sharper", "last", "coldest"), [(1.0, 2.0, 4.0), (100.0, 4.0, 4.0)])
 def test_nothing_follows_a_descent_that_leaves_the_prior(
     sharper: float, last: float, coldest: float
 ) -> None:
-    """From 2 on, and from 8 on where images have edges, a valley 10 errors away is too far."""
+    """From 2 on, and from 4 on where images have edges, a valley 10 errors away is too far."""
     level: Any = Valleys([10.0], bend=1.0)
     level.sharper = sharper
     visited: list[tuple[int, Any]] = []
@@ -101,6 +102,18 @@ def test_a_search_hops_out_of_valleys_whose_image_lies_a_patch_aside(
     assert stays.point[:2] - start[:2] == pytest.approx(0, abs=0.002)
     _, found = search.best([search.fine.candidate(start)])
     assert found.point[:2] == pytest.approx(list(TRUTH.values())[:2], abs=0.0005)
+
+
+def test_an_end_that_falls_back_is_no_rival(small: Small) -> None:
+    """Where only the monitor's turn is free, nothing can follow an image aside."""
+    scenario = small.scenario.at(**TRUTH)
+    alone = replace(
+        small.problem(), scenario=scenario, names=("monitor_turn",), centers=np.array([0.3]),
+        errors=np.array([0.5]),
+    )  # fmt: skip
+    search = Search(alone.coarse(), alone.fine(), 0)
+    _, found = search.best(search.starts())
+    assert found.point[0] == pytest.approx(0.3, abs=0.2) and search.rivals == []
 
 
 @pytest.mark.parametrize(("told", "asked"), [(1.0, 1), (1.4, 1), (1.6, 2), (3.5, 3)])

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter
+from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter, Rival
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.cli.calibrate import fixed_numbers, say_calibration
@@ -41,6 +41,15 @@ def test_each_residual_has_its_title_and_is_in_percent(draw: Draw) -> None:
         low, high = picture.get_clim()
         bound = np.percentile(np.abs(shown.residual_before.mean(axis=2)), 99)
         assert -low == high == pytest.approx(100 * bound)
+
+
+def test_images_that_photographs_do_not_tell_from_each_other_are_shown(draw: Draw) -> None:
+    images = tuple(np.full((4, 5, 3), level) for level in (0.25, 0.5))
+    shown = replace(calibration(), images=images, rivals=(Rival({"dx": 0.2, "turn": 1.5}, 0.3),))
+    panels: dict[str, Any] = {ax.get_title(): ax for ax in draw(shown).axes}
+    for title in ("image calibrated (70 %)", "image aside (30 %)"):
+        assert panels[title].images[0].get_array().shape == (4, 5, 3)
+    assert not any("aside" in ax.get_title() for ax in draw(calibration()).axes)
 
 
 def test_parameters_are_shown_over_the_errors_of_their_measured_values(draw: Draw) -> None:

@@ -1,13 +1,18 @@
+import importlib
 import json
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.prior import start_values
+from periscopy_sim.calibration.result import Rival
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.rendering.scene.document import read_document
+from tests.scenes.calibration import calibration
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -68,6 +73,27 @@ def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     known = scene_covariance(calibrated)
     assert known.trusted and known.names == (*MOVED, "monitor_dx")
     assert known.changed(calibrated) == []
+
+
+@pytest.mark.usefixtures("photograph")
+def test_a_scene_whose_image_lies_aside_is_written_too(succeeds, tmp_path, monkeypatch):
+    parameters = calibration().parameters
+    named = tuple(replace(each, name=name) for each, name in zip(parameters, MOVED, strict=True))
+    values = [dict(zip(MOVED, (dx, 0.001), strict=True)) for dx in (0.002, 0.003)]
+    rivals = tuple(Rival(each, 0.3) for each in values)
+    images = (np.ones((6, 7, 3)),) * 3
+    found = replace(calibration(), parameters=named, rivals=rivals, images=images)
+    module = importlib.import_module("periscopy_sim.calibration.calibrate")
+    monkeypatch.setattr(module, "calibrate", lambda **_: found)
+    said = succeeds("calibrate", "y.npy", *SCENE, *FREE, "--out", "found.xml")
+    for name, rival in zip(("found_aside1.xml", "found_aside2.xml"), rivals, strict=True):
+        assert f"{name} (about 30 %; " in said
+        document = read_document(tmp_path / name)
+        written = start_values(document, tuple(rival.values))
+        assert written.tolist() == [*rival.values.values()]
+        assert scene_covariance(document).changed(document) == []
+    record = json.loads((tmp_path / "found.json").read_text())
+    assert [each["values"] for each in record["rivals"]] == values
 
 
 def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path):
