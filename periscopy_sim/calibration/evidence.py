@@ -61,6 +61,11 @@ class Explanation(ABC):
     background: Array  # (M, r) orthonormal basis of range(B)
 
     @property
+    def freedom(self) -> int:
+        """F, the pixels less the dimensions of ambient light."""
+        return int(len(self.residual) - self.background.shape[1])
+
+    @property
     @abstractmethod
     def volume(self) -> Matrix:
         """(M, N) derivative by the entries of A of half of what is no misfit."""
@@ -118,9 +123,8 @@ class SmoothExplanation(Explanation):
         """
         μ, _ = self._modes
         degrees = np.sum(μ[:, None] / (μ[:, None] + self.ratios), axis=0)
-        freedom = len(self.residual) - self.background.shape[1]
-        errors = np.linalg.norm(self.residual, axis=0) / (freedom - degrees) + TINY
-        return float(2 * freedom * np.sum(np.log(errors)))
+        errors = np.linalg.norm(self.residual, axis=0) / (self.freedom - degrees) + TINY
+        return float(2 * self.freedom * np.sum(np.log(errors)))
 
     @property
     def covariance(self) -> Array:

@@ -40,16 +40,13 @@ class Candidate:
     penalty: float  # −2 log of the prior's density, up to a constant
 
     def misfit_at(self, temperature: float) -> float:
-        """Return the objective by the noise alone, up to a constant; infinite of no scene.
+        """Return the objective without the prior of `SharpImages`, up to a constant.
 
-        Of images of few edges that leaves out how likely these are.
+        It is infinite where there is no scene.
         """
         if not self.explanations:
             return np.inf
-        fits = (
-            float(2 * (len(e.residual) - e.background.shape[1]) * np.log(e.noise).sum())
-            for e in self.explanations
-        )
+        fits = (float(2 * e.freedom * np.log(e.noise).sum()) for e in self.explanations)
         return sum(fits) / temperature + self.penalty
 
     @cached_property

@@ -8,9 +8,10 @@ noise is white, with F dimensions beyond the ambient light and an unknown σ_c. 
 
     σ_c² = ‖y⊥_c − A⊥ f̂_c‖² / F,   λ = 3 N / V,
 
-and f̂ is the noise-aware image of σ and 2 λ. V counts the borders, too, beyond which all is dark:
-else the likeliest place of an image has it half out of sight. The noise-aware image does not, so
-the slope of an image that is bright at the border is up to a third too large. ‖A⊥‖_F counts edges
+and f̂ is the noise-aware image of σ and 2 λ. V also counts the edges to the dark beyond the
+borders. Otherwise the objective favours places where part of the image lies beyond them. The
+noise-aware image ignores these edges, so the slope is up to 1.45 times too large where the image is
+bright at a border. ‖A⊥‖_F counts edges
 in units of their light on the wall: without it, the scene that needs the darkest image would be the
 best.
 """

@@ -198,6 +198,8 @@ def say_rivals(
     result: "Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
 ) -> None:
     """Print how likely each place of the image is, and which number differs most there."""
+    from periscopy_sim.calibration.search import SURE
+
     own = 1 - sum(rival.probability for rival in result.rivals)
     shares = [f"{scenes[0]} ({_about(own)})"]
     for scene, rival in zip(scenes[1:], result.rivals, strict=True):
@@ -205,7 +207,7 @@ def say_rivals(
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
         shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
-    say(sentence("rivals", scenes=", ".join(shares), picture=picture))
+    say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
 
 
 def _about(probability: float) -> str:

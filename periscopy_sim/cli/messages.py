@@ -49,8 +49,8 @@ SENTENCES = {
     "default_method": "Try the default method.",
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
     "rivals": (
-        "the image may lie a patch aside: {scenes}; the first stays unless another is much "
-        "likelier; reconstruct with each, or compare the images in {picture}"
+        "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
+        "compare the images in {picture}"
     ),
     "any_place": (
         "the numbers and the image may be displaced together by whole patches: only a known "

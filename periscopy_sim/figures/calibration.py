@@ -49,11 +49,11 @@ def draw_calibration(
         if calibration.doubts:
             reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
             above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
-        likely = [rival.probability for rival in calibration.rivals]
+        probabilities = [rival.probability for rival in calibration.rivals]
         for part in middle:
             axes = part.subplots(len(images), len(calibration.images), squeeze=False)
             for row, (name, shown) in zip(axes, images.items(), strict=True):
-                shares = zip(row, shown, [1 - sum(likely), *likely], strict=True)
+                shares = zip(row, shown, [1 - sum(probabilities), *probabilities], strict=True)
                 for k, (ax, image, share) in enumerate(shares):
                     place = "aside" if k else "calibrated"
                     show_light(ax, f"{name} {place} ({100 * share:.0f} %)", image)
@@ -61,7 +61,7 @@ def draw_calibration(
 
 
 def _images(calibration: "Calibration") -> dict[str, list[Array]]:
-    """Return each surface's images that the photographs do not show to be wrong, if several."""
+    """Return, by surface, the images of the calibrated scene and of its rivals, if it has any."""
     each = [i if isinstance(i, Mapping) else {"image": i} for i in calibration.images]
     return {name: [images[name] for images in each] for name in (each[0] if each else ())}
 

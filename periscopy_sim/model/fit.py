@@ -301,9 +301,9 @@ class Fit:
 
         The patterns' light is read once for all photographs.
         """
-        y, levels = self._rejected(planes)
+        y, levels = self._projected_planes(planes)
         coordinates = self.response(y)
-        noises = self._floored(noise_beside(self.lights, y, coordinates, self._freedom))
+        noises = self._with_floor(noise_beside(self.lights, y, coordinates, self._freedom))
         coefficients = np.zeros((*y.shape[:2], len(self.patterns.rows)))
         coefficients[..., self.visible] = coordinates * np.sqrt(self.curvatures)
         ratios = self._noise_to_signal(noises)
@@ -314,18 +314,19 @@ class Fit:
     def single_evidence(self, planes: Array) -> Evidence:
         """Return the evidence of one photograph's planes, (C, M').
 
-        Of a whole basis it needs no light of patterns, which would take longer than all else.
+        With a basis of all patterns it does not compute their light, which takes longer than the
+        rest where a scene serves for one photograph.
         """
         exact = self.patterns.exact
         if exact is None:
             return self.evidence(planes[None])[0][0]
-        (y,), (level,) = self._rejected(planes[None])
+        (y,), (level,) = self._projected_planes(planes[None])
         coefficients = (exact @ self.operator.rmatmat(y.T)).T / self.unit
         shown = np.sum(coefficients[:, self.visible] ** 2 / self.curvatures, axis=1)
-        noise = self._floored(residual_noise(np.sum(y**2, axis=1), shown, self._freedom))
+        noise = self._with_floor(residual_noise(np.sum(y**2, axis=1), shown, self._freedom))
         return Evidence(coefficients, noise, float(level), float(self._noise_to_signal(noise)))
 
-    def _rejected(self, planes: Array) -> tuple[Array, Array]:
+    def _projected_planes(self, planes: Array) -> tuple[Array, Array]:
         """Return y⊥ of photographs' planes, (K, C, M'), over its level, and the levels, (K,)."""
         y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
         y = y.reshape(planes.shape)
@@ -387,7 +388,7 @@ class Fit:
         """Pixels less the dimensions of ambient light and of images."""
         return self.pixels - len(self.background) - len(self.curvatures)
 
-    def _floored(self, noise: Array) -> Array:
+    def _with_floor(self, noise: Array) -> Array:
         """Return the standard deviation of noise, (..., C), none far below another channel's."""
         largest = noise.max(axis=-1, keepdims=True) + 1e-30  # a black photograph has none
         return np.asarray(np.maximum(noise, largest / LARGEST_NOISE_RATIO))
