@@ -9,6 +9,9 @@ whose errors the image's count, and with the true one. A monitor's shift in its 
 tells: its error stays the ruler's, and the picture may come out shifted by a patch. "Registered" is
 after the shift that fits the truth best, as it uses the truth.
 
+`--scenes` also accepts six plain scenes: boxes, plant, tripod, mesh, edges and mug. Plain Mitsuba
+renders them, direct light only, and nobody tuned the calibration on them.
+
 Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goes on by the same
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.
 Runs of different scenes may fill one DIR at once; a last one of all writes the page of all.
@@ -39,8 +42,13 @@ from experiments.studies.wrong_scenes.outcome import (
     read_outcome,
     write_outcome,
 )
+from experiments.studies.wrong_scenes.plain_scenes import (
+    SHOWN,
+    photographed_plainly,
+    plain_subjects,
+)
 from experiments.studies.wrong_scenes.report import numbers_of, write_report
-from experiments.studies.wrong_scenes.subjects import Photographed
+from experiments.studies.wrong_scenes.subjects import Photographed, photographed
 from periscopy_sim.cli.output import progress
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
@@ -59,8 +67,11 @@ def main(
     with one_line_errors():
         folder = rendered or out / "rendered"
         names, ratios = names_of(scenes), ratios_of(sbr)
-        known = subjects.subjects(folder)
-        trials = [Trial(subjects.photographed(known[name], folder)) for name in names]
+        known = subjects.subjects(folder) | plain_subjects()
+        trials = [
+            Trial((photographed_plainly if name in SHOWN else photographed)(known[name], folder))
+            for name in names
+        ]
         failures = run(trials, ratios, draws, out)
     print(f"wrote {out / 'index.html'}")
     raise typer.Exit(1 if failures else 0)
@@ -69,8 +80,9 @@ def main(
 def names_of(text: str) -> list[str]:
     """Return the scenes of a list by comma, or refuse it by a PeriscopyError."""
     names = [name.strip() for name in text.split(",")]
-    if not set(names) <= set(subjects.NAMES) or len(set(names)) < len(names):
-        known = ", ".join(subjects.NAMES)
+    accepted = *subjects.NAMES, *SHOWN
+    if not set(names) <= set(accepted) or len(set(names)) < len(names):
+        known = ", ".join(accepted)
         raise ps.PeriscopyError(f"--scenes {text}: name each of {known} at most once")
     return names
 

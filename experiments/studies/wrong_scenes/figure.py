@@ -13,6 +13,7 @@ import periscopy_sim as ps
 from experiments.drawing import COLORS, PAGE, drawn, show_light
 from experiments.studies.wrong_scenes.coverage import LEVELS, ONE, expected_band, of_draws
 from experiments.studies.wrong_scenes.outcome import SCENES, Outcome
+from experiments.studies.wrong_scenes.plain_scenes import SHOWN
 from experiments.studies.wrong_scenes.subjects import NAMES
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ COLOURS = dict(
         (COLORS[c] for c in ("preconditioned", "differencing", "noise-aware", "truncated-svd")),
         strict=True,
     )
-)
+) | {name: f"C{index}" for index, name in enumerate(SHOWN, 4)}
 """Of each scene."""
 
 WANTED = {"numbers of the scene": (0.55, 0.80), "patches": (0.60, 0.85)}

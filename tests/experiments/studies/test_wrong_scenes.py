@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.studies.wrong_scenes import coverage, subjects
+from experiments.studies.wrong_scenes import coverage, plain_scenes, subjects
 from experiments.studies.wrong_scenes.outcome import Outcome
 
 HIDDEN = (4, 5)
@@ -83,3 +83,30 @@ def test_errors_that_are_right_cover_what_they_tell(factor):
     else:
         assert told[coverage.LEVELS == coverage.ONE] == pytest.approx(0.383, abs=0.03)
         assert inside.mean() < 0.2
+
+
+def test_plain_scenes_load_with_their_errors_and_draws():
+    known = plain_scenes.plain_subjects()
+    for name, subject in known.items():
+        errors, read = subject.errors, subject.measured(0)
+        assert 8 <= len(errors) <= 14 and list(read) == list(errors)
+        assert all(0 < error < 3 for error in errors.values())
+        assert subject.at(read).photograph_shape == subject.at().photograph_shape, name
+
+
+@pytest.mark.usefixtures("jit")
+def test_plain_mitsuba_agrees_with_the_closed_form(tmp_path, monkeypatch):
+    monkeypatch.setattr(plain_scenes, "PASSES", 8)
+    subject = replace(plain_scenes.plain_subjects()["tripod"], hidden=(3, 4), samples=1024,
+                      parameters={"width": "12", "height": "10"})  # fmt: skip
+    photographed = plain_scenes.photographed_plainly(subject, tmp_path)
+    bitmap = tmp_path / "tripod" / "bars_shown.exr"
+    passes = plain_scenes.renderings(subject, bitmap, "0")
+    assert np.allclose(passes.mean(axis=0), photographed.signal, rtol=1e-5)
+    scene = subject.at()
+    exact = ps.transport(scene, by="areas") @ photographed.truth.reshape(-1, 3)
+    rest = photographed.signal - exact.reshape(photographed.signal.shape) * scene.channel_gain
+    error = np.sqrt(passes.var(axis=0, ddof=1).mean() / 8)
+    assert error < 0.01 * photographed.signal.mean()
+    assert np.sqrt(np.mean(rest**2)) < 1.25 * error
+    assert photographed.ambient.std() < 0.5 * photographed.ambient.mean()

@@ -1,0 +1,115 @@
+"""Plain scenes: Mitsuba's own objects, photographed by plain Mitsuba, direct light only.
+
+Nobody tuned the calibration on these six scenes. Their photographs are independent of the package's
+transport matrices: `mi.load_file` reads the scene file, and `mi.render` renders it, once with the
+picture as a bitmap on the monitor, and once with a black monitor and three far lamps.
+
+`python -m experiments.studies.wrong_scenes.plain_scenes` makes the mesh ``scenes/body.ply``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+import periscopy_sim as ps
+from experiments.setting import kept
+from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
+from periscopy_sim.evaluation.sweep import array_sha256
+from periscopy_sim.rendering.variant import mi
+from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+Array = NDArray[np.float64]
+
+SCENES = Path(__file__).with_name("scenes")
+
+SAMPLES = 288**2
+"""Stratified samples of the monitor, for each pixel and rendering."""
+
+PASSES = 2
+"""Renderings that are averaged. Their grain is 0.04 to 0.07 % of the mean light. That of edges,
+whose light falls on a small fraction of the wall, is 0.16 %."""
+
+SHOWN = {
+    "boxes": ((18, 24), "digits"),
+    "plant": ((18, 24), "checker"),
+    "tripod": ((18, 24), "bars"),
+    "mesh": ((18, 24), "mushroom"),
+    "edges": ((18, 24), "siemens"),
+    "mug": ((18, 22), "letters"),
+}
+"""(R, C) of each scene's hidden image, and the shipped picture that its monitor shows."""
+
+
+def plain_subjects() -> dict[str, Subject]:
+    """Return the plain scenes by name."""
+    files = {name: SCENES / f"{name}.xml" for name in SHOWN}
+    return {
+        name: Subject(name, file, file, *SHOWN[name], "lamps", samples=SAMPLES)
+        for name, file in files.items()
+    }
+
+
+def photographed_plainly(subject: Subject, folder: Path, image: str | None = None) -> Photographed:
+    """Render a subject by plain Mitsuba, or read the renderings that a folder holds.
+
+    `image` names the shipped picture that the monitor shows, the subject's own by default.
+    """
+    subject = replace(subject, image=image or subject.image)
+    truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
+    light = {}
+    for name, shown, lamps in (
+        (subject.image, truth, "0"),
+        (subject.place, np.zeros_like(truth), "1"),
+    ):
+        file = folder / subject.name / f"{name}.exr"
+        depends = {
+            "scene_sha256": scene_sha256(subject.lit),
+            "parameters": str(dict(subject.parameters)),
+            "truth_sha256": array_sha256(np.round(shown, 6)),
+            "samples": str(subject.samples),
+            "passes": str(PASSES),
+            "seed": str(SEED),
+        }
+
+        def render(file: Path = file, shown: Array = shown, lamps: str = lamps) -> Array:
+            bitmap = file.with_stem(f"{file.stem}_shown")
+            bitmap.parent.mkdir(parents=True, exist_ok=True)
+            write_exr(bitmap, np.ascontiguousarray(shown[::-1]), {})  # its first row has v = 0
+            passes = renderings(subject, bitmap, lamps)
+            grain = np.sqrt(passes.var(axis=0, ddof=1).mean() / PASSES) / passes.mean()
+            print(f"{subject.name}, {file.stem}: a grain of {100 * grain:.3f} %", flush=True)
+            return np.asarray(passes.mean(axis=0))
+
+        light[name] = kept(file, depends, render)
+    return Photographed(subject, truth, light[subject.image], light[subject.place])
+
+
+def renderings(subject: Subject, bitmap: Path, lamps: str) -> Array:
+    """Return `PASSES` renderings of a subject whose monitor shows a bitmap, (.., h, w, 3)."""
+    ps.use_variant()
+    parameters = {**subject.parameters, "shown": str(bitmap.resolve()), "lamps": lamps}
+    scene = mi.load_file(str(subject.lit), **parameters)
+    samples = subject.samples if lamps == "0" else subject.samples // 16
+    passes = (mi.render(scene, spp=samples, seed=SEED + each) for each in range(PASSES))
+    return np.stack([np.array(each, np.float64) for each in passes])
+
+
+def irregular_body() -> trimesh.Trimesh:
+    """Return a bent closed body of 320 triangles and 12 cm."""
+    body = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    rng = np.random.default_rng(7)
+    waves, phases = 1.8 * rng.standard_normal((6, 3)), rng.uniform(0, 6.28, 6)
+    swollen = 1 + 0.16 * np.cos(body.vertices / 0.05 @ waves.T + phases).sum(axis=1, keepdims=True)
+    body.vertices = body.vertices * swollen * [1.2, 0.8, 1.0]
+    body.vertices[:, 0] += 6 * body.vertices[:, 2] ** 2
+    return body
+
+
+if __name__ == "__main__":
+    irregular_body().export(SCENES / "body.ply", vertex_normal=False)
