@@ -1,6 +1,6 @@
 """The world: a scene file's shapes and lights, and how its parameters move them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -130,6 +130,9 @@ class Scene:
         The shapes of the relay walls: all but the one that a camera sees are occluders to it.
     source
         What loaded the scene: it traces the rays of views, and loads the scene at other values.
+    motions
+        Matrices, (4, 4), of the shapes and sensors that have moved since the source loaded them;
+        by id.
     """
 
     document: SceneDocument = field(repr=False)
@@ -144,6 +147,7 @@ class Scene:
     transparent: tuple[str, ...] = ()
     walls: tuple[Occluder, ...] = field(default=(), repr=False)
     source: Any = field(default=None, repr=False)
+    motions: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def path(self) -> Path:
@@ -172,6 +176,10 @@ class Scene:
         given = {name: str(value) for name, value in values.items()}
         scene: Scene = self.source.at(self, {**self.parameters, **given})
         return scene
+
+    def has_same_places(self, names: Iterable[str], other: "Scene") -> bool:
+        """Return whether shapes and sensors have the same places in another scene, by their ids."""
+        return all(np.array_equal(self.places[name], other.places[name]) for name in names)
 
     def without(self, name: str) -> "Scene":
         """Return the scene without one of its occluders, for closed forms: `at` brings it back."""

@@ -177,7 +177,7 @@ class View:
             view = replace(
                 view, rays=np.stack(met[:2]), corners=corners, points=points, normals=normals
             )
-        return view if not motions or view.is_free() else None
+        return view if view.is_free() else None
 
     def is_free(self) -> bool:
         """Return whether planes separate the boxes of other shapes from the view of the wall."""

@@ -76,6 +76,7 @@ def check_values(document: SceneDocument) -> None:
             )
 
 
+@lru_cache(maxsize=4096)
 def _is_in_range(word: str) -> bool:
     """Return whether a word of a parameter is a number in range, or no number at all."""
     return not abs(number_of(word)) > LARGEST and word.lower().strip("+-") != "nan"
@@ -132,8 +133,10 @@ class _Reader:
         self._check_count(self._count, "elements")
         for below, tag, texts in elements:
             self._check_count(depth + below, "elements within each other")
-            nearer = [document.parent, *folders]
-            attributes = {name: self._filled(text) for name, text in texts.items()}
+            varies = "$" in "".join(texts.values())
+            attributes = texts  # which the cache shares: nothing may change them
+            if varies:
+                attributes = {name: self._filled(text) for name, text in texts.items()}
             if tag != "default":
                 self.elements.append((depth + below, tag, attributes))
             match tag, attributes:
@@ -141,15 +144,16 @@ class _Reader:
                     self.defaults.setdefault(name, value)
                     self._set(name, value)
                 case "path", {"value": name}:
-                    folders[:0] = self._found(name, nearer, Path.exists)
+                    folders[:0] = self._found(name, [document.parent, *folders], Path.exists)
                 case "include", {"filename": name}:
+                    nearer = [document.parent, *folders]
                     for included in self._found(name, nearer):
                         self.read(included, nearer, (*including, identity), depth + below + 1)
                 case "spectrum", {"filename": name}:
                     self.named += self._found(name, folders)
                 case "string", {"name": "filename", "value": name}:
                     self.named.append(name)
-                case "rotate" | "translate" | "lookat", _:
+                case "rotate" | "translate" | "lookat", _ if varies:
                     names = re.findall(r"\$(\w+)", " ".join(texts.values()))
                     self.units |= dict.fromkeys(names, "degrees" if tag == "rotate" else "m")
 

@@ -18,7 +18,6 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import (
     CAMERAS,
     SceneLayout,
-    motions,
     only_motions,
     written_layout,
 )
@@ -179,6 +178,9 @@ class SceneLoader:
         bodies = {n: _occluder(shape, self.layout, boxes[n]) for n, shape in shapes.items()}
         walls = tuple(bodies.pop(name) for name in self._materials)
         self._views: dict[tuple[Size | None, int, str], View] = {}
+        # A calibration asks for scenes that differ by little; most share a view.
+        self._last_views: dict[tuple[Size | None, int, str], View] = {}
+        self._last_hidden: dict[tuple[tuple[str, Size], ...], tuple[Hidden, Scene]] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
         self._wholes: dict[str, Surface] = {}
         self.scene = Scene(
@@ -197,8 +199,8 @@ class SceneLoader:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's scene, which cannot be pickled: a copy builds it anew."""
-        return self.__dict__ | {"_built": (None, None)}
+        """Leave out Mitsuba's scene, which cannot be pickled, and what a copy computes anew."""
+        return self.__dict__ | {"_built": (None, None), "_last_views": {}, "_last_hidden": {}}
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
         """Return a scene at other values, moved where that suffices, else loaded anew."""
@@ -214,6 +216,7 @@ class SceneLoader:
             self.scene,
             document=document,
             places=layout.places,
+            motions=moved,
             boxes={
                 name: moved_points(box, moved[name]) if name in moved else box
                 for name, box in self.scene.boxes.items()
@@ -229,21 +232,35 @@ class SceneLoader:
         key = shape, across, camera
         if key not in self._views:
             self._views[key] = self._trace_view(*key)
-        moved = motions(self.scene.places, scene.places)
-        if not moved or self.layout.plugins[camera] in CAMERAS:
-            view = self._views[key].moved(scene, moved)
+        loaded = self._views[key]
+        if not scene.motions:
+            return replace(loaded, scene=scene)
+        if self.layout.plugins[camera] in CAMERAS:
+            last = self._last_views.get(key, loaded)
+            if scene.has_same_places((camera, loaded.wall), last.scene):
+                view = last.moved(scene, {})
+            else:
+                view = loaded.moved(scene, scene.motions)
             if view is not None:
+                self._last_views[key] = view
                 return view
         scene = load_scene(self._path, scene.parameters)
         return View.of(scene, shape, across=across, camera=camera)
 
     def hidden(self, scene: Scene, sizes: Mapping[str, Size]) -> Hidden:
         """Return a scene's hidden surfaces in patches; see `Hidden.of_scene`."""
-        for key in sizes.items():
+        asked = tuple(sizes.items())
+        if asked in self._last_hidden:
+            last, its_scene = self._last_hidden[asked]
+            if scene.has_same_places(sizes, its_scene):
+                return last
+        for key in asked:
             if key not in self._surfaces:
                 self._surfaces[key] = self._surface(*key)
-        hidden = Hidden({key[0]: self._surfaces[key] for key in sizes.items()})
-        return hidden.moved(motions(self.scene.places, scene.places))
+        hidden = Hidden({key[0]: self._surfaces[key] for key in asked})
+        hidden = hidden.moved(scene.motions)
+        self._last_hidden[asked] = hidden, scene
+        return hidden
 
     def _surface(self, name: str, size: Size) -> Surface:
         shape = shape_of(self.built(self.scene), name)
@@ -263,7 +280,7 @@ class SceneLoader:
     def built(self, scene: Scene) -> Any:
         """Return the Mitsuba scene, its hidden surfaces white and its pixels averaged."""
         variant, built = self._built
-        is_moved = motions(self.scene.places, scene.places) or scene.emission != self.scene.emission
+        is_moved = scene.motions or scene.emission != self.scene.emission
         return build_scene(scene) if is_moved or variant != mi.variant() else built
 
     def opaque(self, scene: Scene) -> Any:

@@ -53,6 +53,16 @@ def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_n
             assert_same(scene.at(**draw), expected)
 
 
+def test_scenes_of_one_file_move_in_any_order():
+    """What stays in its place is taken over from the scene before."""
+    names = "camera_dx", "occluder_dx", "monitor_dy"
+    first = load_scenario("chair", (3, 4), photograph=(6, 8))
+    for moved in ("c", "co", "o", "", "mc", "c", "m"):
+        values = {name: 0.02 * (name[0] in moved) for name in names}
+        expected = load_scenario("chair", (3, 4), values, photograph=(6, 8))
+        assert_same(first.at(**values), expected)
+
+
 X = '<default name="x" value="0.7"/>'
 
 
