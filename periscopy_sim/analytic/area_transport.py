@@ -205,11 +205,10 @@ class Outlines(Way):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the light and its derivatives by the outlines' motion; see `light_derivatives`."""
         A, count = self.light(), len(sides)
-        points, normals, cells, exponents, vertices, scales = slopes = [
+        points, normals, cells, exponents, vertices, scales = [
             np.array([(getattr(side, name) - getattr(self, name)) / by for side, by in sides])
             for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
         ]
-        shines = np.any([each.reshape(count, -1).any(axis=1) for each in slopes[:4]], axis=0)
         vertices = vertices[:, self.borders.sources]
         changes = np.empty((count, *A.shape), np.float32)
 
@@ -218,7 +217,7 @@ class Outlines(Way):
             lit = Lighting(self.points[at], self.normals[at], self.cells, self.exponents)
             by = Lighting(points[:, at], normals[:, at], cells, exponents)
             out = changes[:, at]
-            light_derivatives(lit, by, vertices, shines, self.borders, self.shape, self.cut, out)
+            light_derivatives(lit, by, vertices, self.borders, self.shape, self.cut, out)
 
         in_parallel(part, ranges(len(A)))
         changes *= self.scale

@@ -2,9 +2,9 @@
 
 The light that a shadow takes away changes where its border moves, by what shines there, and with
 what shines within (Reynolds' transport theorem). The first is an integral along the shadow's
-outline, of all parameters at once; the second, smooth, is a difference with the border as it is.
-Derivatives good to a percent would not do: of what each of a dozen parameters does a hundredth may
-be all by which they differ.
+outline, of all parameters at once; the second, smooth, is the light's gradient with the border as
+it is. Derivatives good to a percent would not do: of what each of a dozen parameters does a
+hundredth may be all by which they differ.
 """
 
 import numpy as np
@@ -18,12 +18,13 @@ from periscopy_sim.analytic.outline import (
     cut_by_cells,
     outline_of,
 )
-from periscopy_sim.analytic.patch_light import Lighting, add_light, falloff, gather, shadow_within
+from periscopy_sim.analytic.patch_light import Lighting, falloff, gather, shadow_within
+from periscopy_sim.hidden import GAUSS
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.compilation import compiled, compiled_reordered
 
-PART = float(np.cbrt(np.finfo(np.float64).eps))
-"""Of a parameter's move by which light within a border is differenced, in double precision."""
+NUMBERS = 10
+"""How many numbers the light of a wall point depends on: its place, normal, cells, exponents."""
 
 
 @compiled
@@ -31,7 +32,6 @@ def light_derivatives(
     lit: Lighting,
     moved: Lighting,
     moved_vertices: Array,
-    shines: NDArray[np.bool_],
     borders: Borders,
     shape: Indices,
     cut: Indices,
@@ -45,42 +45,93 @@ def light_derivatives(
         As there.
     moved, moved_vertices
         Derivatives, (P, ...), of `lit` and of the borders' vertices.
-    shines
-        (P,) whether a parameter moves any but the vertices.
     """
     rows, columns = shape
-    changes = np.empty((rows, columns, len(shines)))  # parameters side by side: loops vectorize
-    still, smooth = np.empty((rows, columns)), np.empty((len(shines), rows, columns))
-    cells, exponents = lit.cells, lit.exponents
+    P, K = len(moved.points), lit.points.shape[1]
+    changes = np.empty((rows, columns, P))  # parameters side by side: loops vectorize
+    gradient, motions = np.empty((NUMBERS, rows, columns)), np.empty((NUMBERS, P))
+    motions[6:8], motions[8:] = moved.cells.T, moved.exponents.T
     for i in range(len(lit.points)):
         changes[:] = 0
-        smooth[:] = 0
-        for k in range(lit.points.shape[1]):
+        for k in range(K):
             p, normal = lit.points[i, k], lit.normals[i, k]
             border, layers, between = border_of(p, borders, shape)
             segments = cut_by_cells(border, outline_of(border, layers, rows), shape)
             motion = _motion(p, borders.vertices, moved.points[:, i, k], moved_vertices, between)
-            _move_border(p, normal, cells, exponents, border, segments, motion, changes)
-            if not shines.any():
-                continue
-            shadow = shadow_within(segments, shape)
-            still[:] = 0
-            add_light(p, normal, cells, exponents, shadow, still)
-            for q in range(len(shines)):
-                if not shines[q]:
-                    continue
-                place = p + PART * moved.points[q, i, k]
-                facing = normal + PART * moved.normals[q, i, k]
-                size, fall = cells + PART * moved.cells[q], exponents + PART * moved.exponents[q]
-                add_light(place, facing, size, fall, shadow, smooth[q])
-                smooth[q] -= still
-        scale = 1 / lit.points.shape[1]
+            _move_border(p, normal, lit.cells, lit.exponents, border, segments, motion, changes)
+            motions[:3], motions[3:6] = moved.points[:, i, k].T, moved.normals[:, i, k].T
+            if motions.any():
+                shadow = shadow_within(segments, shape)
+                light_gradient(p, normal, lit.cells, lit.exponents, shadow, gradient)
+                _add_products(gradient, motions, changes)
         out[:, i] = 0
-        gather(changes, cut, scale, out[:, i])
-        for q in range(len(shines)):
-            if shines[q]:
-                light = smooth[q].reshape((rows, columns, 1))
-                gather(light, cut, scale / PART, out[q : q + 1, i])
+        gather(changes, cut, 1 / K, out[:, i])
+
+
+@compiled_reordered
+def light_gradient(
+    p: Array, normal: Array, cells: Array, exponents: Array, shadow: Array, out: Array
+) -> None:
+    """Fill `out`, (10, R, C), with the gradient of what `add_light` adds, at a given shadow.
+
+    With x and y across and down from the point, h its height, D = x² + y² + h² and n its normal,
+    light is (h/√(h² + x²))^e₁ (h/√(h² + y²))^e₀ h (n₀ x + n₁ y − n₂ h)/D². Rows 0 to 2 are its
+    derivatives by the point, 3 to 5 by n, 6 and 7 by a cell's width and height, 8 and 9 by e₀ and
+    e₁.
+    """
+    _, rows, columns = out.shape
+    height, total = p[2], 1 + exponents[0] + exponents[1]
+    x, across, bend, cosine = np.empty((4, 2, columns))
+    for s in range(2):
+        for c in range(columns):
+            x[s, c] = (c + 0.5 + (GAUSS if s else -GAUSS) - p[0]) * cells[0]
+            squared = x[s, c] * x[s, c] + height * height
+            across[s, c] = falloff(x[s, c], height, exponents[1])
+            bend[s, c], cosine[s, c] = exponents[1] / squared, np.log(height / np.sqrt(squared))
+    out[:] = 0
+    for k in range(2 * rows):
+        side = GAUSS if k % 2 else -GAUSS
+        y = (k // 2 + 0.5 + side - p[1]) * cells[1]
+        squared, facing_y = y * y + height * height, normal[1] * y - normal[2] * height
+        strength = falloff(y, height, exponents[0]) * height / 4
+        bend_y, cosine_y = exponents[0] / squared, np.log(height / np.sqrt(squared))
+        (area, aside, down), row = shadow[:, k // 2], out[:, k // 2]
+        for s in range(2):
+            tilt = 12 * GAUSS * (1 - 2 * s)
+            for c in range(columns):
+                lit = 1 - area[c] - 12 * side * down[c] + tilt * aside[c]
+                distance = x[s, c] * x[s, c] + squared
+                facing = normal[0] * x[s, c] + facing_y
+                weight = lit * strength * across[s, c] / (distance * distance)
+                weight = weight if facing > 0 else 0.0
+                light, inverse = weight * facing, 4 / distance
+                to_x = weight * normal[0] - light * x[s, c] * (bend[s, c] + inverse)
+                to_y = weight * normal[1] - light * y * (bend_y + inverse)
+                by_height = total / height - height * (bend[s, c] + bend_y + inverse)
+                row[0, c] -= cells[0] * to_x
+                row[1, c] -= cells[1] * to_y
+                row[2, c] += light * by_height - weight * normal[2]
+                row[3, c] += weight * x[s, c]
+                row[4, c] += weight * y
+                row[5, c] -= weight * height
+                row[6, c] += to_x * x[s, c] / cells[0]
+                row[7, c] += to_y * y / cells[1]
+                row[8, c] += light * cosine_y
+                row[9, c] += light * cosine[s, c]
+
+
+@compiled_reordered
+def _add_products(gradient: Array, motions: Array, out: Array) -> None:
+    """Add to `out`, (R, C, P), a gradient, (10, R, C), times derivatives, (10, P)."""
+    rows, columns, P = out.shape
+    slopes = np.empty(NUMBERS)
+    for r in range(rows):
+        for c in range(columns):
+            cell = out[r, c]
+            slopes[:] = gradient[:, r, c]
+            for q in range(P):
+                for n in range(NUMBERS):  # a short loop, which is unrolled
+                    cell[q] += slopes[n] * motions[n, q]
 
 
 @compiled

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.analytic.border_motion import light_derivatives
+from periscopy_sim.analytic.border_motion import NUMBERS, light_derivatives, light_gradient
 from periscopy_sim.analytic.outline import borders_of
-from periscopy_sim.analytic.patch_light import Lighting, light_rows
+from periscopy_sim.analytic.patch_light import Lighting, add_light, light_rows
 from periscopy_sim.testing import derivative_test
 from tests.scenes.boxes import Box
 
@@ -31,10 +31,9 @@ def derivatives(points, normals, meshes, moved):
     out = np.empty((1, len(points), PATCHES), np.float32)
     borders = borders_of(meshes)
     *still, vertices = (np.asarray(each)[None] for each in moved)
-    shines = np.array([any(each.any() for each in still)])
     lit = Lighting(points, normals, CELLS, EXPONENTS)
     moved_vertices = vertices[:, borders.sources]
-    light_derivatives(lit, Lighting(*still), moved_vertices, shines, borders, SHAPE, CUT, out)
+    light_derivatives(lit, Lighting(*still), moved_vertices, borders, SHAPE, CUT, out)
     return out[0]
 
 
@@ -86,3 +85,20 @@ def test_they_are_the_derivatives_of_the_areas(seed, moves, turned):
     assert np.linalg.norm(found) > 0.01
     # Within a cell the areas take light for linear.
     derivative_test(lambda nudge: at(nudge[0]), [found], [0.0], steps=NUDGE, rtol=1e-3)
+
+
+@pytest.mark.parametrize("normal", [(0.1, -0.05, -1.0), (1.0, 0.3, 0.0)])  # the second clips
+def test_gradient_is_that_of_the_light(normal):
+    random = np.random.default_rng(4)
+    shadow = random.uniform(0, 0.2, (3, 6, 5))
+    point = np.array([3.3, -1.2, 0.9, *normal, *CELLS, *EXPONENTS])
+
+    def lit(values):
+        out = np.zeros((6, 5))
+        add_light(*np.split(values, [3, 6, 8]), shadow, out)
+        return out
+
+    found = np.empty((NUMBERS, 6, 5))
+    light_gradient(*np.split(point, [3, 6, 8]), shadow, found)
+    assert (lit(point) == 0).any() == (normal[0] == 1.0)
+    derivative_test(lit, list(found), point, steps=1e-6, rtol=1e-6)
