@@ -219,4 +219,4 @@ def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
 def with_error(value: float, error: float, unit: str = "") -> str:
     """Return a value, its standard error, which has two digits, and their unit, if any."""
     digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
-    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".rstrip()
+    return f"{value:z.{digits}f} ± {error:.{digits}f} {unit}".rstrip()
