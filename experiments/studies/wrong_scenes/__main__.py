@@ -10,7 +10,8 @@ tells: its error stays the ruler's, and the picture may come out shifted by a pa
 after the shift that fits the truth best, as it uses the truth.
 
 `--scenes` also accepts six plain scenes: boxes, plant, tripod, mesh, edges and mug. Plain Mitsuba
-renders them, direct light only, and nobody tuned the calibration on them.
+renders them, direct light only, and nobody tuned the calibration on them. The mug serves studies
+of known pictures.
 
 Each draw is kept in DIR/draws as soon as it is done. A run that was stopped goes on by the same
 command, and one of more draws takes up those of fewer, as long as code and scenes are the same.
@@ -52,10 +53,15 @@ from experiments.studies.wrong_scenes.subjects import Photographed, photographed
 from periscopy_sim.cli.output import progress
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 
+ALL = *subjects.NAMES, *SHOWN
+"""Names of scenes."""
+
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    scenes: Annotated[str, typer.Option(help="By comma.")] = ",".join(subjects.NAMES),
+    scenes: Annotated[str, typer.Option(help=f"By comma, of {', '.join(ALL)}.")] = ",".join(
+        subjects.NAMES
+    ),
     sbr: Annotated[str, typer.Option(help="Signal-to-background ratios, by comma.")] = "0.5,10",
     draws: Annotated[int, typer.Option(min=1, help="Of each scene and ratio.")] = 8,
     rendered: Annotated[
@@ -80,10 +86,10 @@ def main(
 def names_of(text: str) -> list[str]:
     """Return the scenes of a list by comma, or refuse it by a PeriscopyError."""
     names = [name.strip() for name in text.split(",")]
-    accepted = *subjects.NAMES, *SHOWN
-    if not set(names) <= set(accepted) or len(set(names)) < len(names):
-        known = ", ".join(accepted)
-        raise ps.PeriscopyError(f"--scenes {text}: name each of {known} at most once")
+    if unknown := [name for name in names if name not in ALL]:
+        raise ps.PeriscopyError(f"--scenes: no scene '{unknown[0]}'; there are {', '.join(ALL)}")
+    if len(set(names)) < len(names):
+        raise ps.PeriscopyError(f"--scenes {text}: name each scene once")
     return names
 
 
