@@ -4,7 +4,7 @@ Nobody tuned the calibration on these six scenes. Their photographs are independ
 transport matrices: `mi.load_file` reads the scene file, and `mi.render` renders it, once with the
 picture as a bitmap on the monitor, and once with a black monitor and three far lamps.
 
-`python -m experiments.studies.wrong_scenes.plain_scenes` makes the mesh ``scenes/body.ply``.
+The mesh ``scenes/body.ply`` is `irregular_body`.
 """
 
 from __future__ import annotations
@@ -109,7 +109,3 @@ def irregular_body() -> trimesh.Trimesh:
     body.vertices = body.vertices * swollen * [1.2, 0.8, 1.0]
     body.vertices[:, 0] += 6 * body.vertices[:, 2] ** 2
     return body
-
-
-if __name__ == "__main__":
-    irregular_body().export(SCENES / "body.ply", vertex_normal=False)
