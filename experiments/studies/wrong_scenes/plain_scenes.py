@@ -9,7 +9,6 @@ The mesh ``scenes/body.ply`` is `irregular_body`.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +54,8 @@ def plain_subjects() -> dict[str, Subject]:
     }
 
 
-def photographed_plainly(subject: Subject, folder: Path, image: str | None = None) -> Photographed:
-    """Render a subject by plain Mitsuba, or read the renderings that a folder holds.
-
-    `image` names the shipped picture that the monitor shows, the subject's own by default.
-    """
-    subject = replace(subject, image=image or subject.image)
+def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
+    """Render a subject by plain Mitsuba, or read the renderings that a folder holds."""
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     light = {}
     for name, shown, lamps in (

@@ -84,26 +84,21 @@ def written_layout(elements: Sequence[Element], names: Sequence[str]) -> SceneLa
     return layout
 
 
-def motions(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the motion, (4, 4), of each thing whose place differs, by id."""
-    return {
-        name: place @ np.linalg.inv(before[name])
-        for name, place in after.items()
-        if not np.array_equal(place, before[name])
-    }
-
-
 def only_motions(
     before: SceneLayout, after: SceneLayout, movable: Collection[str]
 ) -> dict[str, Array] | None:
-    """Return the `motions` from one layout to another; None if more than these differs.
+    """Return the motion, (4, 4), of each thing whose place differs, by id; None if more differs.
 
     What is movable are ids.
     """
     exponents = [exponent for each in after.emission.values() for exponent in astuple(each)]
     if after.rest != before.rest or not all(exponent >= 0 for exponent in exponents):
         return None
-    moved = motions(before.places, after.places)
+    moved = {
+        name: place @ np.linalg.inv(before.places[name])
+        for name, place in after.places.items()
+        if not np.array_equal(place, before.places[name])
+    }
     if not moved.keys() <= {*movable}:
         return None
     for name, motion in moved.items():
