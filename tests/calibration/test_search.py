@@ -69,11 +69,12 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     assert best.point == pytest.approx(found, abs=0.1)
 
 
-@pytest.mark.parametrize(("sharper", "last", "coldest"), [(1.0, 2.0, 4.0), (100.0, 4.0, 4.0)])
-def test_nothing_follows_a_descent_that_leaves_the_prior(
-    sharper: float, last: float, coldest: float
-) -> None:
-    """From 2 on, and from 4 on where images have edges, a valley 10 errors away is too far."""
+@pytest.mark.parametrize(("sharper", "last"), [(0.6, 1.0), (1.0, 2.0), (100.0, 4.0)])
+def test_nothing_follows_a_descent_that_leaves_the_prior(sharper: float, last: float) -> None:
+    """From 2 on, and from 4 on where images have edges, a valley 10 errors away is too far.
+
+    A last descent that stays hot is none: the fine one ended 2 errors from the measured value.
+    """
     level: Any = Valleys([10.0], bend=1.0)
     level.sharper = sharper
     visited: list[tuple[int, Any]] = []
@@ -84,7 +85,7 @@ def test_nothing_follows_a_descent_that_leaves_the_prior(
 
     _, best = Watched(level, level, 0).best([level.candidate(np.zeros(1))])
     assert (visited[-1][0], visited[-1][1].temperature) == (3, last)
-    assert best.temperature == coldest
+    assert best.temperature == 4 and best.point == pytest.approx(2.0, abs=0.05)
 
 
 @pytest.mark.parametrize("aside", [(0.0, -0.0186), (0.0203, 0.0)])
