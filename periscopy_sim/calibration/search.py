@@ -8,7 +8,7 @@ Visual Reconstruction, 1987). Fine descents follow from all ends, whose images a
 have few edges; soon only two go on, then the better one, until it gains little. It hops where its
 image lies a patch aside, as long as the photographs show that it belongs there. It is not at the
 bottom, because the likeliest image of few edges goes with a biased scene. A last descent integrates
-over all images that have its edges.
+over all images that have its edges; it counts if it cools to 1.
 """
 
 from __future__ import annotations
@@ -280,10 +280,10 @@ class Search:
                 yield end.point
 
     def _end(self, level: ResolutionLevel, start: Look) -> tuple[ResolutionLevel, Look]:
-        """Return the end of a last descent, and its level; or its start, where it stays hot.
+        """Return the end of a last descent, and its level; or its start if it stays hot.
 
-        What the scene then lacks errs more than the bias that a last descent corrects: from five
-        rulers of a real chair it lost 0, 0, 0.6, 0.6 and 1.2 dB.
+        Hot is above 1. What the scene then lacks biases it more than the likeliest image does:
+        from five rulers of a real chair a last descent lost 0, 0, 0.6, 0.6 and 1.2 dB.
         """
         edged = self.fine.with_edges(start)
         edged = edged.with_misfit(edged.candidate(start.point))
