@@ -8,7 +8,7 @@ Visual Reconstruction, 1987). Fine descents follow from all ends, whose images a
 have few edges; soon only two go on, then the better one, until it gains little. It hops where its
 image lies a patch aside, as long as the photographs show that it belongs there. It is not at the
 bottom, because the likeliest image of few edges goes with a biased scene. A last descent integrates
-over all images that have its edges; it counts if it cools to 1.
+over all images that have its edges. This descent counts if it cools to 1.
 """
 
 from __future__ import annotations

@@ -71,9 +71,9 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
 
 @pytest.mark.parametrize(("sharper", "last"), [(0.6, 1.0), (1.0, 2.0), (100.0, 4.0)])
 def test_nothing_follows_a_descent_that_leaves_the_prior(sharper: float, last: float) -> None:
-    """From 2 on, and from 4 on where images have edges, a valley 10 errors away is too far.
+    """A valley 10 errors away leads too far from some temperature on, the colder the flatter it is.
 
-    A last descent that stays hot is none: the fine one ended 2 errors from the measured value.
+    A last descent that stays hot does not count: the fine one ended 2 errors from the start.
     """
     level: Any = Valleys([10.0], bend=1.0)
     level.sharper = sharper
