@@ -11,8 +11,9 @@ from typing import Any, Protocol
 from periscopy_sim.model.fit import FittedPhotograph
 from periscopy_sim.numerics import Array
 
-ERROR_RATE = 1e-3
-"""Largest fraction of photographs of a right model in which a correction has an effect."""
+ERROR_RATE = 1e-4
+"""Largest fraction of photographs of a right model in which a correction has an effect. In scenes
+that are a little wrong, gains of probabilities from there to 1e-3 cost 0.2 dB in the mean of 18."""
 
 RESOLVED = 1e-3
 """Sine of the angle between two fields, below which they count as equal: a thousand times single

@@ -28,8 +28,10 @@ A rendered A errs as well, by some δA that pixels and patches do not share. If 
 
     Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
 
-How much of r that is nobody knows. So the ratio is the least one over parts of both between 0 and
-1, added to the products, which makes a gain by chance no likelier.
+How much of r that is nobody knows, but no more than A's weakest image shows: errors leave light of
+every image. So the ratio is the least one over parts of both up to that, added to the products,
+which makes a gain by chance no likelier. Areas have no such errors (0.3 % of r at most, on a real
+photograph); as many as r holds would let the last digits of B decide whether there is a gain.
 """
 
 from collections.abc import Mapping
@@ -40,6 +42,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import optimize, special
 
+from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.numerics import Array, Image
@@ -82,6 +85,7 @@ class WallGain:
         self._background = fit.background.astype(np.float32)
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._error = largest_error(fit)
         self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
@@ -143,7 +147,9 @@ class WallGain:
             errors = self._errors_of_transport(r, shown, scaled, f / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
-            least = 2 * optimize.lsq_linear(*white, bounds=(0, 1), method="bvls").cost
+            by_errors = self._error * np.sum((f / σ) ** 2) / (np.sum(r**2) + 1e-30)
+            parts = 0, float(np.clip(by_errors, ROUNDING, 1))
+            least = 2 * optimize.lsq_linear(*white, bounds=parts, method="bvls").cost
             ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (a @ self._terms).reshape(self._shape)
@@ -200,3 +206,15 @@ def products(vectors: Image, count: int) -> Array:
     """Return the products of so many terms, (K, K), from (C K, M') vectors, C channels a term."""
     terms = vectors.reshape(count, -1).astype(np.float64)
     return np.asarray(np.einsum("km,lm->kl", terms, terms))
+
+
+def largest_error(fit: Fit) -> float:
+    """Return the energy of independent errors in a column of A⊥, at most: its weakest image's.
+
+    Errors of variance s² give an image of unit norm the energy M' s², and the weakest of N images
+    (√M' − √N)² s², by the least singular value of a random matrix.
+    """
+    images = fit.patterns.rows.astype(np.float64)
+    weakest = np.min(fit.patterns.curvatures / np.sum(images**2, axis=1)) * fit.unit**2
+    left = 1 - np.sqrt(images.shape[1] / fit.pixels)
+    return float(weakest / max(left, RESOLVED) ** 2)
