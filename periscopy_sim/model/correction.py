@@ -12,8 +12,8 @@ from periscopy_sim.model.fit import FittedPhotograph
 from periscopy_sim.numerics import Array
 
 ERROR_RATE = 1e-4
-"""Largest fraction of photographs of a right model in which a correction has an effect. In scenes
-that are a little wrong, gains of probabilities from there to 1e-3 cost 0.2 dB in the mean of 18."""
+"""Largest fraction of photographs of a right model in which a correction has an effect. In scenes a
+little wrong, 18 gains of a probability between this and 1e-3 cost 0.2 dB in the mean."""
 
 RESOLVED = 1e-3
 """Sine of the angle between two fields, below which they count as equal: a thousand times single

@@ -30,8 +30,8 @@ A rendered A errs as well, by some δA that pixels and patches do not share. If 
 
 How much of r that is nobody knows, but no more than A's weakest image shows: errors leave light of
 every image. So the ratio is the least one over parts of both up to that, added to the products,
-which makes a gain by chance no likelier. Areas have no such errors (0.3 % of r at most, on a real
-photograph); as many as r holds would let the last digits of B decide whether there is a gain.
+which makes a gain by chance no likelier. A by areas has next to none: they are 1 % of r at most, on
+a real photograph. If they could be all of r, the last digits of B would decide on its gain.
 """
 
 from collections.abc import Mapping
@@ -85,7 +85,7 @@ class WallGain:
         self._background = fit.background.astype(np.float32)
         self._basis = fit.patterns.rows[fit.visible]
         self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
-        self._error = largest_error(fit)
+        self._errors = largest_errors(fit)
         self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
@@ -147,8 +147,10 @@ class WallGain:
             errors = self._errors_of_transport(r, shown, scaled, f / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
-            by_errors = self._error * np.sum((f / σ) ** 2) / (np.sum(r**2) + 1e-30)
-            parts = 0, float(np.clip(by_errors, ROUNDING, 1))
+            by_errors = float(np.sum((f / σ) ** 2 @ self._errors, dtype=np.float64))
+            # Errors need not lie where r does, but no term is larger than 1.
+            sizes = np.array([np.abs(errors[:, 0]).max(), np.sum(r**2)]) + 1e-30
+            parts = 0, np.clip(by_errors / sizes, ROUNDING, 1)
             least = 2 * optimize.lsq_linear(*white, bounds=parts, method="bvls").cost
             ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
@@ -208,13 +210,15 @@ def products(vectors: Image, count: int) -> Array:
     return np.asarray(np.einsum("km,lm->kl", terms, terms))
 
 
-def largest_error(fit: Fit) -> float:
-    """Return the energy of independent errors in a column of A⊥, at most: its weakest image's.
+def largest_errors(fit: Fit) -> Array:
+    """Return the energy of independent errors in each column of A⊥, (N,), at most.
 
-    Errors of variance s² give an image of unit norm the energy M' s², and the weakest of N images
-    (√M' − √N)² s², by the least singular value of a random matrix.
+    They are a part s² of the columns' energies, alike in all pixels. So the weakest of N images
+    has a part s² (1 − √(N/K))² of what its patches have, K the pixels less the dimensions of
+    ambient light, by the least singular value of a random matrix; and A⊥ has no weaker one.
     """
-    images = fit.patterns.rows.astype(np.float64)
-    weakest = np.min(fit.patterns.curvatures / np.sum(images**2, axis=1)) * fit.unit**2
-    left = 1 - np.sqrt(images.shape[1] / fit.pixels)
-    return float(weakest / max(left, RESOLVED) ** 2)
+    images = fit.patterns.rows[fit.visible]
+    energies = np.sum(fit.factor**2, axis=0)
+    parts = fit.curvatures * fit.unit**2 / (images**2 @ energies)
+    left = 1 - np.sqrt(images.shape[1] / max(1, fit.pixels - len(fit.background)))
+    return np.asarray(energies * min(1.0, np.min(parts) / max(left, RESOLVED) ** 2))

@@ -7,7 +7,7 @@ from scipy import stats
 import periscopy_sim as ps
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.wall_gain import WallGain, largest_error
+from periscopy_sim.model.wall_gain import WallGain, largest_errors
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from tests.scenes.two_walls import write_two_walls
@@ -46,7 +46,8 @@ def fitted_to(A, B, mask=None):
     wall_gain = WallGain(fit)
     Q = fit.background.T
     used = np.asarray(fit.rows, np.float64)
-    left = (used - Q @ (Q.T @ used)) @ fit.patterns.rows.T / np.sqrt(fit.curvatures) / fit.unit
+    patterns = fit.patterns.rows[fit.visible].T
+    left = (used - Q @ (Q.T @ used)) @ patterns / np.sqrt(fit.curvatures) / fit.unit
 
     def estimate(rejected, noise, image):
         return wall_gain.estimate(rejected, rejected @ left, noise, image)
@@ -206,13 +207,16 @@ def rejected_by(Q, y):
     return np.ascontiguousarray((y - Q @ (Q.T @ y)).T)
 
 
-def test_errors_of_the_transport_matrix_are_no_gain():
+@pytest.mark.parametrize("dark", [False, True])
+def test_errors_of_the_transport_matrix_are_no_gain(dark):
     bumps = bumps_of_light(6)
     hidden = TRUTH * np.linspace(0, 2, 20)[:, None]
     probabilities = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
         rendered = bumps + 0.004 * (1 + 0.9 * X[:, None]) * rng.standard_normal(bumps.shape)
+        if dark:  # a patch that the wall does not see has no errors
+            rendered[:, 0] = bumps[:, 0] = 0
         estimate, Q = fitted_to(rendered, np.ones((PIXELS, 1)))
         y = bumps @ hidden + 1e-3 * rng.standard_normal((PIXELS, 3))
         left = left_over(np.hstack([rendered, Q, monomials(5)]), y)[0]
@@ -222,15 +226,24 @@ def test_errors_of_the_transport_matrix_are_no_gain():
     assert np.sum(np.array(probabilities) < 0.05) <= 7
 
 
+@pytest.mark.parametrize("ambient", [1, 60])
 @pytest.mark.parametrize("size", [1e-3, 1e-2])
-def test_errors_of_the_transport_matrix_are_no_larger_than_its_weakest_image_shows(size):
+def test_errors_of_the_transport_matrix_are_no_larger_than_its_weakest_image_shows(size, ambient):
     smooth = bumps_of_light(0.5)  # its weakest image has next to no light
-    rendered = smooth + size * np.random.default_rng(0).standard_normal(smooth.shape)
-    exact, bound = (
-        largest_error(Fit(each, np.ones((PIXELS, 1)), hidden=Hidden.of(HIDDEN)))
-        for each in (smooth, rendered)
+    smooth[:, :5] *= 0.02
+    rng = np.random.default_rng(0)
+    background = rng.standard_normal((PIXELS, ambient))
+    Q = np.linalg.qr(background)[0]
+    energies = np.sum((smooth - Q @ (Q.T @ smooth)) ** 2, axis=0)
+    errors = size * np.sqrt(energies / PIXELS) * rng.standard_normal(smooth.shape)
+    exact, bounds = (
+        largest_errors(Fit(each, background, hidden=Hidden.of(HIDDEN)))
+        for each in (smooth, smooth + errors)
     )
-    assert exact < 0.01 * size**2 * PIXELS < size**2 * PIXELS < bound < 2 * size**2 * PIXELS
+    errors -= Q @ (Q.T @ errors)
+    of_columns = np.sum(errors**2, axis=0)
+    assert (exact < 0.1 * of_columns).all() and (bounds > 0.8 * of_columns).all()
+    assert of_columns.sum() < bounds.sum() < 3 * of_columns.sum()
 
 
 def test_dark_and_noiseless_photographs_have_no_gain():
