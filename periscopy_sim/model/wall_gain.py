@@ -28,10 +28,11 @@ A rendered A errs as well, by some δA that pixels and patches do not share. If 
 
     Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
 
-How much of r that is nobody knows, but no more than A's weakest image shows: errors leave light of
-every image. So the ratio is the least one over parts of both up to that, added to the products,
-which makes a gain by chance no likelier. A by areas has next to none: they are 1 % of r at most, on
-a real photograph. If they could be all of r, the last digits of B would decide on its gain.
+How much of r that is nobody knows, but no more than A's weakest image shows, because errors give
+light to every image that the wall sees. So the ratio is the least one over parts of both up to
+that, added to the products, which makes a gain by chance no likelier. A by areas has next to none:
+they are 1 % of r at most, on a real photograph. If they could be all of r, the last digits of B
+would decide on its gain.
 """
 
 from collections.abc import Mapping
@@ -149,8 +150,8 @@ class WallGain:
             white = (np.linalg.solve(C, part) for part in (errors, -q))
             by_errors = float(np.sum((f / σ) ** 2 @ self._errors, dtype=np.float64))
             # Errors need not lie where r does, but no term is larger than 1.
-            sizes = np.array([np.abs(errors[:, 0]).max(), np.sum(r**2)]) + 1e-30
-            parts = 0, np.clip(by_errors / sizes, ROUNDING, 1)
+            most = np.array([np.abs(errors[:, 0]).max(), np.sum(r**2)]) + 1e-30
+            parts = 0, np.clip(by_errors / most, ROUNDING, 1)
             least = 2 * optimize.lsq_linear(*white, bounds=parts, method="bvls").cost
             ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
