@@ -28,11 +28,11 @@ A rendered A errs as well, by some δA that pixels and patches do not share. If 
 
     Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
 
-How much of r that is nobody knows, but no more than A's weakest image shows, because errors give
-light to every image that the wall sees. So the ratio is the least one over parts of both up to
-that, added to the products, which makes a gain by chance no likelier. A by areas has next to none:
-they are 1 % of r at most, on a real photograph. If they could be all of r, the last digits of B
-would decide on its gain.
+How much of r that is remains unknown, but it is no more than A's weakest image shows, because
+errors give light to every image that the wall sees. So the ratio is the least one over parts of
+both up to that, added to the products, which makes a gain by chance no likelier. A by areas has
+next to none: they are 1 % of r at most, on a real photograph. If they could be all of r, the last
+digits of B would decide on its gain.
 """
 
 from collections.abc import Mapping
