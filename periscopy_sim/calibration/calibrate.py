@@ -133,8 +133,8 @@ def _calibrated(
     problem: CalibrationProblem, seed: int, progress: Callable[[float], None]
 ) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
-    coarse, fine, names = problem.coarse(), problem.fine(), problem.names
-    search = Search(coarse, fine, seed, progress)
+    fine, names = problem.fine(), problem.names
+    search = Search(problem.coarse(), problem.large(), fine, seed, progress)
     level, end = search.best(search.starts())
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))

@@ -33,14 +33,16 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
-MOST_PATCHES = 36
-"""Along a side of each hidden image: of more, a coarser image serves."""
+MOST_PATCHES, LARGER = 36, 2
+"""Patches along a side of each hidden image: of more, a coarser image serves. And how many times as
+large they are for the first descents with images of few edges."""
 
 COARSE_PIXELS, COARSE_HATS = 1000, 24
 """Pixels of the coarse level, about, and hat functions along the longer side of its images."""
 
-POINTS = 63
-"""Along the longer side of the wall, at least, where fine derivatives are computed."""
+POINTS, LARGE_POINTS = 63, 48
+"""Along the longer side of the wall, at least, where derivatives are computed, of large patches A
+too: by one point a pixel, 31, a plate loses 10 dB."""
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Of the fine level, and of the one for errors, at least."""
@@ -102,10 +104,18 @@ class CalibrationProblem:
         """Return the level on which a search begins."""
         return self._level(0.0, self._smooth, points=1)
 
+    def large(self) -> ResolutionLevel | None:
+        """Return the level of unknown images in large patches, if there are any."""
+        if not self.has_unknown_images:
+            return None
+        longest = max(map(max, self.hidden.shapes.values()))
+        hidden = self._in_patches(max(1, longest // LARGER))
+        return self._level(PIXELS_A_PATCH, self._sharp(hidden), hidden, points=LARGE_POINTS)
+
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        images = SharpImages(self.hidden, self.photographs[0].channels)
-        level, finest = self._level(PIXELS_A_PATCH, images), self._averaged[0]
+        level = self._level(PIXELS_A_PATCH, self._sharp(self.hidden))
+        finest = self._averaged[0]
         across, part = points_across(finest.shape), level.scene.scenario
         scene = self._scene(finest.pixels, across, part.hidden)
         return replace(level, finer=(scene, averages(finest.pixels, part.view.shape, across)))
@@ -130,6 +140,9 @@ class CalibrationProblem:
     def _smooth(self) -> SmoothImages:
         return SmoothImages.hats(self.hidden, self._in_patches(COARSE_HATS))
 
+    def _sharp(self, hidden: Hidden) -> SharpImages:
+        return SharpImages(hidden, self.photographs[0].channels)
+
     def _in_patches(self, longest: int) -> Hidden:
         """Return the hidden surfaces in at most so many patches along a side."""
         return Hidden.of_scene(self.scenario.scene, limit_sizes(self.scenario.hidden, longest))
@@ -142,13 +155,17 @@ class CalibrationProblem:
         return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 
     def _level(
-        self, a_patch: float, unknown: SmoothImages | SharpImages, points: int = POINTS
+        self,
+        a_patch: float,
+        unknown: SmoothImages | SharpImages,
+        hidden: Hidden | None = None,
+        points: int = POINTS,
     ) -> ResolutionLevel:
         """Return the level of averaged photographs, of about so many pixels a patch.
 
         `COARSE_PIXELS` is the least, if there are as many.
         """
-        hidden = self.hidden
+        hidden = hidden or self.hidden
         finest, count = self._averaged[0], max(COARSE_PIXELS, a_patch * hidden.patches)
         by = max(1, round(np.sqrt(finest.pixels.sum() / count)))
         shape = limit_size(finest.shape, max(finest.shape) // by)

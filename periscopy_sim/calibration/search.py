@@ -1,9 +1,10 @@
 """The search for the point that explains photographs best: cooled descents from prior draws.
 
 The evidence has many valleys, because wrong scenes fit with other images. The search draws many
-points from the prior, descends from those that explain most, and keeps the best after a few steps.
-A descent begins where the evidence counts for little, so that only what the photographs show beyond
-doubt leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
+points from the prior, descends from those that explain most with smooth images, and keeps the best
+after a few steps. Images of few edges in large patches lead from there to other valleys. A descent
+begins where the evidence counts for little, so that only what the photographs show beyond doubt
+leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
 Visual Reconstruction, 1987). Fine descents follow from all ends, whose images are nonnegative and
 have few edges; soon only two go on, then the better one, until it gains little. It hops where its
 image lies a patch aside, as long as the photographs show that it belongs there. It is not at the
@@ -13,7 +14,7 @@ over all images that have its edges. This descent counts if it cools to 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 
@@ -38,12 +39,23 @@ STEPS, TRIALS = 2, 4
 """Of a descent at each temperature, and of a step, each shorter than the one before."""
 
 DRAWS, DESCENTS, KEPT = 64, 12, 3
-"""Draws from the prior, the best of them, where coarse descents start, and how many descents go on
+"""Draws from the prior, the best of them, where coarse descents start, and how many of these go on
 after the first temperature: of a sign's best 14, 3 end well, and are the best 3 after two steps."""
 
 NUMBERS = 4
 """Parameters from which all of these draws and descents are made; of fewer, as many fewer. Chosen
 for speed: three of the chair end within 0.24 mm of the truth, as they did after all draws."""
+
+LARGE_COOLING = 32.0, 16.0, 8.0, 4.0
+"""Temperatures of descents in large patches, a photograph. They only propose where fine ones start:
+a chair, whose image they blur, loses 15 dB if no other descents go on."""
+
+LARGE_SURVIVORS = 9, 6, 4, 4
+"""How many descents in large patches go on after each temperature. They start at all coarse ends of
+the first temperature: of a plate's twelve the one that ends well was the last but one."""
+
+STARTS = 6
+"""Most places from which fine descents start, those of smooth images before others."""
 
 SURVIVORS = 3, 2
 """How many fine descents go on after `HOTTEST`, and after each temperature from then on, until the
@@ -55,7 +67,8 @@ DAMPING, SHORTER = 1e-3, 4.0
 whose end is no scene, or shows no more curvature."""
 
 NEGLIGIBLE = 0.5
-"""Decrease of the objective, predicted or made, that ends a descent; closer ends count as one."""
+"""Decrease of the objective, predicted or made, that ends a descent. Two ends that are both as near
+to one bottom count as one."""
 
 ROUNDS, LEAST_GAIN = 8, 3.0
 """Most descents at the last temperature, and the decrease of the objective below which one is the
@@ -70,9 +83,10 @@ SURE, UNLIKELY = 0.8, 0.05
 """Probabilities of a place aside: the search moves above the first, and reports a rival above the
 second. Both are chosen."""
 
-SHARES = 0.03, 0.09, 0.8, 0.05
-"""Fractions of the time that draws, coarse, fine and last descents take (chair, 63 x 63 pixels, 29
-x 36 patches), hops being fine ones, for the progress alone; the rest is the standard errors'."""
+SHARES = 0.03, 0.24, 0.67, 0.03
+"""Fractions of the time that draws, coarse and large, fine and last descents take (chair, 63 x 63
+pixels, 29 x 36 patches), hops being fine ones, for the progress alone; the rest is the standard
+errors'."""
 
 
 def fine_cooling(photographs: int) -> list[float]:
@@ -146,9 +160,13 @@ def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Levels of the same photographs: `coarse` to begin on, then `fine`, then its `with_edges`."""
+    """Levels of the same photographs.
+
+    The search begins on `coarse` and `large`, goes on on `fine`, and ends on its `with_edges`.
+    """
 
     coarse: ResolutionLevel
+    large: ResolutionLevel | None  # of unknown images
     fine: ResolutionLevel
     seed: int
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
@@ -168,12 +186,14 @@ class Search:
         return round(part * DRAWS), round(part * DESCENTS)
 
     def visit(self, stage: int, candidate: Candidate) -> None:
-        """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
+        """Add a draw, 0, or a temperature's end: 1 coarse or large, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
         draws, descents = self.counts
         coarse = descents + KEPT * (len(COOLING) - 3) + len(COOLING)
-        fine = KEPT + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS
+        if self.large is not None:
+            coarse += sum(min(most, descents + 1) for most in (descents + 1, *LARGE_SURVIVORS[:-1]))
+        fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
         most = draws, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
@@ -187,21 +207,18 @@ class Search:
         draws, descents = self.counts
         deviations = level.scene.errors * random.standard_normal((draws, len(level.centers)))
         drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        starts = nsmallest(descents, self._scenes(drawn), key=lambda each: each.cost)
-        (own,) = self._coarse_ends([level.candidate(level.center)], COOLING)
-        curvature, distinct = own.curvature(), [own.point]
-        for end in self._coarse_ends(starts, COOLING[2:]):
-            steps = np.array([end.point - point for point in distinct])
-            if np.min(np.einsum("ki,ij,kj->k", steps, curvature, steps)) > NEGLIGIBLE:
-                distinct.append(end.point)
-        first, *others = map(self.fine.candidate, distinct)
-        return [first, *(each for each in others if each.explanations)]
-
-    def _scenes(self, points: Array) -> Iterator[Candidate]:
-        for candidate in map(self.coarse.candidate, points):
-            if candidate.explanations:
+        scenes = []
+        for candidate in map(level.candidate, drawn):
+            if _is_scene(candidate):
                 self.visit(0, candidate)
-                yield candidate
+                scenes.append(candidate)
+        starts = nsmallest(descents, scenes, key=lambda each: each.cost)
+        (own,) = self._coarse_ends([level.look(level.candidate(level.center))], COOLING)
+        hot = self._coarse_ends(map(level.look, starts), COOLING[2:3])
+        cold = self._coarse_ends(hot[:KEPT], COOLING[3:])
+        distinct = _distinct([own, *cold, *self._proposed([own, *hot])])[:STARTS]
+        first, *others = [self.fine.candidate(look.point) for look in distinct]
+        return [first, *filter(_is_scene, others)]
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
@@ -211,8 +228,7 @@ class Search:
             looks = _ranked([self._cooled(level, 2, look, T) for look in looks])
             looks = looks[: SURVIVORS[level is not self.fine]]
             if level is self.fine:
-                level = level.with_misfit(looks[0])
-                looks = [level.look(level.candidate(x.point), x.temperature) for x in looks]
+                level, looks = _with_misfit(level, looks)
         best = self._hopped(level, self._settled(level, looks[0]))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
@@ -253,7 +269,7 @@ class Search:
         self.rivals.clear()
         T, asides, error = look.temperature, map(level.candidate, self._asides(look)), None
         for aside in nsmallest(ASIDES, asides, key=lambda each: each.misfit_at(T)):
-            if aside.explanations:
+            if _is_scene(aside):
                 end = self._settled(level, level.look(aside, T), look.misfit_at(T))
                 if is_significant(end.penalty, len(look.point)):
                     continue
@@ -301,11 +317,23 @@ class Search:
         self.visit(stage, look)
         return look
 
-    def _coarse_ends(self, starts: list[Candidate], cooling: Sequence[float]) -> list[Look]:
-        looks = [self.coarse.look(each) for each in starts]
+    def _coarse_ends(self, looks: Iterable[Look], cooling: Sequence[float]) -> list[Look]:
+        """Return where coarse descents end, the best first."""
         for T in self.coarse.photographs * np.array(cooling):
             looks = [self._descended(self.coarse, 1, look, T) for look in looks]
-            looks = nsmallest(KEPT, looks, key=lambda look: look.objective)
+        return sorted(looks, key=lambda look: look.objective)
+
+    def _proposed(self, ends: Sequence[Look]) -> list[Look]:
+        """Return where descents in large patches end that start at coarse ends, the best first."""
+        if (level := self.large) is None:
+            return []
+        candidates = [level.candidate(end.point) for end in ends]
+        looks = [level.look(each) for each in candidates if _is_scene(each)]
+        for T, most in zip(LARGE_COOLING, LARGE_SURVIVORS, strict=True):
+            looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
+            looks = nsmallest(most, looks, key=lambda look: look.objective)
+            if looks and level is self.large:
+                level, looks = _with_misfit(level, looks)
         return looks
 
     def _cooled(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
@@ -319,6 +347,28 @@ class Search:
         colder = self._descended(level, stage, look, T)
         is_far = is_significant(colder.penalty, len(look.point))
         return look if is_far and HOTTEST * level.photographs > T else colder
+
+
+def _is_scene(candidate: Candidate) -> bool:
+    return bool(candidate.explanations)
+
+
+def _distinct(looks: Sequence[Look]) -> list[Look]:
+    """Return looks without those in the valley of an earlier one, by the first one's curvature."""
+    curvature, kept = looks[0].curvature(), [looks[0]]
+    for look in looks[1:]:
+        steps = [look.point - other.point for other in kept]
+        if min(step @ curvature @ step for step in steps) > 2**2 * NEGLIGIBLE:
+            kept.append(look)
+    return kept
+
+
+def _with_misfit(
+    level: ResolutionLevel, looks: Sequence[Look]
+) -> tuple[ResolutionLevel, list[Look]]:
+    """Return the level whose noise is like the residual of the first look, and the looks there."""
+    level = level.with_misfit(looks[0])
+    return level, [level.look(level.candidate(x.point), x.temperature) for x in looks]
 
 
 def _prediction_error(level: ResolutionLevel, look: Look) -> float:
