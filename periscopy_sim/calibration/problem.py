@@ -42,7 +42,7 @@ COARSE_PIXELS, COARSE_HATS = 1000, 24
 
 POINTS, LARGE_POINTS = 63, 48
 """Along the longer side of the wall, at least, where derivatives are computed, of large patches A
-too: by one point a pixel, 31, a plate loses 10 dB."""
+too: by one point a pixel, 31, a plate lost 10 dB where large patches decided."""
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Of the fine level, and of the one for errors, at least."""

@@ -23,7 +23,6 @@ from scipy.special import expit
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
-from periscopy_sim.calibration.sharp_images import SharpExplanation
 from periscopy_sim.calibration.trust import FARTHEST, is_significant
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
@@ -162,7 +161,7 @@ def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
 class Search:
     """Levels of the same photographs.
 
-    The search begins on `coarse` and `large`, goes on on `fine`, and ends on its `with_edges`.
+    The search begins on `coarse` and `large`, continues on `fine`, and ends on its `with_edges`.
     """
 
     coarse: ResolutionLevel
@@ -283,8 +282,7 @@ class Search:
 
     def _asides(self, look: Look) -> Iterator[Array]:
         """Yield points to which the scene follows images that are held a patch aside."""
-        is_unknown = any(isinstance(each, SharpExplanation) for each in look.explanations)
-        for surface in self.fine.scene.scenario.hidden if is_unknown else ():
+        for surface in self.fine.scene.scenario.hidden if self.large is not None else ():
             for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                 try:
                     held = self.coarse.holding(look, surface, shift)
