@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.setting import SNR, Measured, Setting, package_sha256
-from periscopy_sim.evaluation.sweep import array_sha256
+from periscopy_sim.storage.outputs.provenance import array_sha256
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,12 +52,9 @@ def swept(
     """
     code = package_sha256()
     sweep = ps.Sweep(
-        signal=measured.signal,
-        truth=measured.truth,
-        backgrounds=backgrounds,
-        methods=methods,
+        ps.World({name: measured.signal}, {name: measured.truth}, backgrounds, methods),
         sbrs=sbrs,
-        snr=SNR,
+        snrs=[SNR],
         seeds=range(draws),
         seed=setting.seed,
         conditions={
@@ -67,7 +64,8 @@ def swept(
             **fitted,
         },
     )
-    return ps.run_sweep(sweep, setting.out / "sweeps" / f"{name.replace(' ', '')}-{code[:8]}")
+    folder = setting.out / "sweeps" / f"{name.replace(' ', '')}-{code[:8]}"
+    return ps.run_sweep(sweep, folder).squeeze(["image", "snr"], drop=True)
 
 
 def of_method(results: xr.Dataset, method: str) -> xr.Dataset:

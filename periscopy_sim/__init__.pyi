@@ -24,7 +24,8 @@ from .evaluation.metrics import (
     psnr_gain_matched,
     registered,
 )
-from .evaluation.sweep import Sweep, flips, run_sweep
+from .evaluation.sweep import Sweep, run_sweep
+from .evaluation.world import World, flips
 from .figures.display import save_png, show, to_srgb
 from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory
@@ -103,6 +104,7 @@ __all__ = [
     "View",
     "WallPoints",
     "WallTags",
+    "World",
     "add_bounces",
     "add_noise",
     "analytic_transport",

@@ -6,7 +6,7 @@ from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
 
-SWEEP = ("xarray", "zarr", "google_crc32c", "distributed", "cloudpickle")
+SWEEP = ("xarray", "zarr", "google_crc32c", "distributed", "cloudpickle", "skimage")
 EXTRA_OF = {
     **dict.fromkeys(SWEEP, "sweep"),
     "rawpy": "raw",

@@ -30,27 +30,27 @@ for name in ("room 1", "room 2", "room 3"):
     colours = rng.uniform(0.5, 1, (6, 3))
     rooms[name] = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(63, 63, 3)
 
-sweep = ps.Sweep(
-    signal=ps.render_photograph(scene, truth, samples=1024),
-    truth=truth,
+world = ps.World(
+    signals={"mushroom": ps.render_photograph(scene, truth, samples=1024)},
+    truths={"mushroom": truth},
     backgrounds=ps.flips(rooms),
     methods={
         "noise-aware": ps.NoiseAware.for_scene(scene, A, B),
         "preconditioned": ps.Periscope.for_scene(scene, A, B),
         "truncated SVD": ps.TruncatedSVD.for_scene(scene, A, B),
     },
-    sbrs=[0.05, 0.2, 1, 5, 20],
-    snr=60,
 )
+sweep = ps.Sweep(world, sbrs=[0.05, 0.2, 1, 5, 20], snrs=[60])
 results = ps.run_sweep(sweep, Path(tempfile.mkdtemp()))
 print(results.mean_squared_error.sizes)
+results = results.squeeze()
 
 # %%
 # Lines are means over the twelve backgrounds, bands the range from the 10th to the 90th percentile.
 
 figure, ax = plt.subplots(figsize=(5.2, 3.6))
-for name in sweep.methods:
-    error = results.mean_squared_error.sel(algorithm=name, seed=0)
+for name in world.methods:
+    error = results.mean_squared_error.sel(algorithm=name)
     low, high = error.quantile([0.1, 0.9], dim="background").values
     (line,) = ax.loglog(results.sbr, error.mean("background"), "o-", markersize=3, label=name)
     ax.fill_between(results.sbr, low, high, color=line.get_color(), alpha=0.18, linewidth=0)
@@ -58,18 +58,16 @@ ax.set(xlabel="signal-to-background ratio", ylabel="mean squared error")
 ax.grid(linewidth=0.4, color="0.85")
 ax.legend()
 
-mean = results.mean_squared_error.mean(["background", "seed"])
+mean = results.mean_squared_error.mean("background")
 assert (mean.sel(algorithm="noise-aware") < mean.sel(algorithm="preconditioned")).all()
 
 # %%
 # The sweep keeps every image, so that a number that surprises can be looked at.
 
 figure, axes = plt.subplots(3, 5, figsize=(7.2, 3.9))
-for row, name in zip(axes, sweep.methods, strict=True):
+for row, name in zip(axes, world.methods, strict=True):
     for ax, sbr in zip(row, sweep.sbrs, strict=True):
-        image = results.reconstruction.sel(
-            algorithm=name, background="room 1", sbr=sbr, seed=0
-        ).values
+        image = results.reconstruction.sel(algorithm=name, background="room 1", sbr=sbr).values
         ax.imshow(ps.to_srgb(ps.gain_matched(image, truth), 1))
         ax.set(xticks=[], yticks=[])
         ax.spines[:].set_visible(False)

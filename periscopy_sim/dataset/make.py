@@ -27,7 +27,7 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.staging import alone_in
-from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
+from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
 
 VERSIONS = ("periscopy-sim", "numpy", "mitsuba", "drjit", "variant")
 """What samples depend on, beside the configuration."""
@@ -112,22 +112,25 @@ def make_dataset(
         "configuration": settings.identity(),
         "layout": layout.attributes,
         "versions": {name: made_by[name] for name in VERSIONS},
+        "count": layout.count,
     }
     check_scheduler(scheduler)
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
-        by_geometry = groupby(store.missing(), lambda block: block // blocks_each)
+        by_geometry = groupby(
+            (block for (block,) in store.missing()), lambda block: block // blocks_each
+        )
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
-        made = sum(store.layout.size(n) for blocks in shares.values() for n in blocks)
+        made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
         done = layout.count - made
         shared = settings, layout.photograph_shape, backgrounds
         for block, values in _made(shared, shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
-            store.write(block, values)
-            done += store.layout.size(block)
+            store.write((block,), values)
+            done += store.layout.size((block,))
         report(done, layout.count)
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
@@ -177,13 +180,8 @@ def _blocks(
     yield from zip(blocks, calls(make, blocks), strict=True)
 
 
-def _labels(
-    settings: Configuration, draws: Sequence[GeometryDraw]
-) -> dict[str, tuple[str, list[Any]]]:
-    """Return each geometry's scene, split and parameters, and the channels' names.
-
-    An archive has these before any sample: a dimension and values for each name.
-    """
+def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str, Label]:
+    """Return each geometry's scene, split and parameters, and the channels' names."""
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],
         "geometry_split": [draw.split for draw in draws],
@@ -194,5 +192,5 @@ def _labels(
             variables[f"parameter_{name}"] = [float(text or "nan") for text in texts]
         except ValueError:
             variables[f"parameter_{name}"] = texts
-    of_geometries = {name: ("geometries", values) for name, values in variables.items()}
-    return {**of_geometries, "channel": ("channel", [*CHANNELS])}
+    of_geometries = {name: Label("geometries", values) for name, values in variables.items()}
+    return {**of_geometries, "channel": Label("channel", [*CHANNELS])}

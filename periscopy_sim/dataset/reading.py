@@ -120,7 +120,7 @@ class Layout:
                 "attributes": {"long_name": long_name} | ({"units": units} if units else {}),
             }  # fmt: skip
         cuts = {"sample": (self.count, self.block)}
-        return StoreLayout("data set", laid_out, cuts, self.count)
+        return StoreLayout("data set", laid_out, cuts, growing=["count"])
 
 
 def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
@@ -134,7 +134,7 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     try:
         layout = Layout(attributes["count"], **attributes["layout"])
         records = Records(path, layout.of_store(), attributes)
-        first = records.read(next(iter(records.numbers()), 0)).get("of", records.of)
+        first = records.read(next(iter(records.blocks()), (0,))).get("of", records.of)
         if first != records.of or not (path / MAKING).is_dir():
             raise ValueError
     except (KeyError, TypeError, ValueError):
@@ -190,8 +190,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
         held = data[name].shape if name in data.variables else (0,)
         if held[:1] < (length,) or [*held[1:]] != shape:
             raise DatasetError(f"{path}: its variable '{name}' is lost or too small; make it again")
-    blocks = records.layout.blocks
-    ready = sum(records.layout.size(n) for n in takewhile(records.has, blocks))
+    ready = sum(map(records.layout.size, takewhile(records.has, records.layout.blocks)))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -216,13 +215,13 @@ def verify_dataset(
     _, _, records = read_head(path)
     open_dataset(path, incomplete=True)  # where all variables have a head
     damaged: list[tuple[int, int]] = []
-    blocks = records.layout.blocks
-    for number in blocks:
-        samples = records.layout.place(number)["sample"]
-        if not records.verify(number):
+    blocks = [*records.layout.blocks]
+    for block in blocks:
+        samples = records.layout.place(block)["sample"]
+        if not records.verify(block):
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
-        progress(number + 1, len(blocks))
+        progress(block[0] + 1, len(blocks))
     return damaged
 
 
@@ -231,7 +230,7 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    whole = [n for n in records.numbers() if n in records.layout.blocks and records.has(n)]
+    whole = [b for b in records.blocks() if records.layout.has(b) and records.has(b)]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,

@@ -28,6 +28,21 @@ class Registration:
 BEYOND = 1e-3
 """Of [0, 1], by which resampled truths may pass it."""
 
+_NOTE = "gain-matched: uses the truth"
+METRICS = {
+    "mean_squared_error": {
+        "long_name": "mean squared error, white being 1", "units": "1", "note": _NOTE
+    },
+    "psnr": {"long_name": "peak signal-to-noise ratio", "units": "dB", "note": _NOTE},
+    "psnr_registered": {
+        "long_name": "peak signal-to-noise ratio after the best shift of at most 2 patches",
+        "units": "dB",
+        "note": f"{_NOTE}, to find the shift too",
+    },
+    "ssim": {"long_name": "structural similarity", "units": "1", "note": _NOTE},
+}  # fmt: skip
+"""What a sweep measures of each image, see `measured`."""
+
 
 def gain_matched(estimate: Image, truth: Image) -> Array:
     """Clip negatives, scale each channel by the factor that fits the truth best, clip to [0, 1].
@@ -67,6 +82,24 @@ def psnr(estimate: Image, truth: Image) -> float:
 def psnr_gain_matched(estimate: Image, truth: Image) -> float:
     """Peak signal-to-noise ratio in dB for a peak of 1, after `gain_matched`."""
     return _decibels(mean_squared_error(estimate, truth))
+
+
+def structural_similarity(estimate: Image, truth: Image) -> float:
+    """Mean structural similarity after `gain_matched`, by scikit-image: Wang et al., 2004.
+
+    Its windows have 7 patches a side, fewer in a smaller image; NaN below 3.
+    """
+    from skimage import metrics
+
+    truth = _seen_by(estimate, truth)
+    side = min(7, *truth.shape[:2])
+    if side < 3:
+        return math.nan
+    side -= 1 - side % 2
+    image = gain_matched(estimate, truth)
+    return float(
+        metrics.structural_similarity(image, truth, win_size=side, channel_axis=2, data_range=1)
+    )
 
 
 def colour_matched_psnr(estimate: Image, truth: Image) -> float:
@@ -120,3 +153,14 @@ def shifted(image: Image, down: float, right: float) -> Array:
 
     values, shift = np.asarray(image, np.float64), (down, right, 0)
     return np.asarray(ndimage.shift(values, shift, order=1, mode="grid-constant"))
+
+
+def measured(image: Image, truth: Image) -> dict[str, float]:
+    """Return the `METRICS` of an image, both (R, C, channels)."""
+    truth = np.ascontiguousarray(truth)
+    return {
+        "mean_squared_error": mean_squared_error(image, truth),
+        "psnr": psnr_gain_matched(image, truth),
+        "psnr_registered": registered(image, truth).psnr,
+        "ssim": structural_similarity(image, truth),
+    }

@@ -67,7 +67,7 @@ def test_others_read_what_it_holds(whole, tmp_path):
 
 
 def test_unfinished_data_set_is_refused_unless_asked_for(data, configured):
-    read_head(data)[2].file(2).unlink()
+    read_head(data)[2].file((2,)).unlink()
     with pytest.raises(DatasetError, match="not finished, 20 of 46"):
         ps.open_dataset(data)
     assert ps.open_dataset(data, incomplete=True).sizes["sample"] == 20
@@ -92,9 +92,9 @@ def test_verification_lists_damaged_and_missing_samples(data, name):
     content = bytearray(file.read_bytes())
     content[-1] ^= 1
     file.write_bytes(content)
-    read_head(data)[2].file(1).unlink()
+    read_head(data)[2].file((1,)).unlink()
     assert verify_dataset(data) == [(10, 20), (30, 40)]
-    read_head(data)[2].file(2).unlink()
+    read_head(data)[2].file((2,)).unlink()
     assert verify_dataset(data) == [(10, 40)]
     shutil.rmtree(data / "sbr")
     with pytest.raises(DatasetError, match="sbr"):
@@ -107,7 +107,7 @@ def test_description_counts_what_there_is(data):
     assert sum(found["split"].values()) == sum(found["ambient"].values()) == 46
     assert found["photograph"] == [16, 16] and found["hidden"] == [3, 4]
     assert found["snr"][0] >= 20 and found["snr"][1] <= 60
-    read_head(data)[2].file(4).unlink()
+    read_head(data)[2].file((4,)).unlink()
     assert describe(data)["finished"] == 40
     assert sum(describe(data)["split"].values()) == 40
 

@@ -9,7 +9,8 @@ import xarray as xr
 from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.evaluation.sweep import Sweep, flips, run_sweep
+from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.evaluation.world import World, flips
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from tests.scenes.contents import contents
@@ -45,10 +46,20 @@ class Moody:
         return np.zeros((4, 3, 3))
 
 
-def sweep_of(**changes):
+def world_of(**changes):
     methods = {"first": Linear(1), "second": Linear(2)}
-    base = Sweep(SIGNAL, TRUTH, LIGHTS, methods, [0.1, 1, 10], snr=40, seeds=range(2), seed=7)
+    base = World({"p": SIGNAL}, {"p": TRUTH}, LIGHTS, methods)
     return replace(base, **changes)
+
+
+def sweep_of(*, sbrs=(0.1, 1, 10), snrs=(40,), seeds=(0, 1), seed=7, conditions=None, **changes):
+    settings = {"seeds": seeds, "seed": seed, "conditions": conditions or {}}
+    return Sweep(world_of(**changes), sbrs, snrs, **settings)
+
+
+def photograph(sweep, background, sbr, seed, snr=40):
+    labels = {"image": "p", "background": background, "sbr": sbr, "snr": snr, "seed": seed}
+    return sweep.photograph(labels)
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +71,13 @@ def done(tmp_path_factory):
 
 @pytest.mark.parametrize("sbr", [0.1, 1, 10])
 def test_photograph_has_its_sbr_and_its_noise(sbr):
-    clean = replace(sweep_of(), snr=300).photograph("sun", sbr, 0)
+    clean = photograph(sweep_of(), "sun", sbr, 0, snr=300)
     # The least-squares parts of signal and background in it.
     columns = np.stack([SIGNAL.ravel(), LIGHTS["sun"].ravel()], axis=1)
     parts = np.linalg.lstsq(columns, clean.ravel())[0] * columns.mean(axis=0)
     assert parts[0] / parts[1] == pytest.approx(sbr)
     assert clean.mean() == pytest.approx(1)
-    noise = [sweep_of(seeds=[s]).photograph("sun", sbr, s) - clean for s in range(100)]
+    noise = [photograph(sweep_of(), "sun", sbr, s) - clean for s in range(100)]
     expected = 10 ** (-40 / 20) * np.sqrt(np.mean(clean**2))
     # 12,600 normal values: the standard error of their deviation is 0.63 %.
     assert np.std(noise) == pytest.approx(expected, rel=0.03)
@@ -74,14 +85,14 @@ def test_photograph_has_its_sbr_and_its_noise(sbr):
 
 
 def test_noise_follows_from_the_labels_alone():
-    y = sweep_of().photograph("sun", 1, 1)
+    y = photograph(sweep_of(), "sun", 1, 1)
     other = sweep_of(
         backgrounds={"more": LIGHTS["lamp"], "sun": LIGHTS["sun"]},
         sbrs=[20, 1.0, 0.1],
         seeds=[1, 5],
         methods={"second": Linear(2)},
     )
-    assert np.array_equal(other.photograph("sun", 1.0, 1), y)
+    assert np.array_equal(photograph(other, "sun", 1.0, 1), y)
 
 
 def test_flips_are_the_four_pictures_of_each_background():
@@ -98,8 +109,9 @@ def test_flips_are_the_four_pictures_of_each_background():
 
 
 def test_only_what_the_mask_leaves_is_exposed_and_noisy():
-    y = sweep_of(signal=MASKED, snr=20).photograph("sun", 0.5, 0)
-    clean = sweep_of(signal=MASKED, snr=300).photograph("sun", 0.5, 0)
+    masked = sweep_of(signals={"p": MASKED})
+    y = photograph(masked, "sun", 0.5, 0, snr=20)
+    clean = photograph(masked, "sun", 0.5, 0, snr=300)
     signal, light = SIGNAL[MASK], LIGHTS["sun"][MASK]
     expected = signal / signal.mean() + light / light.mean() / 0.5
     assert np.allclose(clean[MASK], expected / expected.mean(), rtol=1e-12)
@@ -114,22 +126,23 @@ def test_pixels_under_the_mask_change_no_measurement():
         np.where(MASK[..., None], y, [np.nan, np.inf, -1e9]) for y in (SIGNAL, LIGHTS["sun"])
     )
     masked = Photograph.of(signal, mask=MASK)
-    spoilt = sweep_of(signal=masked, backgrounds={"sun": light})
-    expected = sweep_of(signal=MASKED).photograph("sun", 1, 0)
-    assert np.array_equal(spoilt.photograph("sun", 1, 0), expected)
+    spoilt = sweep_of(signals={"p": masked}, backgrounds={"sun": light})
+    expected = photograph(sweep_of(signals={"p": MASKED}), "sun", 1, 0)
+    assert np.array_equal(photograph(spoilt, "sun", 1, 0), expected)
 
 
 def test_results_are_labelled_and_are_what_the_methods_give(done):
     _, results = done
     assert dict(results.sizes) == {
-        "algorithm": 2, "background": 2, "sbr": 3, "seed": 2, "row": 3, "column": 4, "channel": 3
+        "algorithm": 2, "image": 1, "background": 2, "sbr": 3, "snr": 1, "seed": 2, "row": 3,
+        "column": 4, "channel": 3,
     }  # fmt: skip
     assert results["channel"].values.tolist() == ["red", "green", "blue"]
     assert results["reconstruction"].dtype == np.float32
-    sweep = sweep_of()
-    for name, light, sbr, seed in itertools.product(sweep.methods, LIGHTS, [0.1, 1, 10], [0, 1]):
-        cell = results.sel({"algorithm": name, "background": light, "sbr": sbr, "seed": seed})
-        image = sweep.methods[name].reconstruct(sweep.photograph(light, sbr, seed))
+    sweep, methods = sweep_of(), world_of().methods
+    for name, light, sbr, seed in itertools.product(methods, LIGHTS, [0.1, 1, 10], [0, 1]):
+        cell = results.squeeze().sel(algorithm=name, background=light, sbr=sbr, seed=seed)
+        image = methods[name].reconstruct(photograph(sweep, light, sbr, seed))
         assert np.allclose(cell["reconstruction"], image, rtol=1e-6)
         error, best = error_of(image), min(
             error_of(ndimage.shift(image, (d / 2, r / 2, 0), order=1, mode="grid-constant"))
@@ -163,7 +176,7 @@ def test_store_opens_in_xarray_and_its_table_in_any_program(done):
     for row in rows:
         place = {"algorithm": row["algorithm"], "background": row["background"]}
         place |= {"sbr": float(row["sbr"]), "seed": int(row["seed"])}
-        assert float(row["psnr"]) == float(results["psnr"].sel(place))
+        assert float(row["psnr"]) == float(results["psnr"].squeeze().sel(place))
         assert row["failure"] == ""
 
 
@@ -184,19 +197,20 @@ def test_method_that_fails_fails_alone(tmp_path):
     assert wrong.startswith("ValueError: ") and "(4, 3, 3) instead of" in wrong
     assert set(first["failure"].values.flat) == {""}
     table = (tmp_path / "sweep.csv").read_text()
-    assert f"moody,left,0.001,0,nan,nan,nan,{raised}" in table
+    assert f"moody,p,left,0.001,40.0,0,nan,nan,nan,nan,{raised}" in table
 
 
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"methods": {}}, "algorithm"),
+        ({"methods": {}}, "methods"),
         ({"seeds": [1, 1]}, "seed"),
         ({"sbrs": [1, 0]}, "SBR"),
-        ({"snr": np.inf}, "SNR"),
-        ({"backgrounds": {"lamp": SIGNAL[1:]}}, "'lamp'"),
-        ({"signal": SIGNAL * np.nan}, "signal"),
-        ({"backgrounds": {"lamp": SIGNAL[..., :1]}}, "'lamp'"),
+        ({"snrs": [np.inf]}, "SNR"),
+        ({"backgrounds": {"lamp": SIGNAL[1:]}}, "lamp'"),
+        ({"signals": {"p": SIGNAL * np.nan}}, "p"),
+        ({"truths": {"q": TRUTH}}, "q"),
+        ({"backgrounds": {"lamp": SIGNAL[..., :1]}}, "lamp'"),
     ],
 )
 def test_impossible_sweep_is_rejected(changes, name):
@@ -215,11 +229,11 @@ def test_complete_sweep_is_not_done_again(done):
 @pytest.mark.parametrize(
     ("changes", "key"),
     [
-        ({"methods": {"first": Linear(1)}}, "algorithms"),
-        ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background_sha256.sun"),
+        ({"backgrounds": {**LIGHTS, "sun": LIGHTS["lamp"]}}, "background.sun"),
         ({"seed": 8}, "base_seed"),
         ({"conditions": {"A": 1}}, "A"),
-        ({"signal": Photograph.of(SIGNAL, mask=MASK)}, "mask_sha256"),
+        ({"signals": {"p": MASKED}}, "mask_sha256"),
+        ({"signals": {"p": SIGNAL + 1}}, "image.p"),
     ],
 )
 def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
@@ -228,6 +242,74 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
     with pytest.raises(OutputError, match=f"holds another sweep \\({key}"):
         run_sweep(sweep_of(**changes), folder)
     assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"sbrs": (0.1, 3, 1, 10)},
+        {"snrs": (40, 20)},
+        {"seeds": (5, 0, 1)},
+        {"methods": {"first": Linear(1), "third": Linear(3), "second": Linear(2)}},
+        {"backgrounds": {"more": LIGHTS["sun"] + 1, **LIGHTS}},
+        {
+            "signals": {"p": SIGNAL, "q": SIGNAL + 1},
+            "truths": {"p": TRUTH, "q": TRUTH / 2},
+        },
+    ],
+)
+def test_more_values_compute_only_their_cells(more, done, tmp_path):
+    seen = []
+    run_sweep(sweep_of(), tmp_path)
+    grown = run_sweep(sweep_of(**more), tmp_path, progress=seen.append)
+    fresh = run_sweep(sweep_of(**more), tmp_path / "fresh")
+    assert grown.identical(fresh)
+    assert seen[0] > done[1].psnr.size / grown.psnr.size
+    assert (tmp_path / "sweep.csv").read_bytes() == (tmp_path / "fresh/sweep.csv").read_bytes()
+    before = contents(tmp_path / "sweep.zarr")
+    assert run_sweep(sweep_of(), tmp_path).identical(done[1])
+    assert contents(tmp_path / "sweep.zarr") == before
+
+
+def test_worlds_vary_and_are_made_only_for_missing_cells(tmp_path):
+    def swept(sizes):
+        vary = {"bright": [1.0, 2.0], "hidden": sizes}
+        made.clear()
+        return run_sweep(Sweep(Made(), [1], vary=vary, units={"bright": "1"}), tmp_path)
+
+    class Made:
+        """Worlds of flat images, as bright and of the size as asked for."""
+
+        like = world_of(methods={"flat": None})
+        axes, hidden, channels = like.axes, like.hidden, 3
+        conditions, conditions_of, measures = {}, {}, {}
+
+        def __call__(self, bright, hidden):
+            made.append((bright, hidden))
+            truth = np.full((*map(int, hidden.split("x")), 3), 0.5)
+            methods = {"flat": Flat(truth)}
+            return world_of(signals={"p": bright * SIGNAL}, truths={"p": truth}, methods=methods)
+
+    made = []
+    results = swept(["2x3", "3x4"])
+    assert len(made) == 4 and results.psnr.dims[:3] == ("algorithm", "bright", "hidden")
+    assert results.bright.attrs["units"] == "1" and results.snr.attrs["units"] == "dB"
+    images = results["reconstruction_2x3"].squeeze()
+    assert (images.sel(hidden="2x3") == 0.5).all() and images.sel(hidden="3x4").isnull().all()
+    assert "reconstruction_2x3" not in swept(["3x4", "4x4"])
+    assert made == [(1.0, "4x4"), (2.0, "4x4")]
+    with pytest.raises(OutputError, match="bright, hidden"):
+        run_sweep(sweep_of(), tmp_path)
+
+
+class Flat:
+    """Always the same image."""
+
+    def __init__(self, image):
+        self.image = image
+
+    def reconstruct(self, _):
+        return self.image
 
 
 def test_interrupted_sweep_goes_on(done, tmp_path):
@@ -262,16 +344,16 @@ def test_photographs_give_a_sweep_their_mask_and_their_monitor_off_photographs()
     A, off = RNG.uniform(0.1, 1, (42, 4)), RNG.uniform(0.5, 1, SIGNAL.shape)
     settings = {"hidden": (2, 2), "photograph_shape": (6, 7)}
     method = Periscope(A, **settings)
-    ours = sweep_of(signal=given, methods={"p": method})
-    y = ours.photograph("sun", 1, 0)
+    ours = world_of(signals={"p": given}, methods={"p": method})
+    y = ours.photograph("p", "sun", 1, 40, 0)
     expected = method.reconstruct(Photograph.of(y, mask=MASK))
     np.testing.assert_array_equal(ours.methods["p"].reconstruct(y), expected)
     lit = Photograph.of(SIGNAL, monitor_off={"off": off})
-    with_off = sweep_of(signal=lit, methods={"p": method})
+    with_off = world_of(signals={"p": lit}, methods={"p": method})
     assert with_off.methods["p"].fit.monitor_off.keys() == {"off"}
-    assert with_off.configuration() != sweep_of(methods={"p": method}).configuration()
+    assert with_off.conditions != world_of(methods={"p": method}).conditions
     with pytest.raises(PeriscopyError, match="monitor off"):
-        sweep_of(signal=lit)
+        world_of(signals={"p": lit})
 
 
 def test_grey_photographs_give_grey_images_compared_with_the_mean_of_a_coloured_truth(tmp_path):
@@ -280,7 +362,7 @@ def test_grey_photographs_give_grey_images_compared_with_the_mean_of_a_coloured_
     y = (A @ truth.mean(axis=2).ravel()).reshape(6, 7, 1)
     method = Periscope(A, hidden=(2, 2), tv_weight=0, repair_threshold=np.inf)
     light = {"lamp": np.ones((6, 7, 1))}
-    sweep = Sweep(y, truth, light, {"p": method}, [1e6], snr=200)
-    results = run_sweep(sweep, tmp_path)
+    world = World({"q": y}, {"q": truth}, light, {"p": method})
+    results = run_sweep(Sweep(world, [1e6], [200]), tmp_path)
     assert results.reconstruction.shape[-3:] == (2, 2, 1) and results.channel.values == ["grey"]
     assert results.psnr.item() > 50

@@ -40,7 +40,8 @@ class Strict(BaseModel):
             return check(value)
         except ValidationError as error:
             mistakes: list[Any] = error.errors(include_url=False)
-        known = [field.alias or name for name, field in cls.model_fields.items()]
+        fields = cls.model_fields.items()
+        known = [field.alias or name for name, field in fields if name != "folder"]
         # A misspelt name first: what it stands for is missing, too.
         mistakes = sorted(mistakes, key=lambda each: each["type"] != UNKNOWN)
         for each in mistakes:
@@ -88,6 +89,14 @@ class _Loader(yaml.SafeLoader):
             if key.value != "<<":  # which merges
                 key.tag = self.DEFAULT_SCALAR_TAG  # of a text, not of yes, null or 1
         return dict(super().construct_mapping(node, deep))
+
+
+def _whole(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
+    """Return an integer; what YAML 1.1 takes for sixtieths, as 1:9:3, stays a text."""
+    return node.value if ":" in node.value else loader.construct_yaml_int(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _whole)
 
 
 def _letters(node: yaml.Node, known: dict[int, float]) -> float:

@@ -6,8 +6,13 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from periscopy_sim.errors import ConfigurationError
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.variant import mi
@@ -61,3 +66,20 @@ def sha256_of(files: Iterable[Path]) -> str:
         except OSError as error:
             raise ConfigurationError(f"{file}: {error.strerror}; check the path") from error
     return digest.hexdigest()
+
+
+def array_sha256(array: NDArray[Any]) -> str:
+    """Return the digest of an array's shape, type and values."""
+    state = hashlib.sha256(f"{array.shape} {array.dtype.str}".encode())
+    state.update(np.ascontiguousarray(array).data)
+    return state.hexdigest()
+
+
+def image_sha256(image: Image | Mapping[str, Image]) -> Any:
+    """Return the digest of a hidden image to single precision; of several images each by its id.
+
+    Its last bits follow how many threads resampled it.
+    """
+    if isinstance(image, Mapping):
+        return {name: image_sha256(each) for name, each in image.items()}
+    return array_sha256(image.astype(np.float32))

@@ -10,10 +10,12 @@ bytes, however often the work was stopped, and by whomever.
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,9 @@ from periscopy_sim.storage.outputs.staging import (
     unwritable_reported,
 )
 
+Block = tuple[int, ...]
+"""Place of a block among the blocks, along each dimension that is cut."""
+
 MAKING = "making"
 """Folder (and empty Zarr group) of what belongs to the making of a store alone."""
 
@@ -40,36 +45,48 @@ class StoreLayout:
     what: str  # name of the store in messages: a sweep
     variables: Mapping[str, Mapping[str, Any]]  # arguments of `zarr.Group.create_array`
     cuts: Mapping[str, tuple[int, int]]  # length and block's length of each dimension that is cut
-    count: int | None = None  # entries, if they may become more from run to run
+    growing: Collection[str] = ()  # attributes that may differ from run to run
 
     @property
-    def blocks(self) -> range:
-        """Numbers of the blocks, row-major."""
-        return range(math.prod(-(-length // size) for length, size in self.cuts.values()))
+    def grid(self) -> tuple[int, ...]:
+        """How many blocks there are along each dimension that is cut."""
+        return tuple(-(-length // size) for length, size in self.cuts.values())
 
-    def _index(self, number: int) -> dict[str, int]:
-        grid = [-(-length // size) for length, size in self.cuts.values()]
-        return dict(zip(self.cuts, map(int, np.unravel_index(number, grid)), strict=True))
+    @property
+    def blocks(self) -> Iterator[Block]:
+        """The blocks, row-major."""
+        return np.ndindex(self.grid)
 
-    def place(self, number: int) -> dict[str, slice]:
+    def has(self, block: Block) -> bool:
+        """Return whether there is such a block."""
+        return all(k < count for k, count in zip(block, self.grid, strict=True))
+
+    def place(self, block: Block) -> dict[str, slice]:
         """Return a block's slice of each dimension that is cut."""
-        index = self._index(number)
         return {
-            name: slice(index[name] * size, min((index[name] + 1) * size, length))
-            for name, (length, size) in self.cuts.items()
+            name: slice(k * size, min((k + 1) * size, length))
+            for k, (name, (length, size)) in zip(block, self.cuts.items(), strict=True)
         }
 
-    def size(self, number: int) -> int:
+    def size(self, block: Block) -> int:
         """Return the number of a block's entries, such as samples."""
-        return math.prod(each.stop - each.start for each in self.place(number).values())
+        return math.prod(each.stop - each.start for each in self.place(block).values())
 
-    def files(self, number: int) -> dict[str, str]:
+    def files(self, block: Block) -> dict[str, str]:
         """Return each variable's file of a block, as seen from the store."""
-        index = self._index(number)
+        index = dict(zip(self.cuts, block, strict=True))
         return {
             name: "/".join([name, "c", *(str(index.get(d, 0)) for d in each["dimension_names"])])
             for name, each in self.variables.items()
         }
+
+
+class Label(NamedTuple):
+    """A variable of one dimension that is there from the start."""
+
+    dimension: str
+    values: Any
+    attributes: Mapping[str, Any] = MappingProxyType({})
 
 
 class Records:
@@ -77,54 +94,56 @@ class Records:
 
     def __init__(self, path: Path, layout: StoreLayout, attributes: Mapping[str, Any]) -> None:
         self.path, self.layout = path, layout
-        fixed = {name: value for name, value in attributes.items() if name != "count"}
-        self.of = hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
+        fixed = json.dumps(_fixed(attributes, layout), sort_keys=True)
+        self.of = hashlib.sha256(fixed.encode()).hexdigest()[:16]
 
-    def file(self, number: int) -> Path:
+    def file(self, block: Block) -> Path:
         """Return the file whose presence says that a block is complete."""
-        return self.path / MAKING / "finished" / f"{number:08d}.json"
+        name = "-".join(f"{k:08d}" for k in block)
+        return self.path / MAKING / "finished" / f"{name}.json"
 
-    def numbers(self) -> list[int]:
-        """Return the numbers of the blocks that have a record, whole or not."""
-        files = self.file(0).parent.glob("*.json")
-        return sorted(int(file.stem) for file in files if file.stem.isdecimal())
+    def blocks(self) -> list[Block]:
+        """Return the blocks that have a record, whole or not."""
+        files = (self.path / MAKING / "finished").glob("*.json")
+        names = [name for file in files if all(map(str.isdecimal, name := file.stem.split("-")))]
+        return sorted(tuple(map(int, name)) for name in names if len(name) == len(self.layout.cuts))
 
-    def read(self, number: int) -> dict[str, Any]:
+    def read(self, block: Block) -> dict[str, Any]:
         """Read the record of a block; empty if it is missing or damaged."""
         try:
-            return dict(read_json(self.file(number)))
+            return dict(read_json(self.file(block)))
         except (OSError, ValueError, TypeError):
             return {}
 
-    def has(self, number: int) -> bool:
+    def has(self, block: Block) -> bool:
         """Return whether a block has a record, of this store and as large as the layout's."""
-        record = self.read(number)
+        record = self.read(block)
         held = record.get("of"), record.get("samples")
-        return held == (self.of, self.layout.size(number))
+        return held == (self.of, self.layout.size(block))
 
-    def verify(self, number: int) -> bool:
+    def verify(self, block: Block) -> bool:
         """Return whether a block has a record, and each of its files is what that says."""
-        return self.read(number) == self._of_files(number)
+        return self.read(block) == self._of_files(block)
 
-    def write(self, number: int) -> None:
+    def write(self, block: Block) -> None:
         """Record that a block is complete."""
-        with staged_file(self.file(number)) as staged:
-            staged.write_text(json.dumps(self._of_files(number)) + "\n", "utf-8")
+        with staged_file(self.file(block)) as staged:
+            staged.write_text(json.dumps(self._of_files(block)) + "\n", "utf-8")
 
-    def _of_files(self, number: int) -> dict[str, Any]:
+    def _of_files(self, block: Block) -> dict[str, Any]:
         """Return the record of a block that was written."""
-        files = sorted(self.layout.files(number).items())
+        files = sorted(self.layout.files(block).items())
         checksums = {name: checksum(self.path / file) for name, file in files}
-        return {"of": self.of, "samples": self.layout.size(number), "crc32c": checksums}
+        kept = {name: each for name, each in checksums.items() if each is not None}
+        return {"of": self.of, "samples": self.layout.size(block), "crc32c": kept}
 
 
 class BlockStore:
     """A store in the making or complete; one process writes to it at a time.
 
-    The folder is made if missing, complete with its labels or not at all. The layout's `count` may
-    be larger than before. `attributes`, of JSON's types, are all that the entries depend on: a
-    folder of others, or of something else, is an `OutputError`. `labels` are the dimension and the
-    values of each variable that is there from the start.
+    The folder is made if missing, complete with its labels or not at all. Dimensions that are cut
+    may be longer than before. `attributes`, of JSON's types, are all that the entries depend on: a
+    folder of others, or of something else, is an `OutputError`.
     """
 
     def __init__(
@@ -132,7 +151,7 @@ class BlockStore:
         path: Path,
         layout: StoreLayout,
         attributes: Mapping[str, Any],
-        labels: Mapping[str, tuple[str, Any]],
+        labels: Mapping[str, Label],
     ) -> None:
         import zarr
 
@@ -144,59 +163,68 @@ class BlockStore:
             for leftover in path.rglob("*.partial*"):  # left by a process that was killed
                 if leftover.is_file():
                     leftover.unlink()
-            for number in self.records.numbers():  # before the head lists more than there is
-                if not (number in layout.blocks and self.records.has(number)):
-                    self.records.file(number).unlink()
+            for block in self.records.blocks():  # before the head lists more than there is
+                if not (layout.has(block) and self.records.has(block)):
+                    self.records.file(block).unlink()
+            if not self.records.blocks():  # a store of other axes may have been begun
+                for variable in path.glob("*/zarr.json"):
+                    if variable.parent.name != MAKING:
+                        shutil.rmtree(variable.parent)
             with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
                 self._lay_out(head, attributes, labels)
         self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
 
-    def missing(self) -> Iterator[int]:
-        """Yield the numbers of the blocks that are missing, smaller, or not what was written."""
-        return (n for n in self.layout.blocks if not self.records.verify(n))
+    def missing(self) -> Iterator[Block]:
+        """Yield the blocks that are missing, smaller, or not what was written."""
+        return (block for block in self.layout.blocks if not self.records.verify(block))
 
-    def write(self, number: int, values: Mapping[str, NDArray[Any]]) -> None:
+    def write(self, block: Block, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
-        places, files = self.layout.place(number), self.layout.files(number)
+        places, files = self.layout.place(block), self.layout.files(block)
         with out_of_space_reported(self.path):
-            self.records.file(number).unlink(missing_ok=True)
+            self.records.file(block).unlink(missing_ok=True)
+            for file in files.values():  # Zarr would read what is there, whole or not
+                (self.path / file).unlink(missing_ok=True)
             for name, each in values.items():
-                # Zarr would read what is there, whole or not.
-                (self.path / files[name]).unlink(missing_ok=True)
                 array = self._group[name]
                 place = [places.get(d, slice(0, None)) for d in array.metadata.dimension_names]
                 lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
                 array[tuple(place)] = each[tuple(lengths)]
-            self.records.write(number)
+            self.records.write(block)
 
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
         """Raise if there are entries of other attributes, or more of them than the layout has."""
-        if not (numbers := self.records.numbers()):
+        if not (blocks := self.records.blocks()):
             return
-        recorded = {n: each for n, each in attributes_of(self.path).items() if n != "count"}
-        check_settings(recorded, wanted, str(self.path), self.layout.what)
-        last, samples = numbers[-1], self.records.read(numbers[-1]).get("samples", 0)
-        if last not in self.layout.blocks or samples > self.layout.size(last):
+        recorded = _fixed(attributes_of(self.path), self.layout)
+        check_settings(recorded, _fixed(wanted, self.layout), str(self.path), self.layout.what)
+        last, samples = blocks[-1], self.records.read(blocks[-1]).get("samples", 0)
+        if not self.layout.has(last) or samples > self.layout.size(last):
             raise OutputError(
-                f"{self.path} holds more than {self.layout.count} samples; ask for more of them"
+                f"{self.path} holds more than {wanted.get('count')} samples; ask for more of them"
             )
 
     def _lay_out(
-        self, head: Path, attributes: Mapping[str, Any], labels: Mapping[str, tuple[str, Any]]
+        self, head: Path, attributes: Mapping[str, Any], labels: Mapping[str, Label]
     ) -> None:
         """Write a store without blocks; xarray reads it."""
         import zarr
 
-        count = {} if self.layout.count is None else {"count": self.layout.count}
-        group = zarr.create_group(head, zarr_format=3, attributes={**attributes, **count})
+        group = zarr.create_group(head, zarr_format=3, attributes=dict(attributes))
         making = zarr.create_group(head / MAKING, zarr_format=3)
         making.attrs["description"] = "marks of the blocks that are finished, and what made them"
         for name, settings in self.layout.variables.items():
             group.create_array(name, **settings)
-        for name, (dimension, values) in labels.items():
+        for name, (dimension, values, notes) in labels.items():
             is_text = isinstance(values[0], str)
             array = np.array(values, np.dtypes.StringDType() if is_text else None)
-            group.create_array(name, data=array, dimension_names=(dimension,))
+            written = group.create_array(name, data=array, dimension_names=(dimension,))
+            written.attrs.update(notes)
+
+
+def _fixed(attributes: Mapping[str, Any], layout: StoreLayout) -> dict[str, Any]:
+    """Return the attributes that all runs share."""
+    return {name: each for name, each in attributes.items() if name not in layout.growing}
 
 
 def attributes_of(path: Path) -> dict[str, Any]:

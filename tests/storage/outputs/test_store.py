@@ -6,7 +6,7 @@ import pytest
 from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.outputs.staging import alone_in
-from periscopy_sim.storage.outputs.store import MAKING, BlockStore, check_place
+from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
 from tests.scenes.contents import contents
 
 SIZES = {
@@ -41,14 +41,16 @@ def block(number, size=3):
 
 def archive(path, count=7, attributes=ATTRIBUTES):
     (path / MAKING).mkdir(parents=True, exist_ok=True)
-    labels = {"geometry_scene": ("geometries", ["chair"]), "channel": ("channel", list("rgb"))}
-    return BlockStore(path, layout(count).of_store(), attributes, labels)
+    labels = {
+        "geometry_scene": Label("geometries", ["chair"]), "channel": Label("channel", list("rgb"))
+    }  # fmt: skip
+    return BlockStore(path, layout(count).of_store(), {**attributes, "count": count}, labels)
 
 
 def filled(path, count=7):
     made = archive(path, count)
     for number in made.missing():
-        made.write(number, block(number))
+        made.write(number, block(*number))
     return made
 
 
@@ -68,13 +70,13 @@ def test_order_of_writing_and_a_second_writing_leave_the_same_bytes(tmp_path):
     filled(tmp_path / "a")
     made = archive(tmp_path / "b")
     for number in (2, 0, 2, 1):
-        made.write(number, block(number))
+        made.write((number,), block(number))
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
 def test_growing_makes_the_last_block_anew_and_ends_in_the_same_bytes(tmp_path):
     filled(tmp_path / "d", 7)
-    assert list(archive(tmp_path / "d", 11).missing()) == [2, 3]
+    assert list(archive(tmp_path / "d", 11).missing()) == [(2,), (3,)]
     filled(tmp_path / "d", 11)
     filled(tmp_path / "e", 11)
     assert contents(tmp_path / "d") == contents(tmp_path / "e")
@@ -88,7 +90,7 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     filled(tmp_path / "d")
     rng = np.random.default_rng(0)
     for name in block(1):
-        file = tmp_path / "d" / layout().of_store().files(1)[name]
+        file = tmp_path / "d" / layout().of_store().files((1,))[name]
         content = file.read_bytes()
         if damage == "remove":
             file.unlink()
@@ -98,7 +100,7 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
             file.write_bytes(flipped)
         else:
             file.write_bytes(content[: 0 if damage == "empty" else len(content) // 2])
-        assert list(archive(tmp_path / "d").missing()) == [1], name
+        assert list(archive(tmp_path / "d").missing()) == [(1,)], name
         file.write_bytes(content)
     assert list(archive(tmp_path / "d").missing()) == []
 
@@ -108,9 +110,9 @@ def test_damaged_or_foreign_record_makes_its_block_anew(tmp_path, content):
     made = filled(tmp_path / "d")
     before = contents(tmp_path / "d")
     if isinstance(content, dict):
-        content = json.dumps({**made.records.read(0), **content})
-    made.records.file(0).write_text(content)
-    assert list(archive(tmp_path / "d").missing()) == [0]
+        content = json.dumps({**made.records.read((0,)), **content})
+    made.records.file((0,)).write_text(content)
+    assert list(archive(tmp_path / "d").missing()) == [(0,)]
     filled(tmp_path / "d")
     assert contents(tmp_path / "d") == before
 
@@ -156,9 +158,9 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     made = filled(tmp_path / "d")
     monkeypatch.setattr("periscopy_sim.storage.outputs.store.checksum", full)
     with pytest.raises(OutputError, match="disk is full"):
-        made.write(1, block(1))
+        made.write((1,), block(1))
     monkeypatch.undo()
-    assert list(archive(tmp_path / "d").missing()) == [1]
+    assert list(archive(tmp_path / "d").missing()) == [(1,)]
 
 
 def test_folder_is_free_again_after_an_error(tmp_path):

@@ -1,0 +1,193 @@
+"""Where results go: a path on this machine, or an object store such as ``s3://bucket/name``.
+
+Object stores have neither renames nor locks. They need none: an object appears whole or not at all.
+``file://`` treats a folder that
+machines share as such a store.
+"""
+
+import errno
+import json
+import uuid
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar, cast
+
+from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.extras import require
+from periscopy_sim.numerics.limits import read_json
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+AT_ONCE, BATCH = 32, 1024
+"""Requests of an object store that wait at once, and those taken from a list at a time."""
+
+
+def place(name: str | Path) -> Path:
+    """Return a path, or of a URL that fsspec opens what has pathlib's interface.
+
+    A PeriscopyError says that its library is missing, or that there is no such kind of URL.
+    """
+    protocol, is_url, rest = str(name).rstrip("/").partition("://")
+    if not is_url or isinstance(name, Path):
+        return Path(name)
+    upath, protocol = require("upath"), protocol.lower()
+    try:
+        # Other processes write, too: what a store lists is asked for again.
+        found = upath.UPath(f"{protocol}://{rest}", use_listings_cache=False)
+        found.fs  # noqa: B018, which looks for the library
+    except Exception as error:  # whatever a library misses in a URL
+        raise PeriscopyError(f"{name}: nothing here opens {protocol}://: {error}") from error
+    return cast(Path, found)
+
+
+def is_remote(path: Path) -> bool:
+    """Return whether a place is an object store."""
+    return not isinstance(path, Path)
+
+
+def address(path: Path) -> dict[str, Any]:
+    """Return a place as Zarr and xarray take it, as their arguments."""
+    if not is_remote(path):
+        return {"store": path}
+    found: Any = path
+    return {"store": str(path), "storage_options": dict(found.storage_options)}
+
+
+def content(path: Path) -> bytes:
+    """Return the bytes of a file or an object; a FileNotFoundError says that there is none."""
+    if not is_remote(path):
+        return path.read_bytes()
+    found: Any = path
+    with unreachable_reported(path), suppress(FileNotFoundError):
+        return bytes(found.fs.cat_file(found.path))
+    raise FileNotFoundError(errno.ENOENT, "is not there", str(path))
+
+
+def document(path: Path) -> Any:
+    """Return what a JSON file or object holds; None if there is none, or it is damaged."""
+    try:
+        return json.loads(content(path)) if is_remote(path) else read_json(path)
+    except OutputError:
+        raise
+    except (OSError, ValueError):
+        return None
+
+
+def put(path: Path, data: bytes) -> None:
+    """Write an object, whole or not at all."""
+    found: Any = path
+    with unreachable_reported(path):
+        if found.protocol in ("file", "local"):
+            target = Path(found.path)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            staged = target.with_name(f".{uuid.uuid4().hex[:8]}.partial")
+            staged.write_bytes(data)
+            staged.replace(target)
+        else:
+            found.fs.pipe_file(found.path, data)
+
+
+def clear(path: Path) -> None:
+    """Remove a file or an object, if it is there."""
+    if is_remote(path):
+        found: Any = path
+        with unreachable_reported(path), suppress(FileNotFoundError):
+            found.fs.rm_file(found.path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def bytes_in(folder: Path) -> int:
+    """Return how many bytes the files of a folder, or the objects below a URL have."""
+    if not is_remote(folder):
+        return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    found: Any = folder
+    with unreachable_reported(folder):
+        return sum(each["size"] for each in found.fs.find(found.path, detail=True).values())
+
+
+@contextmanager
+def unreachable_reported(path: Path) -> Iterator[None]:
+    """Raise whatever a store's library raises as an `OutputError`."""
+    try:
+        yield
+    except PeriscopyError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise OutputError(
+            f"cannot use {path}: {reason}; what is done stays: run the same command again"
+        ) from error
+
+
+def answers(path: Path, ask: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+    """Yield what a function returns of items, as `map`; an object store is asked many at once."""
+    if not is_remote(path):
+        yield from map(ask, items)
+        return
+    left = iter(items)
+    with ThreadPoolExecutor(AT_ONCE) as threads:
+        while some := [*islice(left, BATCH)]:
+            yield from threads.map(ask, some)
+
+
+@contextmanager
+def local_copy(path: Path) -> Iterator[Path]:
+    """Have a file on this machine for the duration: itself, or a copy of an object."""
+    if not is_remote(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(content(path))
+        yield copy
+
+
+@contextmanager
+def uploaded(path: Path) -> Iterator[Path]:
+    """Write a file or fill a folder on this machine, which then goes to a store.
+
+    What belongs to a folder is uploaded in the order of its names.
+    """
+    with TemporaryDirectory() as folder:
+        staged = Path(folder) / (path.name or "staged")
+        yield staged
+        files = [each for each in sorted(staged.rglob("*")) if each.is_file()]
+        for file in files or [staged]:
+            target = path / file.relative_to(staged).as_posix() if files else path
+            put(target, file.read_bytes())
+
+
+@contextmanager
+def mirrored(folder: Path, but: Collection[str]) -> Iterator[tuple[Path, Callable[[], None]]]:
+    """Have a folder on this machine for the duration: itself, or a copy without some names.
+
+    The function that comes with it sends what is new in the copy to the store.
+    """
+    if is_remote(folder):
+        with TemporaryDirectory() as name:
+            copy = Path(name)
+            with unreachable_reported(folder):
+                held = [each for each in folder.iterdir() if each.name not in but]
+                files = [file for each in held for file in (each, *each.rglob("*"))]
+                for file in (each for each in files if each.is_file()):
+                    local = copy / str(file)[len(str(folder)) + 1 :]
+                    local.parent.mkdir(parents=True, exist_ok=True)
+                    local.write_bytes(content(file))
+            sent = {file: file.stat().st_mtime_ns for file in copy.rglob("*")}
+
+            def send() -> None:
+                for file in sorted(filter(Path.is_file, copy.rglob("*"))):
+                    changed = file.stat().st_mtime_ns
+                    if sent.get(file) != changed:
+                        put(folder / file.relative_to(copy).as_posix(), file.read_bytes())
+                        sent[file] = changed
+
+            yield copy, send
+    else:
+        yield folder, lambda: None
