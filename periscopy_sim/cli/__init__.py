@@ -29,7 +29,8 @@ GROUPS = {
                    "prepare": "laboratory.prepare"},
     "Recover": {"reconstruct": "reconstruct", "video": "video", "calibrate": "calibrate"},
     "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
-    "Study": {"sweep": "sweep", "dataset": "dataset", "analyze": "analyze", "design": "design"},
+    "Study": {"sweep": "study.sweep", "plot": "study.plot", "dataset": "study.dataset",
+              "analyze": "study.analyze", "design": "study.design"},
 }  # fmt: skip
 """Commands by their groups in ``--help``, with the module of each function or Typer `app`."""
 

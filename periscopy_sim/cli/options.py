@@ -8,7 +8,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-import numpy as np
 import typer
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
@@ -17,7 +16,6 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
@@ -40,6 +38,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "side": (1, 10_000),  # of a block of pixels
     "resolution": (2, 2048),  # as many pixels as a scene may have
     "grid": (2, 100),
+    "inches": (2, 20),
     "count": (1, 1000),
     "samples": (1, 10**8),
     "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
@@ -398,41 +397,3 @@ def parse_indices(text: str, count: int) -> list[int]:
             f"'{text}': write numbers and ranges of the {count} samples, such as 0,5,8-11"
         )
     return list(dict.fromkeys(indices))
-
-
-def parse_ratios(text: str) -> list[float]:
-    """Read signal-to-background ratios: ``0.1,1,10``, or ``0.1:10:log:9`` (``lin``: even steps)."""
-    steps = re.fullmatch("(.+):(.+):(log|lin):([0-9]{1,4})", text)
-    ratios = [number_of(each) for each in (steps.groups()[:2] if steps else text.split(","))]
-    valid = in_range("ratio", *ratios)
-    if steps and valid:
-        space: Any = {"log": np.geomspace, "lin": np.linspace}[steps[3]]
-        ratios = [float(f"{ratio:.6g}") for ratio in space(*ratios, int(steps[4]))]
-    if not (valid and in_range("count", len(ratios)) and len({*ratios}) == len(ratios)):
-        limits = "{:g} to {:g}".format(*RANGES["ratio"])
-        form = f"different ratios from {limits}, as 0.1,1,10 or 0.1:10:log:9"
-        raise PeriscopyError(f"--sbr '{text}': write {form}")
-    return ratios
-
-
-def parse_ambient(text: str) -> dict[str, Path | None]:
-    """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
-
-    Return the EXR file of each name; None for a shipped condition.
-    """
-    shipped = *REALISTIC, *ADVERSARIAL
-    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
-    lights: dict[str, Path | None] = {}
-    for entry in parse_list("--ambient", text):
-        path = Path(entry)
-        files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
-        added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
-        added = dict.fromkeys(groups[entry]) if entry in groups else added
-        if not added or added.keys() & lights.keys():
-            guess = "" if entry in groups else did_you_mean(entry, groups)
-            raise PeriscopyError(
-                f"--ambient '{entry}': {guess and f'{guess} '}write an EXR file, a folder of EXR "
-                f"files, all, adversarial, {', '.join(shipped)}; each light once"
-            )
-        lights |= added
-    return lights

@@ -15,7 +15,7 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
-from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def photograph(
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden
     settings: dict[str, Any] = {
+        "camera": session.sensor,
         "image": hidden.unwrapped(names), "hidden": hidden.sizes, "samples": samples,
         "ambient": ambient,
         "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
@@ -76,6 +77,7 @@ def photograph(
             y = ps.composite(y, background, sbr)
         y = y if colours is None else colours.mix(y)
         y = y if snr is None else ps.add_noise(y, snr, session.seed)
+        settings["image_sha256"] = image_sha256(picture)
         write_exr(file, y, as_text({**settings, **session.provenance}))
     say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
 

@@ -1,7 +1,6 @@
 """Pictures of images, maps and errors, side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import cycle
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -9,14 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from periscopy_sim.model.residual import Residual
 
 
@@ -208,62 +205,6 @@ def draw_certainty(
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
         sentences += [f"This assumes that {assumed}."] * bool(assumed)
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
-
-
-def errors_of(results: "xr.Dataset") -> "dict[str, xr.DataArray]":
-    """Return the mean squared errors of a sweep by their titles, of several surfaces of each."""
-    plain = "mean_squared_error"
-    names = [str(name) for name in results.data_vars if str(name).startswith(plain)]
-    return {f"mean squared error {n[len(plain) + 1 :]}".rstrip(): results[n] for n in names}
-
-
-def draw_sweep(
-    path: Path, results: "xr.Dataset", *, metadata: Mapping[str, str] | None = None
-) -> None:
-    """Draw each method's error against the signal-to-background ratio, as in Fig. 4.
-
-    The results are `run_sweep`'s; each hidden surface has a panel. Lines are means over backgrounds
-    and seeds, bands reach from their 10th to their 90th percentile. Where a method failed it is
-    left out.
-    """
-    surfaces = errors_of(results)
-    with drawn(path, metadata) as figure:
-        axes = figure.subplots(1, len(surfaces), squeeze=False)[0]
-        for ax, (title, errors) in zip(axes, surfaces.items(), strict=True):
-            _draw_errors(ax, errors.sortby("sbr").stack(draw=("background", "seed")))
-            if len(surfaces) > 1:
-                ax.set_title(title.removeprefix("mean squared error "))
-        names = [str(line.get_label()) for line in axes[0].lines]
-        columns = 2 if max(map(len, names), default=0) <= 22 else 1
-        if names:  # above the axes: inside, it would hide a curve
-            handles = axes[0].lines
-            figure.legend(
-                handles=handles, loc="outside upper center", ncols=columns, handlelength=2.8
-            )
-        figure.supxlabel("lines: means; bands: 10th to 90th percentile", fontsize=7)
-        width = 3.5 * len(surfaces)
-        figure.set_size_inches(width, 2.75 + 0.13 * -(-len(names) // columns))
-
-
-def _draw_errors(ax: Any, errors: "xr.DataArray") -> None:
-    """Draw each method's errors over the ratios and the draws."""
-    looks = zip(cycle(OKABE_ITO), cycle(("-", "--", "-.", (0, (1, 1.2)))), strict=False)
-    for method, (colour, dashes) in zip(errors, looks, strict=False):
-        finite = method.dropna("sbr", how="all")
-        if not finite.size:
-            continue
-        low, high = finite.quantile((0.1, 0.9), "draw").values
-        look: dict[str, Any] = {"color": colour, "label": method["algorithm"].item()}
-        ax.plot(finite["sbr"], finite.mean("draw"), "o", ls=dashes, ms=2.6, **look)
-        # The edge keeps the band of a single SBR in sight.
-        ax.fill_between(finite["sbr"], low, high, color=colour, alpha=0.18, linewidth=0.8)
-    ax.set(
-        xscale="log", yscale="log",
-        xlabel="signal-to-background ratio", ylabel="mean squared error (white is 1)",
-    )  # fmt: skip
-    for axis in (ax.xaxis, ax.yaxis):
-        plain_ticks(axis)
-    ax.grid(True, which="major")
 
 
 def draw_residual(

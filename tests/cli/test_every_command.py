@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ photograph {SIZED} mushroom --samples 4 --out photo.exr
 transport {SIZED} --out A.npy
 ambient overcast --scene plate -D resolution=4 --target 1 --out ambient
 sweep {SIZED} --photograph wall.npy --truth mushroom --sbr 1 --ambient wall.exr --no-flips --out s
+plot done --out done.png
 dataset data.yaml --out data.zarr
 analyze {SIZED} --out analysis
 design {SIZED} --vary occluder_dx=0:0.01 --grid 2 --images none --out design
@@ -43,7 +45,7 @@ DATASET = """
  scenes: [{scene: plate, parameters: {resolution: 16}}],
  hidden_images: [{kind: shapes}], ambient: [{kind: lamps}]}
 """
-EXTRAS = {"view": "websockets", "sweep": "xarray", "dataset": "zarr"}
+EXTRAS = {"view": "websockets", "sweep": "xarray", "plot": "xarray", "dataset": "zarr"}
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +59,10 @@ def inputs(tmp_path_factory):
     np.save(folder / "wall.npy", wall)
     np.save(folder / "frames.npy", np.stack([wall, wall]))
     write_exr(folder / "wall.exr", wall, {})
+    if find_spec("xarray"):
+        method = ps.TruncatedSVD.for_scene(scenario, ps.analytic_transport(scenario))
+        world = ps.World({"p": wall}, {"p": image.reshape(3, 4, 3)}, {"b": wall}, {"m": method})
+        ps.run_sweep(ps.Sweep(world, sbrs=[1]), folder / "done")
     (folder / "data.yaml").write_text(DATASET)
     (folder / "lab.yaml").write_bytes(EXAMPLE.read_bytes())
     return folder

@@ -14,12 +14,10 @@ from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
     known_errors,
-    parse_ambient,
     parse_definitions,
     parse_errors,
     parse_list,
     parse_ranges,
-    parse_ratios,
     settings_for,
     with_options_of_groups,
 )
@@ -27,7 +25,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
+from periscopy_sim.shipped import find_scene
 
 
 def test_forms_are_read():
@@ -51,48 +49,11 @@ def test_forms_are_read():
         (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
         (lambda text: parse_errors(text, "--free"), "a=١٢", "a=١٢"),
         (lambda text: parse_ranges(text, "--vary"), "a=0:1e308", "a=0:1e308"),
-        (parse_ambient, "sofa", "'sofa'"),
-        (parse_ambient, "snow,adversarial", "adversarial"),
     ],
 )
 def test_malformed_list_is_refused_by_name(read, text, offender):
     with pytest.raises(PeriscopyError, match=offender):
         read(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "ratios"),
-    [
-        ("0.5", [0.5]),
-        ("0.1,1, 10", [0.1, 1, 10]),
-        ("0.1:10:log:9", [0.1, 0.177828, 0.316228, 0.562341, 1, 1.77828, 3.16228, 5.62341, 10]),
-        ("10:1:lin:4", [10, 7, 4, 1]),
-    ],
-)
-def test_ratios_are_read(text, ratios):
-    assert parse_ratios(text) == pytest.approx(ratios, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *("", "1,,2", "nan", "inf", "-1", "0", "0:1:log:3", "1:inf:log:3", "1:2:log:0", "1,1"),
-        *("1:2:cubic:3", "1:2:log:3:4", "1:1:log:2"),
-    ],
-)
-def test_malformed_ratios_are_refused(text):
-    with pytest.raises(PeriscopyError, match="--sbr"):
-        parse_ratios(text)
-
-
-def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
-    assert list(parse_ambient("adversarial,all")) == [*ADVERSARIAL, *REALISTIC]
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "lights").mkdir()
-    for name in ("b.exr", "a.exr", "notes.txt"):
-        (tmp_path / "lights" / name).touch()
-    found = {name: str(path) for name, path in parse_ambient("lights,snow,more/c.exr").items()}
-    assert found == {"a": "lights/a.exr", "b": "lights/b.exr", "snow": "None", "c": "more/c.exr"}
 
 
 def test_errors_are_those_given_or_declared():

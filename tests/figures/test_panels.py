@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-import xarray as xr
-from matplotlib.colors import to_rgb
 
 from periscopy_sim.figures.panels import (
     displayable,
@@ -9,10 +7,8 @@ from periscopy_sim.figures.panels import (
     draw_maps,
     draw_panels,
     draw_residual,
-    draw_sweep,
     write_enlarged,
 )
-from periscopy_sim.figures.style import OKABE_ITO
 from periscopy_sim.model.residual import Residual
 from tests.scenes.pictures import covers, read
 
@@ -74,40 +70,6 @@ def test_maps_share_one_logarithmic_scale(tmp_path, saved):
     np.testing.assert_allclose(colours[0][0, 1], colours[1][0, 0])
     assert figure.axes[-1].get_ylabel() == "unit"
     draw_maps(tmp_path / "constant.png", [("a", np.full((3, 4), 1e-9))], "unit")
-
-
-def sweep_results(errors, sbrs=(0.1, 1, 10), methods=(r"$\frac$", "second")):
-    """Errors over (method, background, sbr, seed) as a sweep gives them."""
-    errors = np.asarray(errors, float)
-    labels = {
-        "algorithm": list(methods)[: len(errors)],
-        "background": [f"b{i}" for i in range(errors.shape[1])],
-        "sbr": list(sbrs),
-        "seed": list(range(errors.shape[3])),
-    }
-    return xr.Dataset({"mean_squared_error": (tuple(labels), errors)}, labels)
-
-
-def test_sweep_shows_means_and_bands_of_each_method_in_its_colour(tmp_path, saved):
-    errors = np.random.default_rng(3).uniform(0.01, 0.1, (2, 5, 3, 2))
-    errors[1, :, 2] = np.nan  # the second failed at the last ratio
-    draw_sweep(tmp_path / "a.png", sweep_results(errors), metadata=METADATA)
-    draw_sweep(tmp_path / "b.png", sweep_results(errors[:, :, ::-1], (10, 1, 0.1)))
-    text, pixels = read(tmp_path / "a.png")
-    assert METADATA.items() <= text.items()
-    (ax,) = saved[0].axes
-    for k, count in enumerate((3, 2)):
-        line, band = ax.lines[k], ax.collections[k].get_paths()[0].vertices
-        own = errors[k].transpose(1, 0, 2).reshape(3, 10)[:count]
-        assert to_rgb(line.get_color()) == to_rgb(OKABE_ITO[k])
-        np.testing.assert_allclose(line.get_xdata(), [0.1, 1, 10][:count])
-        np.testing.assert_allclose(line.get_ydata(), own.mean(axis=1))
-        low, high = np.percentile(own[0], (10, 90))
-        first = band[np.isclose(band[:, 0], 0.1), 1]
-        np.testing.assert_allclose([first.min(), first.max()], [low, high])
-        assert covers(pixels, 255 * np.array(to_rgb(OKABE_ITO[k]))).sum() > 500
-    for one, other in zip(ax.lines, saved[1].axes[0].lines, strict=True):
-        np.testing.assert_allclose(one.get_xydata(), other.get_xydata())
 
 
 @pytest.mark.parametrize("shape", [(15, 18), (30, 5)])

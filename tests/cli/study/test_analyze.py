@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.analyze import MEANINGS
+from periscopy_sim.cli.study.analyze import MEANINGS
 from periscopy_sim.evaluation.diagnostics import diagnose
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")

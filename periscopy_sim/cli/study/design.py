@@ -18,6 +18,7 @@ from periscopy_sim.cli.output import progress, say, say_written, warn, write_jso
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.storage.outputs.provenance import image_sha256
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -61,7 +62,6 @@ def design(
     same command resumes an interrupted design.
     """
     from periscopy_sim.evaluation import design as designs
-    from periscopy_sim.evaluation.sweep import image_sha256
     from periscopy_sim.rendering.transport.bounced import channels_mean
 
     ranges = options.parse_ranges(vary, "--vary")

@@ -1,0 +1,1 @@
+"""Commands that study methods and scenes: sweeps and their figures, data sets, designs."""

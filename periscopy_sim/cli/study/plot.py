@@ -1,0 +1,119 @@
+"""`periscopy plot`: a figure or a table of a sweep."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from periscopy_sim.cli import options
+from periscopy_sim.cli.options import OUTPUT, option
+from periscopy_sim.cli.output import say_written
+from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
+from periscopy_sim.extras import require_all
+from periscopy_sim.figures.sweeps import COLUMN, PAGE, draw_sweep, surfaces_of, table_of
+from periscopy_sim.numerics.limits import number_of
+from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
+
+
+def plot(
+    folder: Annotated[Path, typer.Argument(metavar="SWEEP", help="A folder of 'periscopy sweep'.")],
+    out: Annotated[
+        Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
+    ],
+    metric: Annotated[
+        str, option("NAME", "mean_squared_error, psnr, psnr_registered, ssim, trusted, within_1.")
+    ] = "psnr",
+    over: Annotated[
+        str, option("AXIS", "Axis to draw over. [default: the SBR, or what has several values]")
+    ] = "",
+    panels: Annotated[
+        str, option("AXIS", "Axis of which each value has a panel. [default: the next one]")
+    ] = "",
+    at: Annotated[
+        list[str] | None, option("NAME=VALUE", "Value of another axis; repeatable.")
+    ] = None,
+    reference: Annotated[
+        str,
+        option(
+            "METHOD",
+            "Show differences to this method, or to AXIS=VALUE, photograph by photograph.",
+        ),
+    ] = "",
+    width: Annotated[
+        float, option("INCHES", f"{COLUMN:g} for a column, {PAGE:g} for a page.", kind="inches")
+    ] = COLUMN,
+) -> None:
+    """Draw a sweep over any axis, or write its table."""
+    require_all()
+    if out.suffix in TABLES and (over or panels):
+        raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
+    if out.suffix not in (*PICTURES, *TABLES):
+        raise OutputError(
+            f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
+        )
+    results = _complete(_held(_read(folder), options.parse_definitions(at, "--at")))
+    if reference:
+        from periscopy_sim.evaluation.statistics import differences
+
+        axis, equals, value = reference.rpartition("=")
+        to = value, axis if equals else "algorithm"
+        results = differences(results, surfaces_of(results, metric), *to)
+    with staged_file(out) as file:
+        if out.suffix in PICTURES:
+            draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width)
+        else:
+            table = table_of(results, metric)
+            if out.suffix == ".csv":
+                table.to_csv(file, index=False, lineterminator="\n")
+            else:
+                file.write_text(
+                    table.to_latex(index=False, float_format="%.4g", na_rep="", escape=True),
+                    "utf-8",
+                )
+    say_written(out)
+
+
+def _read(folder: Path) -> "xr.Dataset":
+    """Read the results of a sweep; a PeriscopyError says that there are none."""
+    from periscopy_sim.evaluation.sweep_store import read_sweep
+
+    if not (folder / "sweep.zarr/zarr.json").is_file():
+        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
+    return read_sweep(folder / "sweep.zarr")
+
+
+def _held(results: "xr.Dataset", at: Mapping[str, str]) -> "xr.Dataset":
+    """Return results at values of some axes, written as text."""
+    for axis, text in at.items():
+        if axis not in results.coords:
+            axes = [str(name) for name in results.psnr.dims] if "psnr" in results else []
+            raise PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
+        values: list[Any] = results[axis].values.tolist()
+        same = [each for each in values if each in (text, number_of(text))]
+        if not same:
+            raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
+        results = results.sel({axis: same})
+    return results
+
+
+def _complete(results: "xr.Dataset") -> "xr.Dataset":
+    """Return results without values that no run has got to; a PeriscopyError if others lack."""
+    metric = next(str(n) for n in results.data_vars if str(n).startswith("mean_squared_error"))
+    lacks = results[metric].isnull() & (results["failure"] == "")
+    begun = {
+        axis: results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
+        for axis in lacks.dims
+    }
+    results, lacks = results.sel(begun), lacks.sel(begun)
+    if left := int(lacks.sum()):
+        raise PeriscopyError(
+            f"{left} of {lacks.size} results are missing; run the sweep with all values at once, "
+            "or hold some by --at"
+        )
+    return results

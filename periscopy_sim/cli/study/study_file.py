@@ -1,0 +1,74 @@
+"""A study file: the options of a command as YAML, where they are too long for a line."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from periscopy_sim.cli.options import SCENE, option
+
+EXAMPLE = Path(__file__).with_name("example.yaml")
+
+
+def _read(context: typer.Context, file: Path | None) -> Path | None:
+    """Take a study file's entries for the defaults of a command's options.
+
+    Its entries are named as the options: a list has what stands between commas, a mapping what is
+    repeated as ``NAME=VALUE``.
+    """
+    if file is None:
+        return None
+    from pydantic import Field, create_model
+
+    from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
+
+    options = [each for each in context.command.params if each.name not in ("study", "example")]
+    fields: dict[str, Any] = {
+        str(each.name): (Any, Field(None, alias=str(each.name).replace("_", "-")))
+        for each in options
+    }
+    model = create_model("Study", __base__=Strict, folder=(Path, ...), **fields)
+    study = read_yaml(file, model)
+    given = study.model_dump(include=study.model_fields_set - {"folder"})
+    repeated = {each.name for each in options if each.multiple}
+    context.default_map = {
+        name: _entries(value) if name in repeated else _words(value)
+        for name, value in given.items() if value is not None
+    }  # fmt: skip
+    return file
+
+
+def _entries(value: Any) -> list[str]:
+    """Return what an option that is repeated is given."""
+    if isinstance(value, dict):
+        return [f"{name}={_words(each)}" for name, each in value.items()]
+    return [str(_words(each)) for each in (value if isinstance(value, list) else [value])]
+
+
+def _words(value: Any) -> str | bool:
+    """Return what an option is given once."""
+    if isinstance(value, bool):
+        return value
+    return ",".join(map(str, value if isinstance(value, list) else [value]))
+
+
+def _print_example(_: typer.Context, is_asked: bool) -> None:
+    if is_asked:
+        print(EXAMPLE.read_text("utf-8"), end="")
+        raise typer.Exit
+
+
+StudyOption = Annotated[
+    Path | None,
+    option(
+        "FILE", "YAML with these options; the command line's come first.", group=SCENE,
+        is_eager=True, callback=_read,
+    ),
+]  # fmt: skip
+ExampleOption = Annotated[
+    bool,
+    typer.Option(
+        "--example", help="Print a commented study file and exit.", is_eager=True,
+        callback=_print_example, expose_value=True,
+    ),
+]  # fmt: skip

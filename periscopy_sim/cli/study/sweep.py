@@ -1,0 +1,264 @@
+"""`periscopy sweep`: methods over images, ambient light, noise, and whatever varies in a scene."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from periscopy_sim.cli import options
+from periscopy_sim.cli.light import GRID, Light
+from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.output import progress, say, say_written
+from periscopy_sim.cli.session import WallSession
+from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
+from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
+from periscopy_sim.cli.study.worlds import KNOWN, Worlds
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.workers import check_scheduler
+from periscopy_sim.extras import require_all
+from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
+from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.shipped import find_image, find_scene
+from periscopy_sim.storage.outputs.provenance import (
+    array_sha256,
+    scene_sha256,
+    sha256_of,
+)
+from periscopy_sim.storage.outputs.resume import resumed_folder
+from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RENDERED = ("**/A*.npy", "**/photograph*.exr", "**/ambient")
+SBRS, SNR = "0.1:10:log:9", 60.0
+RUN = ("command", "scene", "seed")
+"""Provenance that differs from run to run."""
+RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
+CELLS = "sweep.zarr/making/finished/*.json"
+VARIED = "ambient_prototypes", "light_model_sha256", "mask", "monitor_off"
+"""Settings that no rendering depends on: they may change until there are results."""
+
+
+def sweep(
+    session: Annotated[WallSession, {"hidden": ["29x36"]}],
+    light: Light,
+    out: options.ResumedFolder,
+    vary: Annotated[
+        list[str] | None,
+        option(
+            "NAME=VALUES",
+            "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), "
+            "assumed, ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, "
+            "1:9:log:3.",
+        ),
+    ] = None,
+    photograph: Annotated[
+        Path | None,
+        option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
+    ] = None,
+    truth: Annotated[
+        list[str] | None,
+        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
+    ] = None,
+    hidden_image: Annotated[
+        list[str] | None,
+        option(
+            "[ID=]IMAGE,...",
+            "Hidden images whose photographs are path traced, by comma; or a folder.",
+        ),
+    ] = None,
+    sbr: Annotated[
+        str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
+    ] = SBRS,
+    ambient: Annotated[
+        str, option("LIST", "all, adversarial, shipped conditions, EXR files or folders of them.")
+    ] = "all",
+    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
+    methods: Annotated[
+        str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
+    ] = "noise-aware,preconditioned,differencing",
+    snr: options.Snr = SNR,
+    seeds: Annotated[
+        int, option("NUMBER", "Noise draws for each background and SBR.", kind="count")
+    ] = 1,
+    scheduler: options.Scheduler = None,
+    study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
+    example: ExampleOption = False,  # noqa: ARG001
+) -> None:
+    """Compare methods over ambient light, SBRs, and any other axis.
+
+    The same command resumes an interrupted sweep; more values compute only their cells.
+    """
+    from periscopy_sim.evaluation import sweep as sweeps
+    from periscopy_sim.evaluation.methods import find_method, source_sha256
+    from periscopy_sim.evaluation.world import flipped_names
+
+    # Reject wrong values here, before hours of rendering.
+    require_all()
+    if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
+        raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
+    axes = parse_axes(vary)
+    for name, is_given in {"sbr": sbr != SBRS, "snr": snr != SNR}.items():
+        if is_given and name in axes:
+            raise PeriscopyError(f"--{name} and --vary {name}: give one of them")
+    ratios = check_numbers("ratio", "sbr", axes.pop("sbr", []) or parse_values(sbr, "--sbr"))
+    decibels = check_numbers("decibels", "snr", axes.pop("snr", [snr]))
+    if "hidden" in axes:
+        session = replace(session, hidden=[str(axes["hidden"][0])])
+    lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
+    light.check_methods(*names)
+    check_scheduler(scheduler)
+    for name in names:
+        find_method(name)
+    shown = _shown(session, truth or hidden_image or [], "--truth" if truth else "--hidden-image")
+    wall = None if photograph is None else session.wall(photograph)
+    mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
+    measured = {n: session.photograph(p, mask).values for n, p in lights.items() if p}
+    settings = {
+        **{name: value for name, value in session.provenance.items() if name not in RUN},
+        "base_seed": session.seed,
+        "camera": session.sensor,
+        "hidden_shape": None if "hidden" in axes else session.hidden_shape,
+        "model": light.model and light.model.value,
+        "samples": light.samples,
+        **light.origin,
+        "light_model_sha256": sha256_of(Path(each) for each in light.sources if each != GRID),
+        "mask": None if mask is None else array_sha256(mask),
+        "monitor_off": [array_sha256(image) for image in monitor_off.values()],
+    }
+    sources: dict[str, dict[str, Any]] = {
+        "algorithm": {name: source_sha256(name) or "built in" for name in names},
+        "image": {
+            name: {
+                "photograph": "path traced" if wall is None else array_sha256(wall.values),
+                "truth": sha256_of(map(find_image, pictures.values())),
+            }
+            for name, pictures in shown.items()
+        },
+        "background": {
+            name: array_sha256(measured[light]) if light in measured else "rendered"
+            for light in lights
+            for name in flipped_names(light, flips)
+        },
+        "scene": {name: scene_sha256(find_scene(str(name))) for name in axes.get("scene", ())},
+    }
+    worlds = Worlds(
+        session=session,
+        light=light,
+        out=out,
+        shown=shown,
+        photographs={} if wall is None else dict.fromkeys(shown, wall),
+        ambient={name: measured.get(name) for name in lights},
+        flips=flips,
+        methods=names,
+        noise=noise_to_signal(max(decibels), max(ratios)),
+        conditions={"settings": settings},
+        conditions_of=sources,
+        calibrates=KNOWN in axes,
+    )
+    worlds.check(axes)
+    with resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED):
+        whole = sweeps.Sweep(
+            world=worlds,
+            sbrs=ratios,
+            snrs=decibels,
+            seeds=range(seeds),
+            seed=session.seed,
+            vary=axes,
+            units=worlds.units(axes),
+        )
+        with progress("sweeping") as report:
+            results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
+        with staged_file(out / "sweep.png") as file:
+            draw_sweep(file, results, metadata=session.metadata)
+    _say_means(results)
+    _check_transport(session, results, worlds.noise)
+    say_written(*(out / name for name in RESULTS))
+
+
+def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
+    """Warn where an A errs more than the noise, or that of one line was made in several ways."""
+    from periscopy_sim.evaluation.sweep import LIGHT
+
+    for name in results["algorithm"].values.tolist():
+        of_method = results.sel(algorithm=name)
+        rays = of_method["transport_samples"].fillna(0)
+        if bool((rays.max(LIGHT) != rays.min(LIGHT)).any()):
+            numbers = ", ".join(f"{each:g}" for each in np.unique(rays) if each)
+            session.warn(
+                f"{name}: A of earlier cells has other rays to a patch, of {numbers}, since the "
+                "photographs had more noise; see 'samples' in sweep.csv, or name another --out"
+            )
+        each = of_method.stack(each=of_method["failure"].dims)
+        worst = each.isel(each=int(each["transport_error"].fillna(0).values.argmax()))
+        samples, error = (float(worst[f"transport_{n}"]) for n in ("samples", "error"))
+        plan = {
+            "model": worst["transport_model"].item(),
+            "samples": None if np.isnan(samples) else int(samples),
+            "transport_error": None if np.isnan(error) else error,
+        }
+        session.check_error(plan, noise, f"{name}: A")
+
+
+def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str, dict[str, str]]:
+    """Return the hidden images by name, each the name of a picture for each surface by its id.
+
+    Of one surface there may be several, by comma; a folder stands for all pictures in it.
+    """
+    if len(session.scenario.hidden) > 1:
+        pictures = session.by_surface(entries, flag)
+        return {",".join(f"{name}={Path(each).stem}" for name, each in pictures.items()): pictures}
+    (surface,), files = session.scenario.hidden, list[str]()
+    listed = [
+        each.strip() for text in entries for each in text.removeprefix(f"{surface}=").split(",")
+    ]
+    for entry in listed:
+        path = Path(entry)
+        held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]
+        if not held:
+            raise PeriscopyError(f"{flag} {entry}: the folder is empty; name one with pictures")
+        files += map(str, held)
+    if flag == "--truth" and len(files) > 1:
+        raise PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
+    shown = {Path(file).stem: {surface: file} for file in files}
+    if len(shown) < len(files):
+        raise PeriscopyError(f"{flag} {','.join(entries)}: two pictures have one name; rename one")
+    return shown
+
+
+def _say_means(results: "xr.Dataset") -> None:
+    """Print the mean error of each method at each SBR, the differences, and the failures."""
+    from periscopy_sim.evaluation.statistics import UNITS, counted, differences, interval
+
+    kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
+    for name in surfaces_of(results, "mean_squared_error"):
+        errors = results[name]  # without failures
+        means = errors.mean([axis for axis in errors.dims if axis not in (*kept, "sbr")])
+        table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
+        say(f"mean squared error {name.removeprefix('mean_squared_error')[1:]}".strip())
+        say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+    axis, names = kept[-1], results["algorithm"].values.tolist()
+    first, *others = results[axis].values.tolist()
+    for surface in surfaces_of(results, "psnr") if others else ():
+        compared = differences(results, [surface], first, axis)[surface]
+        found = interval(-compared.mean([n for n in compared.dims if n not in (*kept, *UNITS)]))
+        for method in names if axis != "algorithm" else [""]:
+            of_method = found.sel(algorithm=method) if method else found
+            for name in others:
+                one = of_method.sel({axis: name})
+                mean, half = one["mean"].item(), one["half"].item()
+                within = f" ± {half:.1f}" if np.isfinite(half) else ""
+                if np.isfinite(mean):
+                    say(
+                        f"{surface}: {method and f'{method}, '}{first} minus {name}: "
+                        f"{mean:.1f}{within} dB (95 %, n = {counted([one])})"
+                    )
+    for name in names:
+        messages = results["failure"].sel({"algorithm": name}).values.ravel()
+        failed = messages[messages != ""]
+        if failed.size:
+            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")

@@ -1,0 +1,425 @@
+"""The worlds of a sweep: what each needs is rendered once, and kept in its folder."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
+from periscopy_sim.cli.output import fixable, progress
+from periscopy_sim.cli.render import photograph as take_photograph
+from periscopy_sim.cli.render import write_transport
+from periscopy_sim.cli.session import WallSession
+from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.photograph import Photograph, seen_in
+from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import find_scene
+from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from periscopy_sim.calibration.scene_covariance import SceneCovariance
+    from periscopy_sim.evaluation.calibrating import Calibrator
+    from periscopy_sim.evaluation.world import World
+    from periscopy_sim.model.uncertainty import UncertainTransport
+    from periscopy_sim.reconstruction.method import Method
+    from periscopy_sim.rendering.transport.plan import TransportPlan
+
+KNOWN = "assumed"
+ASSUMED = f"{KNOWN}."
+"""Before the name of a <default>: of the scene that methods are fitted to, not the true one."""
+
+DRAW = "ruler"
+TRUE, RULER, CALIBRATED = "true", "ruler", "calibrated"
+"""What methods know of the numbers that declare an error: the true ones, those that a ruler reads,
+or what a calibration by each photograph makes of these."""
+
+KEPT = 8
+"""Scenes that are held in memory."""
+
+OF_LIGHT, OF_SCENE = ("samples", "model"), ("scene", "hidden")
+"""Axes beside the scene's <default>s: of A, and of the scene as a whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """Makes the world of values of some axes, from parts that a folder keeps.
+
+    Attributes
+    ----------
+    session, light
+        The scene, and the light that is modelled, where no axis changes them.
+    out
+        The folder; worlds of other values have folders of their own in it.
+    shown
+        Hidden images, each of the names of its surfaces' pictures by id, by its name.
+    photographs
+        Those given, by the same names; others are path traced.
+    ambient
+        Ambient light by name: a photograph, None for a shipped condition, which is path traced.
+    flips
+        Whether each is also flipped about each axis.
+    methods
+        Their names.
+    noise
+        Of the photographs, over the mean of the monitor's light, at its least.
+    conditions, conditions_of
+        See `periscopy_sim.evaluation.world.WorldMaker`.
+    calibrates
+        Whether an axis says what methods know, so that they may calibrate.
+    """
+
+    session: WallSession
+    light: Light
+    out: Path
+    shown: Mapping[str, Mapping[str, str]]
+    photographs: Mapping[str, Photograph]
+    ambient: Mapping[str, Array | None]
+    flips: bool
+    methods: Sequence[str]
+    noise: float
+    conditions: Mapping[str, Any]
+    conditions_of: Mapping[str, Mapping[str, Any]]
+    calibrates: bool = False
+    _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
+    _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
+    _plans: "dict[Any, TransportPlan]" = field(default_factory=dict, init=False)
+
+    @property
+    def axes(self) -> dict[str, list[str]]:
+        """The names of methods, images and ambient light, by the names of a sweep's axes."""
+        from periscopy_sim.evaluation.world import flipped_names
+
+        lights = [name for light in self.ambient for name in flipped_names(light, self.flips)]
+        return {"algorithm": [*self.methods], "image": [*self.shown], "background": lights}
+
+    @property
+    def hidden(self) -> Hidden:
+        """The hidden surfaces of the session."""
+        return self.session.scenario.hidden
+
+    @property
+    def channels(self) -> int:
+        """Channels of the images: those of the photographs given, else three."""
+        return next((each.channels for each in self.photographs.values()), 3)
+
+    def __call__(self, **values: Any) -> "World":
+        """Return the world of values of some axes."""
+        from periscopy_sim.evaluation.world import World, flips
+
+        true, assumed = self._session(values), self._session(values, ASSUMED)
+        true.check_scene()
+        at = self._folder(values)
+        signals = {name: self._signal(true, at, name) for name in self.shown}
+        wall = next(iter(signals.values()))
+        traced = ambient_photographs(
+            [name for name, light in self.ambient.items() if light is None],
+            true.scenario,
+            self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient",
+            true.seed,
+            progress=progress,
+        )
+        seen = {
+            name: seen_in(traced[name] if light is None else light, wall.channels)
+            for name, light in self.ambient.items()
+        }
+        plans: dict[str, TransportPlan] = {}
+        if values.get(KNOWN) == CALIBRATED:
+            fitted = self._calibrated(true, assumed, values, wall)
+        else:
+            fitted, plans = self._fitted(assumed, values, wall)
+        return World(
+            signals=signals,
+            truths={name: true.hidden_image(names) for name, names in self.shown.items()},
+            backgrounds=flips(seen) if self.flips else seen,
+            methods=fitted,
+            transport={name: plan.origin for name, plan in plans.items()},
+            draw=int(values.get(DRAW, 0)),
+            measures=self.measures,
+        )
+
+    def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
+        """Reject axes that no world knows, and values that they cannot have.
+
+        A PeriscopyError names the axis, with the one that was perhaps meant.
+        """
+        document = self.session.scenario.document
+        paths = [find_scene(str(scene)) for scene in axes.get("scene", ())]
+        if len({path.stem for path in paths}) < len(paths):
+            names = ",".join(map(str, paths))
+            raise PeriscopyError(f"--vary scene={names}: two scenes have one name; rename one")
+        declared = [document, *map(read_document, paths)]
+        numbers = [
+            name for name in document.defaults
+            if all(name in each.defaults and name not in each.errors for each in declared)
+        ]  # fmt: skip
+        options = {
+            f"{name}.{option.name}": (name, option.name)
+            for name in self.methods if name in METHODS for option in METHODS[name].options
+        }  # fmt: skip
+        is_known = not {*axes.get(KNOWN, ())} - {TRUE}
+        if is_known and DRAW in axes:
+            raise PeriscopyError(f"--vary {DRAW}: also --vary {KNOWN}={TRUE},{RULER},{CALIBRATED}")
+        errors = () if is_known else document.errors.values()
+        assumed = [ASSUMED + name for name in numbers if name not in errors]
+        known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
+        for axis, values in axes.items():
+            if axis not in known:
+                guess = did_you_mean(axis, known) or f"there are {', '.join(known)}"
+                raise PeriscopyError(f"--vary {axis}: no such axis; {guess}")
+            name = axis.removeprefix(ASSUMED)
+            if self.photographs and axis in (*numbers, "scene"):
+                instead = f"vary {ASSUMED}{axis}, or " if axis in numbers else ""
+                raise PeriscopyError(
+                    f"--vary {axis}: --photograph is of one scene; {instead}give --hidden-image"
+                )
+            if axis in self.session.definitions:
+                raise PeriscopyError(f"-D {axis} and --vary {axis}: give one of them")
+            if axis == "hidden" and len(self.hidden) > 1:
+                raise PeriscopyError("--vary hidden: the scene has several hidden surfaces")
+            given = {"samples": self.light.samples, "model": self.light.model}.get(axis)
+            if given is not None:
+                raise PeriscopyError(f"--{axis} and --vary {axis}: give one of them")
+            for value in values:
+                _check_value(axis, value, options.get(axis), document.units.get(name, ""))
+            for value in (
+                {values[0], values[-1]} if axis in (KNOWN, *OF_SCENE, *numbers, *assumed) else ()
+            ):
+                self._check_scene(axis, value)
+
+    def _check_scene(self, axis: str, value: Any) -> None:
+        """Load the true and the assumed scene; reject what no sweep can compare."""
+        true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
+        if [*true.hidden] != [*self.hidden]:
+            raise PeriscopyError(
+                f"--vary {axis}={value}: its hidden surfaces are {', '.join(true.hidden)}, not "
+                f"{', '.join(self.hidden)}; give scenes whose surfaces have the same ids"
+            )
+        if assumed.photograph_shape != true.photograph_shape:
+            raise PeriscopyError(
+                f"--vary {axis}={value}: the scene has photographs of {true.photograph_shape} "
+                f"pixels, the assumed one of {assumed.photograph_shape}; leave the film as it is"
+            )
+
+    @property
+    def measures(self) -> "Mapping[str, Mapping[str, str]]":
+        """What calibrations say of themselves, if the sweep has some."""
+        if not self.calibrates:
+            return {}
+        from periscopy_sim.evaluation.calibrating import MEASURES
+
+        return MEASURES
+
+    def units(self, axes: Collection[str]) -> dict[str, str]:
+        """Return the units of axes, of those that have some."""
+        units = self.session.scenario.document.units
+        of = {axis: units.get(axis.removeprefix(ASSUMED)) for axis in axes}
+        return {axis: unit for axis, unit in of.items() if unit}
+
+    def _session(self, values: Mapping[str, Any], of: str = "") -> WallSession:
+        """Return the session of the true scene at values of axes, or of the ``assumed.`` one."""
+        base, numbers = self.session, self.session.scenario.document.defaults
+        defined = {n: v for n, v in values.items() if n in numbers}
+        defined |= {n.removeprefix(of): v for n, v in values.items() if of and n.startswith(of)}
+        if of and not _is_known(values):
+            from periscopy_sim.calibration.prior import read_by_ruler
+
+            draw = [base.seed, 1 + int(values.get(DRAW, 0))]  # not the stream of the seed alone
+            defined |= read_by_ruler(self._session(values).scenario, draw)
+        whole = {n: values[n] for n in OF_SCENE if n in values}
+        if not defined and not whole:
+            return base
+        key = (*defined.items(), *whole.items())
+        if key not in self._sessions:
+            texts = {**base.definitions, **{n: f"{value:.9g}" for n, value in defined.items()}}
+            define = [f"{name}={text}" for name, text in texts.items()]
+            hidden = [whole["hidden"]] if "hidden" in whole else base.hidden
+            made = replace(base, scene=whole.get("scene", base.scene), hidden=hidden, define=define)
+            made.warnings, made.seconds = base.warnings, base.seconds
+            while len(self._sessions) >= KEPT:
+                del self._sessions[next(iter(self._sessions))]
+            self._sessions[key] = made
+        return self._sessions[key]
+
+    def _folder(self, values: Mapping[str, Any], of: str = "") -> Path:
+        """Return the folder of what is rendered of the true scene, or of the ``assumed.`` one."""
+        numbers = self.session.scenario.document.defaults
+        own = {
+            name: value
+            for name, value in values.items()
+            if name in (*numbers, *OF_SCENE) or (of and name.startswith(of))
+        }
+        if of and not _is_known(values):
+            own[DRAW] = values.get(DRAW, 0.0)
+        texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
+        return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
+
+    def _signal(self, session: WallSession, folder: Path, name: str) -> Photograph:
+        """Return the photograph of a hidden image, given or path traced, from its file if any."""
+        if name in self.photographs:
+            return self.photographs[name]
+        file = folder / f"photograph_{name}.exr"
+        made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
+        made |= {"camera": session.sensor}
+        made |= {"image_sha256": image_sha256(session.hidden_image(self.shown[name]))}
+        # A picture or a scene of this name may have been another.
+        if not (file.is_file() and as_text(made).items() <= read_exr(file)[1].items()):
+            images = [f"{surface}={image}" for surface, image in self.shown[name].items()]
+            take_photograph(session=session, images=images, out=file)
+        mask, monitor_off = session.companions()
+        return replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
+
+    def _light(self, values: Mapping[str, Any]) -> Light:
+        """Return the light that is modelled at values of axes."""
+        samples, model = (values.get(name) for name in OF_LIGHT)
+        return replace(
+            self.light,
+            samples=self.light.samples if samples is None else int(samples),
+            model=self.light.model if model is None else Model(model),
+        )
+
+    def _settings(self, values: Mapping[str, Any], method: str) -> dict[str, float]:
+        """Return a method's options at values of axes."""
+        own = f"{method}."
+        return {n.removeprefix(own): value for n, value in values.items() if n.startswith(own)}
+
+    def _fitted(
+        self, session: WallSession, values: Mapping[str, Any], wall: Photograph
+    ) -> "tuple[dict[str, Method], dict[str, TransportPlan]]":
+        """Return the methods, each fitted to A as planned for it, and these plans."""
+        from periscopy_sim.calibration.prior import free_parameters
+        from periscopy_sim.evaluation.methods import fit_method
+
+        scenario, light = session.scenario, self._light(values)
+        folder = self._folder(values, ASSUMED)
+        for name in self.methods:
+            key = folder, light.samples, light.model, name
+            if key not in self._plans:
+                self._plans[key] = light.plan(scenario, self.noise, session.seed, name)
+        plans = {n: self._plans[folder, light.samples, light.model, n] for n in self.methods}
+        matrices = {p: self._transport(session, light, p, folder) for p in {*plans.values()}}
+        B = light.backgrounds(scenario)
+        errors = {} if _is_known(values) else free_parameters(scenario.document)
+        with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
+            fitted: dict[str, Method] = {
+                name: fit_method(
+                    name, scenario, matrices[plan], B, wall, _uncertain(name, scenario, errors),
+                    **self._settings(values, name),
+                )
+                for name, plan in plans.items()
+            }  # fmt: skip
+        return fitted, plans
+
+    def _calibrated(
+        self, true: WallSession, ruler: WallSession, values: Mapping[str, Any], wall: Photograph
+    ) -> "dict[str, Method]":
+        """Return the methods, each of which calibrates the ruler's scene by the photograph."""
+        from periscopy_sim.calibration.prior import free_parameters, start_values
+        from periscopy_sim.evaluation.calibrating import Calibrated, Calibrator
+
+        names = tuple(free_parameters(true.scenario.document))
+        numbers = start_values(true.scenario.document, names).tolist()
+        key = self._folder(values), self._folder(values, ASSUMED)
+        if key not in self._calibrators:
+            while len(self._calibrators) >= KEPT:
+                del self._calibrators[next(iter(self._calibrators))]
+            truth = dict(zip(names, numbers, strict=True))
+            self._calibrators[key] = Calibrator(ruler.scenario, truth, wall)
+        calibrator = self._calibrators[key]
+        rest = self._light(values), self.noise, true.seed, wall
+        return {
+            name: Calibrated(calibrator, partial(_fit, name, self._settings(values, name), *rest))
+            for name in self.methods
+        }
+
+    def _transport(
+        self, session: WallSession, light: Light, plan: "TransportPlan", folder: Path
+    ) -> "NDArray[np.float32]":
+        """Return A as planned: of the folder's file, which is made anew if its plan was another."""
+        from periscopy_sim.storage.transport_matrix import read_record
+
+        rays = "" if plan.samples is None else f"_{plan.samples}_rays"
+        rays += f"_{plan.across}_across" if rays and plan.across > 1 else ""
+        file = folder / f"A{rays}.npy"
+        if not (file.is_file() and plan.origin.items() <= read_record(file).items()):
+            write_transport(session, light, plan, file)
+        return session.transport(light, matrix=file)
+
+
+def _is_known(values: Mapping[str, Any]) -> bool:
+    """Return whether methods know the true scene, at values of axes."""
+    return bool(values.get(KNOWN, TRUE) == TRUE)
+
+
+def _fit(
+    name: str,
+    settings: Mapping[str, float],
+    light: Light,
+    noise: float,
+    seed: int,
+    wall: Photograph,
+    scenario: Scenario,
+    errors: "SceneCovariance",
+) -> "Method":
+    """Fit a method to a scene, and to what a calibration knows of its errors."""
+    from periscopy_sim.evaluation.methods import fit_method
+    from periscopy_sim.rendering.transport.bounced import channels_mean
+
+    A = channels_mean(light.transport(scenario, light.plan(scenario, noise, seed, name), seed))
+    uncertain = _uncertain(name, scenario, errors)
+    return fit_method(
+        name, scenario, np.asarray(A), light.backgrounds(scenario), wall, uncertain, **settings
+    )
+
+
+def _uncertain(
+    name: str, scenario: Scenario, errors: "Mapping[str, float] | SceneCovariance"
+) -> "UncertainTransport | None":
+    """Return what errors of a scene do to light, for a method that counts them by default."""
+    from periscopy_sim.analytic.area_transport import has_areas
+    from periscopy_sim.calibration.moving_scene import uncertain_transport
+
+    if not (errors and name in METHODS and METHODS[name].uncertain and has_areas(scenario)):
+        return None
+    return uncertain_transport(scenario, errors)
+
+
+def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
+    """Raise a PeriscopyError for a value that an axis cannot have."""
+    if axis == "hidden":
+        if min(size_of(str(value))) < 1:
+            raise PeriscopyError(f"--vary hidden={value}: give at least one patch")
+        return
+    if axis == "scene":
+        return
+    if axis == KNOWN:
+        if value not in (TRUE, RULER, CALIBRATED):
+            known = f"{TRUE}, {RULER} and {CALIBRATED}"
+            raise PeriscopyError(f"--vary {axis}={value}: there are {known}")
+        return
+    if axis == "model":
+        if value not in [*Model]:
+            raise PeriscopyError(f"--vary model={value}: there are {', '.join(Model)}")
+        return
+    if not isinstance(value, float):
+        form = f"numbers in {unit}" if unit else "numbers"
+        raise PeriscopyError(f"--vary {axis}={value}: write {form}, without units")
+    if axis == DRAW and not (value.is_integer() and in_range("seed", value)):
+        raise PeriscopyError(f"--vary {DRAW}={value:g}: write the numbers of draws, such as 0:7:8")
+    if axis == "samples" and not (value.is_integer() and in_range("rays", value)):
+        limits = "{} to {}".format(*RANGES["rays"])
+        raise PeriscopyError(f"--vary samples={value:g}: write whole numbers from {limits}")
+    if option is not None:
+        settings_for(option[0], {option[1]: value}, FOR_STILLS)

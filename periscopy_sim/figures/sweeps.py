@@ -1,0 +1,212 @@
+"""Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MARKERS, DASHES = "os^DvPX", ("-", "--", "-.", (0, (1, 1.2)))
+
+COLUMN, PAGE = 3.5, 7.2
+"""Inches of a journal's column and of its page."""
+
+NAMES = {
+    "psnr": "PSNR", "psnr_registered": "registered PSNR",
+    "mean_squared_error": "mean squared error", "ssim": "structural similarity",
+    "sbr": "signal-to-background ratio", "snr": "signal-to-noise ratio", "hidden": "patches",
+    "samples": "rays to a patch", "background": "place", "seed": "noise draw",
+    "assumed": "what methods know of the scene", "trusted": "trusted calibrations",
+    "within_1": "numbers within a standard error", "within_3": "numbers within three",
+}  # fmt: skip
+"""Metrics and axes in words."""
+
+SHORT = {"sbr": "SBR", "snr": "SNR"}
+"""Axes in titles."""
+
+
+def draw_sweep(
+    path: Path,
+    results: "xr.Dataset",
+    *,
+    metric: str = "psnr",
+    over: str = "",
+    panels: str = "",
+    width: float = COLUMN,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Draw a metric of each method over one axis, as in Fig. 4.
+
+    Parameters
+    ----------
+    path
+        A PNG, PDF or SVG file.
+    results
+        From `run_sweep`. Axes that are neither drawn nor of samples stay at their first value,
+        which the figure says.
+    metric
+        A variable of the results; of several surfaces each has a panel.
+    over, panels
+        The axis that is drawn over, and one of which each value has a panel; the first ones that
+        have several values, if they are empty.
+    width
+        Inches: 3.5 for a column, 7.2 for a page.
+    metadata
+        Text of a PNG.
+
+    Raises
+    ------
+    PeriscopyError
+        If there is no such metric or axis.
+    """
+    from periscopy_sim.evaluation.statistics import UNITS, interval
+
+    surfaces = surfaces_of(results, metric)
+    dims = [str(axis) for axis in results[surfaces[0]].dims if axis != "algorithm"]
+    free = [axis for axis in dims if axis not in UNITS and results.sizes[axis] > 1]
+    free.sort(key=lambda axis: (-results.sizes[axis], axis != "sbr"))
+    over = over or next((axis for axis in free if axis != panels), "sbr")
+    few = [axis for axis in free if results.sizes[axis] <= len(ascii_lowercase)]
+    panels = panels or next((axis for axis in few if axis != over), "")
+    for axis in filter(None, (over, panels)):
+        if axis not in dims:
+            guess = did_you_mean(axis, dims) or f"there are {', '.join(dims)}"
+            raise PeriscopyError(f"no axis '{axis}' in the sweep; {guess}")
+    if over == panels:
+        raise PeriscopyError(f"axis '{over}' has the panels already; draw over another one")
+    if results[over].dtype.kind in "fiu":
+        results = results.sortby(over)
+    fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
+    parts = [
+        (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
+        for surface in surfaces
+        for title, part in _parts(results, panels, surface[len(metric) + 1 :])
+    ]
+    if len(parts) > len(ascii_lowercase):
+        raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
+    columns = 1 if width < 2 * COLUMN else min(len(parts), 3)
+    with drawn(path, metadata if path.suffix == ".png" else None) as figure:
+        grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
+        for ax in grid.flat[len(parts) :]:
+            ax.set_axis_off()
+        for ax, letter, (title, found) in zip(grid.flat, ascii_lowercase, parts, strict=False):
+            _draw(ax, found, over)
+            if len(parts) > 1:
+                ax.set_title(f"{letter}  {title}", loc="left")
+        if metric == "mean_squared_error" and all(float(f["mean"].min()) > 0 for _, f in parts):
+            grid[0, 0].set_yscale("log")
+            plain_ticks(grid[0, 0].yaxis)
+        for ax in grid[:, 0]:
+            ax.set_ylabel(_words(results[surfaces[0]], metric))
+        for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
+            ax.set_xlabel(_words(results[over], over))
+        figure.supxlabel(_caption([found for _, found in parts], fixed), fontsize=6)
+        handles = grid[0, 0].get_legend_handles_labels()
+        legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
+        legend = len(handles[1]) if width > 2 * COLUMN else legend
+        figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
+        height = 0.13 * -(-len(handles[1]) // legend) + 0.2
+        figure.set_size_inches(width, height + (0.3 + 0.65 * width / columns) * len(grid))
+
+
+def table_of(results: "xr.Dataset", metric: str) -> Any:
+    """Return a pandas table: a row for each method and values of all axes but those of samples.
+
+    Beside the axes that have several values it has the columns of
+    `periscopy_sim.evaluation.statistics.interval`, of several surfaces with the surface's.
+    """
+    import xarray as xr
+
+    from periscopy_sim.evaluation.statistics import interval
+
+    surfaces = surfaces_of(results, metric)
+    intervals = [interval(results[name], (), results["failure"]) for name in surfaces]
+    found = xr.concat(intervals, "surface")
+    labels = [name[len(metric) + 1 :] for name in surfaces]
+    table = found.assign_coords(surface=labels).to_dataframe().reset_index()
+    of_mean = found["mean"].attrs
+    if "over" in of_mean:  # its own differences are 0
+        table = table[table[of_mean["axis"]] != of_mean["over"]]
+    table = table[table["mean"].notna() | (table["failed"] > 0)]
+    single = [n for n in map(str, found.dims) if n != "algorithm" and found.sizes[n] == 1]
+    return table.drop(columns=single)
+
+
+def surfaces_of(results: "xr.Dataset", metric: str) -> list[str]:
+    """Return the variables of a metric, of several surfaces one of each.
+
+    A PeriscopyError says that there is none.
+    """
+    ends = [
+        str(n).removeprefix("reconstruction") for n in results.data_vars if "reconstr" in str(n)
+    ]
+    names = [metric] if metric in results.data_vars else [f"{metric}{end}" for end in ends]
+    if (
+        not (names and all(name in results for name in names))
+        or results[names[0]].dtype.kind != "f"
+    ):
+        known = [str(n) for n, each in results.data_vars.items() if each.dtype.kind == "f"]
+        guess = did_you_mean(metric, known) or f"there are {', '.join(known)}"
+        raise PeriscopyError(f"no metric '{metric}' in the sweep; {guess}")
+    return names
+
+
+def _parts(results: "xr.Dataset", panels: str, surface: str) -> "Iterator[tuple[str, xr.Dataset]]":
+    """Yield the title and the results of each panel."""
+    if not panels:
+        yield surface, results
+        return
+    unit = results[panels].attrs.get("units", "")
+    for value in results[panels].values.tolist():
+        text = f"{value:g} {unit if unit != '1' else ''}" if isinstance(value, float) else value
+        title = f"{SHORT.get(panels, panels)} = {str(text).strip()}"
+        yield f"{surface} {title}".strip(), results.sel({panels: value})
+
+
+def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
+    """Draw each method's mean and interval over the values of an axis."""
+    values = found[over].values
+    is_text = values.dtype.kind not in "fiu"
+    places = np.arange(len(values)) if is_text else values
+    looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
+    names = found["algorithm"].values.tolist()
+    for name, (colour, marker, dashes) in zip(names, looks, strict=False):
+        of_method = found.sel(algorithm=name)
+        mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
+        ax.plot(places, mean, marker=marker, ls=dashes, ms=2.8, color=colour, label=name)
+        # The edge keeps the band of a single value in sight.
+        band = {"color": colour, "alpha": 0.18, "linewidth": 0.8}
+        ax.fill_between(places, mean - half, mean + half, **band)
+    if is_text:
+        ax.set_xticks(places, values)
+    elif len(values) > 1 and values.min() > 0 and values.max() >= 10 * values.min():
+        ax.set_xscale("log")
+        plain_ticks(ax.xaxis)
+    else:
+        ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(4))
+    ax.grid(True, which="major")
+
+
+def _caption(parts: "Sequence[xr.Dataset]", fixed: Mapping[str, Any]) -> str:
+    """Return what lines and bands are, how many samples there are, and what is held."""
+    from periscopy_sim.evaluation.statistics import counted
+
+    left_out = int(sum(found["failed"].sum() for found in parts))
+    held = "".join(f"; {axis} = {value}" for axis, value in fixed.items())
+    failed = f"; {left_out} failed" if left_out else ""
+    return f"means, 95 % confidence intervals, n = {counted(parts)}{held}{failed}"
+
+
+def _words(variable: "xr.DataArray", name: str) -> str:
+    """Return a metric or an axis in words, with its unit."""
+    unit, more = variable.attrs.get("units", "1"), variable.attrs.get("over", "")
+    words = NAMES.get(name, name)
+    return f"{words}{f' over {more}' if more else ''}{f', {unit}' if unit != '1' else ''}"

@@ -1,0 +1,324 @@
+import csv
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from PIL import Image
+
+import periscopy_sim as ps
+from periscopy_sim.calibration.prior import free_parameters
+from periscopy_sim.cli.light import Light
+from periscopy_sim.evaluation import calibrating
+from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from tests.scenes.contents import contents
+
+pytestmark = pytest.mark.usefixtures("few_lights")
+
+OWN_METHODS = """
+class Mine:
+    def __init__(self, scenario, A, B):
+        self.shape, self.A = (*scenario.hidden_shape, 3), A
+
+    def reconstruct(self, photograph):
+        return (self.A.T @ photograph.reshape(len(self.A), 3)).reshape(self.shape)
+
+class Failing(Mine):
+    def reconstruct(self, photograph):
+        raise KeyError("lost")
+
+class Unfit(Mine):
+    def __init__(self, scenario, A, B):
+        raise KeyError("no")
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path):
+    """What a sweep needs, in the current folder: a photograph, its truth, ambient light."""
+    x, z = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21))
+    for name, light in {"left": 2 - x, "lamp": 1 / (2 + x**2 + z)}.items():
+        write_exr(tmp_path / f"{name}.exr", light[..., None] * [1.0, 0.9, 0.8], {})
+    write_exr(tmp_path / "small.exr", np.ones((20, 21, 3)), {})
+    rng = np.random.default_rng(31)
+    np.save(tmp_path / "truth.npy", rng.uniform(0.1, 1, (4, 5, 3)))
+    np.save(tmp_path / "y.npy", rng.uniform(1, 2, (21, 21, 3)))
+    (tmp_path / "mine.py").write_text(OWN_METHODS)
+    return tmp_path
+
+
+def command(*more, **changes):
+    """Give the arguments of a small sweep, some of its options changed."""
+    options = {
+        "photograph": "y.npy", "truth": "truth.npy", "ambient": "left.exr,lamp.exr",
+        "sbr": "0.5,5", "methods": "preconditioned,truncated-svd", "out": "out", **changes,
+    }  # fmt: skip
+    listed = [str(part) for name, value in options.items() for part in (f"--{name}", value)]
+    scene = ("plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4")
+    return ("sweep", *scene, *listed, *more)
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_sweep_writes_store_table_and_picture(succeeds, folder):
+    methods = "truncated-svd,mine.py:Mine,mine.py:Failing"
+    shown = succeeds(*command(methods=methods, seeds=2, snr=45, seed=3))
+    out = folder / "out"
+    assert {path.name for path in out.iterdir()} == {
+        ".lock", "settings.json", "A_4_rays.npy", "A_4_rays.json",
+        "sweep.zarr", "sweep.csv", "sweep.png",
+    }  # fmt: skip
+    scenario = ps.load_scenario(ps.find_scene("plate"), (4, 5), {"resolution": "21"})
+    A = ps.render_transport(scenario, samples=4, seed=3)
+    method = ps.TruncatedSVD(A, hidden=(4, 5), channel_gain=scenario.channel_gain)
+    y, truth = np.load("y.npy"), np.load("truth.npy")
+    light = ps.read_photograph("lamp.exr", (21, 21)).values
+    world = ps.World({"truth": y}, {"truth": truth}, {"lamp": light}, {"": method})
+    image = method.reconstruct(world.photograph("truth", "lamp", 5, 45, 0, base=3))
+    with xr.open_dataset(out / "sweep.zarr", engine="zarr", consolidated=False) as results:
+        assert list(results["background"].values) == [
+            *("left", "left up-down", "left left-right", "left both"),
+            *("lamp", "lamp up-down", "lamp left-right", "lamp both"),
+        ]
+        assert list(results["sbr"].values) == [0.5, 5] and list(results["seed"].values) == [0, 1]
+        cell = results.squeeze().isel(algorithm=0, seed=0).sel(background="lamp", sbr=5)
+        assert np.allclose(cell["reconstruction"], image, rtol=1e-4, atol=1e-6)
+        assert float(cell["psnr"]) == pytest.approx(ps.psnr_gain_matched(image, truth), abs=1e-3)
+        record = results.attrs
+    with (out / "sweep.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 3 * 8 * 2 * 2
+    assert {row["failure"] for row in rows if row["algorithm"] == "mine.py:Failing"} == {
+        "KeyError: 'lost'"
+    }
+    made = {(row["model"], row["samples"], float(row["transport_error"]) > 1e-4) for row in rows}
+    assert made == {("rendered", "4", True)}
+    assert "mine.py:Failing failed on 32 of 32" in shown
+    settings = json.loads((out / "settings.json").read_text())
+    assert record["settings"] == settings
+    assert settings["parameters"] == {"resolution": "21"} and settings["samples"] == 4
+    assert {"periscopy-sim", "mitsuba", "numpy", "variant", "scene_sha256"} <= set(settings)
+    assert not {"command", "scene"} & set(settings)
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_once(succeeds):
+    study = (
+        "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image",
+        "bars,mushroom", "--vary", "occluder_dx=0,0.01", "--vary", "assumed.monitor_dx=0:0.01:2",
+        "--vary", "samples=4,8", "--vary", "truncated-svd.tv_weight=0.1,1", "--sbr", "1",
+        "--ambient", "left.exr", "--no-flips", "--methods", "truncated-svd", "--out", "out",
+    )  # fmt: skip
+    succeeds(*study, "--vary", "snr=40,60")
+    places = "occluder_dx=0", "occluder_dx=0.01"
+    assert {*Path("out").rglob("*.npy")} == {
+        Path("out", f"{place},assumed.monitor_dx={assumed}", f"A_{rays}_rays.npy")
+        for place in places for assumed in ("0", "0.01") for rays in (4, 8)
+    }  # fmt: skip
+    assert {*Path("out").rglob("*.exr")} == {
+        Path("out", place, f"photograph_{name}.exr")
+        for place in places for name in ("bars", "mushroom")
+    }  # fmt: skip
+    with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
+        psnr = results.psnr.squeeze()
+        assert results.occluder_dx.attrs["units"] == "m" and dict(psnr.sizes) == {
+            "occluder_dx": 2, "assumed.monitor_dx": 2, "samples": 2, "truncated-svd.tv_weight": 2,
+            "image": 2, "snr": 2,
+        }  # fmt: skip
+        wrong = psnr.sel({"samples": 8, "assumed.monitor_dx": 0.01})
+        assert (psnr.sel({"samples": 8, "assumed.monitor_dx": 0.0}) > wrong).mean() > 0.9
+        assert psnr.std("truncated-svd.tv_weight").min() > 0
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, folder):
+    study = {
+        "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 4,
+        "photograph": "y.npy", "truth": ["truth.npy"], "ambient": ["left.exr", "lamp.exr"],
+        "flips": False, "sbr": "0.5:5:log:2", "methods": ["truncated-svd"], "out": "file",
+        "vary": {"truncated-svd.tv_weight": "1:9:2", "snr": [40, 60]}, "seeds": 2,
+    }  # fmt: skip
+    (folder / "study.yaml").write_text(yaml.safe_dump(study))
+    succeeds("sweep", "--study", "study.yaml", "--seeds", "1")
+    vary = ("--vary", "truncated-svd.tv_weight=1,9", "--vary", "snr=40,60")
+    succeeds(*command("--no-flips", *vary, methods="truncated-svd"))
+    file, out = (contents(folder / name) for name in ("file", "out"))
+    same = {name for name in out if "sweep.zarr" in name or name in ("settings.json", "sweep.csv")}
+    assert len(same) > 10 and all(file[name] == out[name] for name in same)
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
+    mine = ("--hidden-image", "mine.png", "--sbr", "1", "--ambient", "left.exr", "--no-flips")
+    study = ("sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4", *mine,
+             "--methods", "mine.py:Mine", "--out", "out")  # fmt: skip
+    Image.new("RGB", (5, 4), "orange").save("mine.png")
+    succeeds(*study)
+    orange = read_exr(Path("out/photograph_mine.exr"))[0]
+    Image.new("RGB", (5, 4), "blue").save("mine.png")
+    assert "image.mine" in refused(*study)
+    shutil.rmtree("out/sweep.zarr")  # as a run that was stopped before its first result
+    succeeds(*study)
+    blue = read_exr(Path("out/photograph_mine.exr"))[0]
+    assert orange[..., 0].mean() > 5 * orange[..., 2].mean()
+    assert blue[..., 2].mean() > 5 * blue[..., 0].mean()
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
+    """By one that finds the truth: a real one of 13 numbers takes a minute."""
+
+    def finds(_photograph, scene, _hidden, **_):
+        asked.append({name: float(scene.document.values[name]) for name in true})
+        numbers = [SimpleNamespace(name=n, value=v, standard_error=1e-3) for n, v in true.items()]
+        return SimpleNamespace(
+            values=true, parameters=numbers, trusted=False, scene_covariance=None
+        )
+
+    errors = free_parameters(read_document(ps.find_scene("plate")))
+    true = {n: float(read_document(ps.find_scene("plate")).values[n]) for n in errors}
+    asked = []
+    monkeypatch.setattr(calibrating, "calibrate", finds)
+    study = (
+        "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image", "bars",
+        "--sbr", "5", "--ambient", "left.exr", "--no-flips", "--out", "out",
+        "--methods", "truncated-svd,iterative",
+    )  # fmt: skip
+    said = succeeds(
+        *study, "--vary", "assumed=true,ruler,calibrated", "--vary", "ruler=0,1", "--seeds", "2"
+    )
+    assert "n = 2 rulers" in said and len(asked) == 2 * 2  # photographs, not methods
+    for of_ruler in (asked[:2], asked[2:]):
+        assert of_ruler[0] == of_ruler[1]
+    off = [(asked[k][name] - true[name]) / errors[name] for k in (0, 2) for name in true]
+    # 26 normal draws: beyond 0.5 to 1.6 with an error rate of 1e-4.
+    assert 0.5 < np.std(off) < 1.6 and len({*off}) == len(off)
+    places = "", "ruler=0", "ruler=1"
+    assert {*Path("out").rglob("A*.npy")} == {Path("out", place, "A.npy") for place in places}
+    # More rulers, and no more calibrations.
+    succeeds(*study, "--vary", "assumed=true,ruler", "--vary", "ruler=0:2:3", "--seeds", "2")
+    succeeds("plot", "out", "--at", "assumed=ruler", "--out", "ruler.csv")
+    with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
+        psnr = results.psnr.squeeze().sel(ruler=[0, 1])
+        known, found = psnr.sel(assumed="true"), psnr.sel(assumed="calibrated")
+        assert np.allclose(known, found, atol=0.3) and len({*known.values.ravel()}) == known.size
+        assert (psnr.sel(assumed="ruler") < known).mean() > 0.7
+        measured = results[["trusted", "within_1", "within_3"]].squeeze().sel(ruler=[0, 1])
+        assert (measured.sel(assumed="calibrated").to_array() == [[[[0]]], [[[1]]], [[[1]]]]).all()
+        assert measured.sel(assumed=["true", "ruler"]).to_array().isnull().all()
+
+
+@pytest.mark.usefixtures("jit", "drawings")
+def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
+    succeeds(*(each for each in command() if each not in ("--samples", "4")))
+    assert {path.name for path in Path("out").glob("A*.npy")} == {"A.npy", "A_16_rays.npy"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "offender"),
+    [
+        ({"hidden-image": "bars"}, "--hidden-image"),
+        ({"ambient": "left.exr,./left.exr"}, "--ambient"),
+        ({"ambient": "left.exr,small.exr"}, "small.exr"),
+        ({"scheduler": "nonsense://x"}, "'nonsense://x'"),
+        ({"vary": "assumed=foo"}, "foo"),
+        ({"vary": "ruler=0,1"}, "--vary assumed"),
+        ({"vary": "snrr=1"}, "did you mean 'snr'"),
+        ({"vary": "snr=loud"}, "--snr loud"),
+        ({"vary": "sbr=1"}, "--vary sbr"),
+        ({"vary": "samples=4"}, "--vary samples"),
+        ({"vary": "resolution=21"}, "--vary resolution"),
+        ({"vary": "assumed.resolution=42"}, "42"),
+        ({"vary": "hidden=0x5"}, "0x5"),
+        ({"vary": "model=foo"}, "foo"),
+        ({"vary": "truncated-svd.tv_weight=abc"}, "abc"),
+        ({"vary": "scene=plate,plate.xml"}, "plate"),
+        ({"truth": "truth.npy,y.npy"}, "--truth"),
+        ({"study": "nothing.yaml"}, "nothing.yaml"),
+    ],
+)
+def test_bad_input_is_one_line(changes, offender, refused):
+    assert offender in refused(*command(**changes))
+
+
+KILLED = """
+import os, pathlib, signal, sys
+from periscopy_sim import cli
+from periscopy_sim.analytic import point_light
+grid = point_light.paper_grid
+point_light.paper_grid = lambda: grid(2.0)
+replace, left = pathlib.Path.replace, {writes}
+
+def dies(path, target):
+    global left
+    left -= 1
+    if left == 0:
+        os.truncate(path, path.stat().st_size // 2)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return replace(path, target)
+
+pathlib.Path.replace = dies
+sys.argv = ["periscopy", *{arguments!r}]
+cli.main()
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("jit")
+def test_sweep_killed_twice_ends_in_the_same_bytes(succeeds, folder):
+    succeeds(*command(out="whole"))
+    # In the midst of the matrix, and among the results.
+    for writes in (3, 50):
+        code = KILLED.format(writes=writes, arguments=command())
+        ended = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True)
+        assert ended.returncode == -signal.SIGKILL, ended.stderr
+        assert not (folder / "out" / "sweep.csv").exists()
+    marks = list((folder / "out/sweep.zarr/making/finished").glob("*.json"))
+    assert 0 < len(marks) < 16
+    succeeds(*command())
+    assert contents(folder / "out") == contents(folder / "whole")
+
+
+@pytest.mark.usefixtures("jit")
+def test_folder_of_another_sweep_is_refused_before_rendering(
+    monkeypatch, succeeds, refused, folder
+):
+    succeeds(*command(methods="mine.py:Mine"))
+    np.save(folder / "other.npy", np.load(folder / "y.npy") + 1)
+    monkeypatch.setattr(Light, "transport", None)
+    for change, key in [
+        (("--seed", "1"), "base_seed"),
+        (("--photograph", "other.npy"), "photograph"),
+        (("--samples", "5"), "samples"),
+        (("-D", "occluder_dx=0.001"), "parameters.occluder_dx"),
+    ]:
+        assert key in refused(*command(*change, methods="mine.py:Mine")), change
+    with (folder / "mine.py").open("a") as stream:
+        stream.write("\n# changed\n")
+    assert "mine.py:Mine" in refused(*command(methods="mine.py:Mine"))
+
+
+@pytest.mark.usefixtures("jit")
+def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(
+    refused, periscopy, succeeds, folder
+):
+    outcome = periscopy(*command(methods="mine.py:Unfit"))
+    assert outcome.code == 2 and "'mine.py:Unfit'" in outcome.err
+    assert "samples" in refused(*command("--samples", "5"))
+    matrix = (folder / "out" / "A_4_rays.npy").stat().st_mtime_ns
+    # Whatever does not bear upon the matrix may be another.
+    succeeds(*command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
+    assert (folder / "out" / "A_4_rays.npy").stat().st_mtime_ns == matrix
+
+
+def test_files_of_unknown_origin_are_not_taken_up(refused, folder):
+    (folder / "out").mkdir()
+    (folder / "out" / "A.npy").write_text("old")
+    assert "A.npy" in refused(*command())

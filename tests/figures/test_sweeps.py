@@ -1,0 +1,66 @@
+from string import ascii_lowercase
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from scipy import stats
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.figures.style import OKABE_ITO
+from periscopy_sim.figures.sweeps import draw_sweep
+from tests.scenes.pictures import covers, read
+
+xr = pytest.importorskip("xarray")
+
+SBRS, SIZES = [0.1, 1.0, 10.0], ["9x11", "15x18"]
+
+
+def results(seed=3):
+    """Errors of two methods over sizes, places, SBRs and draws, as a sweep gives them."""
+    labels = {
+        "algorithm": [r"$\\frac$", "second"], "hidden": SIZES, "image": ["p"],
+        "background": [f"b{i}" for i in range(5)], "sbr": SBRS, "seed": [0, 1],
+    }  # fmt: skip
+    errors = np.random.default_rng(seed).uniform(0.01, 0.1, tuple(map(len, labels.values())))
+    errors[1, ..., 2, :] = np.nan  # the second failed at the last ratio
+    data = xr.Dataset({"mean_squared_error": (tuple(labels), errors)}, labels)
+    data["mean_squared_error"].attrs["units"] = "1"
+    data["failure"] = data["mean_squared_error"].isnull().astype(str).str.replace("False", "")
+    return data
+
+
+def test_each_panel_shows_means_and_confidence_intervals_of_each_method(tmp_path, saved):
+    metadata = {"Source": "chair.xml, seed 3", "Comment": "λ = 1"}
+    given = results()
+    draw_sweep(
+        tmp_path / "a.png", given.isel(sbr=[2, 0, 1]), metric="mean_squared_error", width=7.2,
+        metadata=metadata,
+    )  # fmt: skip
+    text, pixels = read(tmp_path / "a.png")
+    assert metadata.items() <= text.items()
+    assert [ax.get_title(loc="left")[0] for ax in saved[0].axes] == [*ascii_lowercase[:2]]
+    for ax, size in zip(saved[0].axes, SIZES, strict=True):
+        assert size in ax.get_title(loc="left")
+        for k, count in enumerate((3, 2)):
+            line, band = ax.lines[k], ax.collections[k].get_paths()[0].vertices
+            places = given["mean_squared_error"].sel(hidden=size).isel(algorithm=k).mean("seed")
+            own = places.squeeze("image").values[:, :count]
+            assert to_rgb(line.get_color()) == to_rgb(OKABE_ITO[k])
+            np.testing.assert_allclose(line.get_ydata()[:count], own.mean(axis=0))
+            first = band[np.isclose(band[:, 0], 0.1), 1]
+            interval = stats.t.interval(0.95, 4, own[:, 0].mean(), stats.sem(own[:, 0]))
+            np.testing.assert_allclose([first.min(), first.max()], interval)
+    assert covers(pixels, 255 * np.array(to_rgb(OKABE_ITO[0]))).sum() > 500
+    assert "n = 5 places" in saved[0].get_supxlabel()
+
+
+def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
+    metric = "mean_squared_error"
+    draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")
+    assert len(saved[0].axes) == 5
+    assert [tick.get_text() for tick in saved[0].axes[0].get_xticklabels()] == SIZES
+    assert "sbr = 0.1" in saved[0].get_supxlabel()
+    with pytest.raises(PeriscopyError, match="sbr"):
+        draw_sweep(tmp_path / "b.png", results(), metric=metric, over="sbrr")
+    with pytest.raises(PeriscopyError, match="mean_squared_error"):
+        draw_sweep(tmp_path / "b.png", results(), metric="mean_error")
