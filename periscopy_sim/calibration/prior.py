@@ -1,6 +1,7 @@
 """What is known of a scene's parameters before the photograph: measured values and their errors."""
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import RULER_ERROR, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
@@ -22,6 +24,34 @@ class UncertainParameters:
     names: tuple[str, ...]
     values: Array
     standard_errors: Array
+
+
+TRIES = 100
+"""Draws of a number that a scene may refuse."""
+
+
+def read_by_ruler(scenario: Scenario, seed: Sequence[int]) -> dict[str, float]:
+    """Draw what a ruler reads of every number that declares an error: normal errors, by name.
+
+    What the scene refuses, such as a board of negative thickness, is measured again; a SceneError
+    says that it refuses all.
+    """
+    errors, rng = free_parameters(scenario.document), np.random.default_rng(seed)
+    read: dict[str, float] = {}
+    true = start_values(scenario.document, tuple(errors))
+    for (name, error), value in zip(errors.items(), true, strict=True):
+        for _ in range(TRIES):
+            number = float(f"{value + error * rng.standard_normal():.6g}")
+            with suppress(SceneError):
+                scenario.at(**read, **{name: number})
+                read[name] = number
+                break
+        else:
+            raise SceneError(
+                f"{name} = {value:g} with errors of {error:g}: the scene '{scenario.path}' refuses "
+                f"{TRIES} draws; declare a smaller error"
+            )
+    return read
 
 
 def uncertain_parameters(

@@ -1,0 +1,114 @@
+"""Methods that calibrate their scene by each photograph before they reconstruct it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from threading import Lock
+from typing import Any, Self
+
+import numpy as np
+
+from periscopy_sim.calibration.calibrate import calibrate
+from periscopy_sim.calibration.result import Calibration
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.numerics import Image
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.method import Method
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.outputs.provenance import array_sha256
+
+MEASURES = {
+    "trusted": {
+        "long_name": "whether nothing speaks against the calibration: 1, else 0", "units": "1"
+    },
+    "within_1": {
+        "long_name": "share of calibrated numbers within a standard error of the true ones",
+        "units": "1",
+    },
+    "within_3": {
+        "long_name": "share of calibrated numbers within three standard errors of the true ones",
+        "units": "1",
+    },
+}  # fmt: skip
+"""What a sweep measures of calibrations."""
+
+ONE_AT_A_TIME = Lock()
+"""Dr.Jit's arrays belong to one thread at a time, and calibrations trace rays."""
+
+
+@dataclass(eq=False)
+class Calibrator:
+    """Finds a scene by a photograph, once for all methods that ask.
+
+    Attributes
+    ----------
+    scenario
+        The scene by the ruler.
+    truth
+        The true values of the numbers that declare an error, by name.
+    wall
+        The conditions of the photographs.
+    """
+
+    scenario: Scenario
+    truth: Mapping[str, float]
+    wall: Photograph
+    _found: dict[str, Calibration] = field(default_factory=dict, repr=False)
+
+    def __call__(self, values: Image) -> Calibration:
+        """Calibrate by a photograph, (rows, columns, channels)."""
+        digest = array_sha256(np.asarray(values))
+        if digest not in self._found:
+            self._found[digest] = calibrate(
+                replace(self.wall, values=np.asarray(values, np.float64)),
+                self.scenario.scene,
+                self.scenario.hidden.shapes,
+                camera=self.scenario.view.camera,
+            )
+        return self._found[digest]
+
+    def measures(self, values: Image) -> dict[str, float]:
+        """Return the `MEASURES` of the calibration by a photograph."""
+        found = self(values)
+        off = [
+            abs(each.value - self.truth[each.name]) / each.standard_error
+            for each in found.parameters
+        ]
+        within = {f"within_{k}": float(np.mean(np.less(off, k))) for k in (1, 3)}
+        return {"trusted": float(found.trusted), **within}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A method whose scene is calibrated by the photograph that it reconstructs.
+
+    Attributes
+    ----------
+    calibrator
+        Finds the scene.
+    fit
+        Returns the method, fitted to a scene and to what is known of its errors.
+    """
+
+    calibrator: Calibrator
+    fit: Callable[[Scenario, SceneCovariance], Method]
+
+    def fitted_to(self, photograph: Photograph) -> Self:
+        """Return this: `calibrator` and `fit` know the photographs' conditions."""
+        del photograph
+        return self
+
+    def reconstruct(self, photograph: Image) -> Any:
+        """Calibrate, then recover the hidden image, (R, C, channels), by the scene that is found.
+
+        Of several surfaces it is a mapping by id. A PhotographError or a SceneError says that this
+        photograph determines no number.
+        """
+        with ONE_AT_A_TIME:
+            found = self.calibrator(photograph)
+            scenario = self.calibrator.scenario.at(**found.values)
+            method = self.fit(scenario, found.scene_covariance)
+        return method.reconstruct(photograph)
+
+    def measures(self, photograph: Image) -> dict[str, float]:
+        """Return the `MEASURES` of the calibration by a photograph."""
+        return self.calibrator.measures(photograph)
