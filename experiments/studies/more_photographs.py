@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.page import processor_seconds
 from experiments.setting import SNR, kept
-from experiments.studies.wrong_scenes.outcome import fitted
 from experiments.studies.wrong_scenes.subjects import Photographed, photographed, subjects
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -114,6 +113,12 @@ class Laboratory:
     def _psnr(self, method: ps.NoiseAware, photograph: Array, shift: bool) -> float:
         image, truth = method.reconstruct(photograph), self.first.truth
         return ps.registered(image, truth).psnr if shift else ps.psnr_gain_matched(image, truth)
+
+
+def fitted(scene: ps.Scenario) -> ps.NoiseAware:
+    """Return the noise-aware method of a scene."""
+    A, B = ps.transport(scene, by="areas"), ps.point_light_backgrounds(scene)
+    return ps.NoiseAware.for_scene(scene, A, B)
 
 
 def row(cases: Sequence[dict[str, Any]]) -> str:

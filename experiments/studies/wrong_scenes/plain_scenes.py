@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.setting import kept
 from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
-from periscopy_sim.evaluation.sweep import array_sha256
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
 
 Array = NDArray[np.float64]
 
@@ -57,12 +56,12 @@ def plain_subjects() -> dict[str, Subject]:
 def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
     """Render a subject by plain Mitsuba, or read the renderings that a folder holds."""
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
-    light = {}
+    light, files = {}, {}
     for name, shown, lamps in (
         (subject.image, truth, "0"),
         (subject.place, np.zeros_like(truth), "1"),
     ):
-        file = folder / subject.name / f"{name}.exr"
+        files[name] = file = folder / subject.name / f"{name}.exr"
         depends = {
             "scene_sha256": scene_sha256(subject.lit),
             "parameters": str(dict(subject.parameters)),
@@ -82,7 +81,8 @@ def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
             return np.asarray(passes.mean(axis=0))
 
         light[name] = kept(file, depends, render)
-    return Photographed(subject, truth, light[subject.image], light[subject.place])
+    image, place = subject.image, subject.place
+    return Photographed(subject, truth, light[image], light[place], files[image], files[place])
 
 
 def renderings(subject: Subject, bitmap: Path, lamps: str) -> Array:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import shutil
 import zlib
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,13 +23,11 @@ import periscopy_sim as ps
 from experiments.laboratories.making.laboratories import SHELF
 from experiments.laboratories.making.laboratory import SCENES
 from experiments.setting import SNR, kept
-from periscopy_sim.calibration.prior import free_parameters, start_values
-from periscopy_sim.errors import SceneError
-from periscopy_sim.evaluation.sweep import array_sha256
+from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.storage.outputs.provenance import array_sha256, as_text, provenance
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Array = NDArray[np.float64]
@@ -91,19 +88,8 @@ class Subject:
         return ps.load_scenario(self.scene, self.hidden, {**self.parameters, **(values or {})})
 
     def measured(self, draw: int) -> dict[str, float]:
-        """Draw what a ruler reads of every number at once: normal errors, as declared.
-
-        What the scene refuses, such as a board of negative thickness, is measured again.
-        """
-        rng = np.random.default_rng([draw, zlib.crc32(self.name.encode())])
-        read: dict[str, float] = {}
-        for (name, error), true in zip(self.errors.items(), self.true_values, strict=True):
-            while name not in read:
-                number = float(f"{true + error * rng.standard_normal():.6g}")
-                with suppress(SceneError):
-                    self.at({**read, name: number})
-                    read[name] = number
-        return read
+        """Draw what a ruler reads of every number at once: normal errors, as declared."""
+        return read_by_ruler(self.at(), [draw, zlib.crc32(self.name.encode())])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +100,14 @@ class Photographed:
     truth: Array  # (R, C, 3) in [0, 1]
     signal: Array
     ambient: Array
+    signal_file: Path
+    ambient_file: Path
 
     def photograph(self, sbr: float, draw: int) -> tuple[Array, float]:
         """Return a photograph at an SBR and 60 dB, of mean 1, and the truth's light in its unit."""
         seed = zlib.crc32(f"{self.subject.name} {sbr:g} {draw}".encode())
         clean = ps.composite(self.signal, self.ambient, sbr)
         return ps.add_noise(clean, SNR, seed), sbr / (1 + sbr) / float(self.signal.mean())
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the light."""
-        return array_sha256(np.stack([self.signal, self.ambient]))
 
 
 def subjects(folder: Path) -> dict[str, Subject]:
@@ -183,6 +166,7 @@ def photographed(subject: Subject, folder: Path) -> Photographed:
         print(f"{subject.name}: path traced to a grain of {100 * grain:.3f} %", flush=True)
         return np.asarray(np.mean(halves, axis=0))
 
-    signal = kept(folder / f"{subject.name}.exr", depends, render, made)
-    light = ambient_photographs([subject.place], subject.at(), folder / subject.name, SEED)
-    return Photographed(subject, truth, signal, light[subject.place])
+    file, places = folder / f"{subject.name}.exr", folder / subject.name
+    signal = kept(file, depends, render, made)
+    light = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
+    return Photographed(subject, truth, signal, light, file, places / f"{subject.place}.exr")

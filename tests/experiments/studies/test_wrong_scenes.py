@@ -4,32 +4,13 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.studies.wrong_scenes import coverage, plain_scenes, subjects
-from experiments.studies.wrong_scenes.outcome import Outcome
+from experiments.studies.wrong_scenes import __main__ as wrong_scenes
+from experiments.studies.wrong_scenes import plain_scenes, subjects
+from periscopy_sim.cli import app
+from periscopy_sim.evaluation.sweep_store import read_sweep
+from periscopy_sim.storage.formats.exr import write_exr
 
-HIDDEN = (4, 5)
 MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
-
-
-def outcome(seed, factor):
-    """A draw whose reported errors are right, or a factor too small."""
-    rng = np.random.default_rng(seed)
-    numbers, shape = 12, (*HIDDEN, 3)
-    errors = rng.uniform(0.1, 1, numbers)
-    correlation = 0.3 + 0.7 * np.eye(numbers)
-    truth = rng.uniform(0, 1, shape)
-    off = np.linalg.cholesky(correlation) @ rng.standard_normal(numbers)
-    light, patch_errors = 1.7, rng.uniform(0.05, 0.1, shape)
-    images = np.stack([light * truth + s * rng.standard_normal(shape) for s in (0.8, 0.3, 0.2)])
-    images[1] = light * truth + factor * patch_errors * rng.standard_normal(shape)
-    return Outcome(
-        subject="plate", sbr=10.0, draw=seed, names=[f"n{k}" for k in range(numbers)],
-        true_values=np.zeros(numbers), start=rng.standard_normal(numbers),
-        ruler_errors=np.ones(numbers), values=factor * errors * off, standard_errors=errors,
-        determined=errors < 0.7, correlation=correlation, truth=truth, images=images, light=light,
-        image_errors=patch_errors, geometry=True, moved=True, doubts=[],
-        overdispersion=1.1, seconds=[10.0, 2.0],
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +23,9 @@ def plate(tmp_path_factory):
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     signal = (ps.analytic_transport(scene) @ truth.reshape(-1, 3)).reshape(24, 24, 3)
     lamp = ps.point_light_backgrounds(scene)[:, 100].reshape(24, 24, 1) * np.ones(3)
-    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp)
+    folder = tmp_path_factory.mktemp("light")
+    files = folder / "signal.exr", folder / "lamp.exr"
+    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp, *files)
 
 
 def test_the_ruler_errs_as_the_scene_declares():
@@ -69,20 +52,18 @@ def test_the_truth_explains_the_photograph_in_its_unit(plate):
     assert not np.array_equal(photograph, plate.photograph(0.5, 4)[0])
 
 
-@pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_errors_that_are_right_cover_what_they_tell(factor):
-    outcomes = [outcome(seed, factor) for seed in range(60)]
-    told, error = coverage.of_draws(outcomes, lambda o: o.patch_z)
-    low, high = coverage.expected_band(outcomes)
-    numbers, _ = coverage.of_draws(outcomes, lambda o: o.z)
-    inside = (low <= numbers) & (numbers <= high)
-    if factor == 1:
-        # 3,600 patches; the largest of the differences exceeds this once in 10,000 seeds.
-        assert np.abs(told - coverage.LEVELS).max() < 2.2 / np.sqrt(3600)
-        assert inside.mean() > 0.9 and (error < 0.02).all()
-    else:
-        assert told[coverage.LEVELS == coverage.ONE] == pytest.approx(0.383, abs=0.03)
-        assert inside.mean() < 0.2
+@pytest.mark.usefixtures("jit", "drawings")
+def test_a_study_compares_the_true_the_ruler_s_and_the_calibrated_scene(plate, tmp_path):
+    scene = dict.fromkeys((f"{n}_error" for n in MEASURED[1:]), "0")
+    subject = replace(plate.subject, parameters={**plate.subject.parameters, **scene})
+    for file, light in ((plate.signal_file, plate.signal), (plate.ambient_file, plate.ambient)):
+        write_exr(file, light, {})
+    words = wrong_scenes.study(replace(plate, subject=subject), "5", draws=1)
+    app([*words, "--out", str(tmp_path / "out")], standalone_mode=False)
+    (row,) = wrong_scenes.rows_of("plate", read_sweep(tmp_path / "out/sweep.zarr"))
+    _, name, sbr, draws, ruler, calibrated, *_ = (each.strip() for each in row.split("|"))
+    assert (name, sbr, draws) == ("plate", "5", "1")
+    assert float(ruler) > 1 > 2 * abs(float(calibrated))
 
 
 def test_plain_scenes_load_with_their_errors_and_draws():
