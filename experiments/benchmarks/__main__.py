@@ -2,13 +2,15 @@
 
 `python -m experiments.benchmarks --out DIR [--only stills,video]` writes `index.html` and
 `claims.json`. Absolute times belong to one machine; the ratios,
-measured in one run, carry over. One runs only when named: `--only live` needs a browser.
+measured in one run, carry over. Two run only when named: `--only live` needs a browser,
+`--only scale` takes minutes on worker processes.
 """
 
 import typer
 
 from experiments.benchmarks.fine_grids import fine_grids
 from experiments.benchmarks.live import live
+from experiments.benchmarks.scale import scale
 from experiments.benchmarks.stills import denoising, stills, video
 from experiments.page import Experiment, Page
 
@@ -18,6 +20,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "video": video,
     "fine-grids": fine_grids,
     "live": live,
+    "scale": scale,
 }
 
 PAGE = Page(
@@ -27,7 +30,7 @@ PAGE = Page(
     names=tuple(BENCHMARKS),
     stated="asked",
     functions=BENCHMARKS,
-    on_demand=("live",),
+    on_demand=("live", "scale"),
 )
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
+from periscopy_sim.storage.outputs.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
@@ -203,6 +204,20 @@ LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MO
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
+]
+
+
+def place_of(text: str) -> Path:
+    """Return the place that a path or a URL names."""
+    try:
+        return place(text)
+    except PeriscopyError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+Store = Annotated[
+    Path,
+    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place_of),
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]

@@ -25,6 +25,7 @@ from periscopy_sim.numerics.machine import ahead
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
+from periscopy_sim.storage.outputs.places import is_remote, place
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
@@ -62,7 +63,8 @@ def make_dataset(
     configuration
         From `load_configuration`.
     out
-        The archive, a Zarr folder. Blocks of this configuration stay; damaged ones are made again.
+        The archive, a Zarr folder, or a URL that fsspec opens, such as ``s3://bucket/name``. Blocks
+        of this configuration stay; damaged ones are made again.
     count
         Samples, instead of the configuration's; may grow from run to run.
     scheduler
@@ -86,7 +88,7 @@ def make_dataset(
         A scene has lights beside the monitor, or light that bounces is not known well enough, see
         `render_bounced_light`. The archive's `bounced_error` has the error of each geometry.
     """
-    out, report = Path(out), progress or (lambda *_: None)
+    out, report = place(out), progress or (lambda *_: None)
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})
@@ -126,10 +128,11 @@ def make_dataset(
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
         done = layout.count - made
         shared = settings, layout.photograph_shape, backgrounds
-        for block, values in _made(shared, shares, scheduler):
+        for block, values in _made(shared, shares, scheduler, store):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
-            store.write((block,), values)
+            if values:
+                store.write((block,), values)
             done += store.layout.size((block,))
         report(done, layout.count)
     filled = {draw.split for draw in draws}
@@ -146,15 +149,19 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
 
 
 def _made(
-    shared: "_Shared", shares: Mapping[int, Sequence[int]], scheduler: str | None
+    shared: "_Shared", shares: Mapping[int, Sequence[int]], scheduler: str | None, store: BlockStore
 ) -> Iterator[tuple[int, Block]]:
-    """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
+    """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
+
+    Workers write to an object store themselves: such blocks are empty.
+    """
     if scheduler is None or not shares:
         for share in shares.items():
             yield from _blocks(shared, share, ahead)
         return
+    shared_store = store if is_remote(store.path) else None
     with connect(scheduler) as client:
-        for _, blocks in compute(client, _make_share, shared, shares.items()):
+        for _, blocks in compute(client, _make_share, (shared, shared_store), shares.items()):
             yield from blocks
 
 
@@ -162,8 +169,16 @@ _Shared = tuple[Configuration, tuple[int, int], Backgrounds]
 """The configuration, the photographs' (rows, columns), and the ambient light."""
 
 
-def _make_share(shared: _Shared, share: tuple[int, Any]) -> list[tuple[int, Block]]:
-    return list(_blocks(shared, share, map))
+def _make_share(
+    given: tuple[_Shared, BlockStore | None], share: tuple[int, Any]
+) -> list[tuple[int, Block]]:
+    shared, store = given
+    made = []
+    for block, values in _blocks(shared, share, map):
+        if store is not None:
+            store.write((block,), values)
+        made.append((block, values if store is None else {}))
+    return made
 
 
 def _blocks(

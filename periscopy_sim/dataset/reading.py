@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import takewhile
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,11 +15,13 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from periscopy_sim.errors import DatasetError
+from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.animation import draw_contact_sheet
 from periscopy_sim.hidden import named
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.outputs.places import address, bytes_in, place
+from periscopy_sim.storage.outputs.staging import out_of_space_reported
 from periscopy_sim.storage.outputs.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
@@ -137,6 +140,8 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
         first = records.read(next(iter(records.blocks()), (0,))).get("of", records.of)
         if first != records.of or not (path / MAKING).is_dir():
             raise ValueError
+    except OutputError:
+        raise
     except (KeyError, TypeError, ValueError):
         raise DatasetError(
             f"{path}: its attributes or marks are not those that 'periscopy dataset' wrote; open "
@@ -149,7 +154,10 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
 def _damage_reported(path: Path) -> Iterator[None]:
     """Raise whatever Zarr or xarray cannot read as a `DatasetError`."""
     try:
-        yield
+        with out_of_space_reported(path):
+            yield
+    except OutputError:
+        raise
     except (OSError, ValueError, LookupError, TypeError, ArithmeticError) as error:
         raise DatasetError(f"{path}: is damaged: {error}; make it again") from error
 
@@ -179,18 +187,19 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     require_all()
     import xarray as xr
 
-    path = Path(path)
+    path = place(path)
     _, layout, records = read_head(path)
     with warnings.catch_warnings(), _damage_reported(path):
         # Text of any length is not in Zarr's standard yet; the archive records what reads it.
         warnings.filterwarnings("ignore", message=".*does not have a Zarr V3 specification.*")
-        data = xr.open_dataset(path, engine="zarr", consolidated=False, chunks=None)
+        data = xr.open_zarr(**address(path), consolidated=False, chunks=None)
     for name, settings in records.layout.variables.items():
         length, *shape = settings["shape"]  # it may be longer where a run that grows it was stopped
         held = data[name].shape if name in data.variables else (0,)
         if held[:1] < (length,) or [*held[1:]] != shape:
             raise DatasetError(f"{path}: its variable '{name}' is lost or too small; make it again")
-    ready = sum(map(records.layout.size, takewhile(records.has, records.layout.blocks)))
+    asked = records.asked(records.has, records.layout.blocks)
+    ready = sum(records.layout.size(block) for block, _ in takewhile(itemgetter(1), asked))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -211,14 +220,14 @@ def verify_dataset(
     Return the samples that are missing or damaged, as ranges (first, one after the last).
     `progress` is called with the blocks checked and their number.
     """
-    path = Path(path)
+    path = place(path)
     _, _, records = read_head(path)
     open_dataset(path, incomplete=True)  # where all variables have a head
     damaged: list[tuple[int, int]] = []
     blocks = [*records.layout.blocks]
-    for block in blocks:
+    for block, is_whole in records.asked(records.verify, blocks):
         samples = records.layout.place(block)["sample"]
-        if not records.verify(block):
+        if not is_whole:
             joins = damaged and damaged[-1][1] == samples.start
             damaged.append((damaged.pop()[0] if joins else samples.start, samples.stop))
         progress(block[0] + 1, len(blocks))
@@ -227,17 +236,18 @@ def verify_dataset(
 
 def describe(path: str | Path) -> dict[str, Any]:
     """Return a data set's sizes, its progress, and a summary of its samples, of JSON's types."""
-    path = Path(path)
+    path = place(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    whole = [b for b in records.blocks() if records.layout.has(b) and records.has(b)]
+    held = filter(records.layout.has, records.blocks())
+    whole = [block for block, is_held in records.asked(records.has, held) if is_held]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,
             "finished": sum(map(records.layout.size, whole)),
             "photograph": list(layout.photograph_shape),
             "hidden": layout.attributes["hidden_shape"],
-            "bytes": sum(file.stat().st_size for file in path.rglob("*") if file.is_file()),
+            "bytes": bytes_in(path),
             "seed": attributes["configuration"]["seed"],
             "versions": attributes["versions"],
         }
@@ -261,7 +271,7 @@ def export_samples(
     several surfaces ``NNNNNNNN_hidden_ID.exr``, and ``sheet.png``, where a photograph is scaled to
     its brightest value. `progress` is called with the samples written and their number.
     """
-    path = Path(path)
+    path = place(path)
     _, layout, _ = read_head(path)
     data = open_dataset(path, incomplete=True)
     last = data.sizes["sample"] - 1

@@ -11,6 +11,8 @@ import numpy as np
 from periscopy_sim.dataset.reading import open_dataset
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require
+from periscopy_sim.storage.outputs.places import place
+from periscopy_sim.storage.outputs.store import opened
 
 
 class TorchDataset:
@@ -55,7 +57,7 @@ class TorchDataset:
         if not len(self.samples):
             known = ", ".join(sorted({*splits.tolist()}))
             raise DatasetError(f"{path}: has no samples of split '{split}'; it has {known}")
-        self.path, self.variables, self.transform = Path(path), variables, transform
+        self.path, self.variables, self.transform = place(path), variables, transform
         self._opened: tuple[int, Any] | None = None
 
     def __len__(self) -> int:
@@ -73,9 +75,7 @@ class TorchDataset:
         """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
         # An archive opened before a fork waits for threads that the fork has left behind.
         if self._opened is None or self._opened[0] != os.getpid():
-            import zarr
-
-            self._opened = os.getpid(), zarr.open_group(self.path, mode="r", zarr_format=3)
+            self._opened = os.getpid(), opened(self.path)
         group = self._opened[1]
         chosen = self.samples[np.array([*map(index, indices)], int)]
         wanted, places = np.unique(chosen, return_inverse=True)

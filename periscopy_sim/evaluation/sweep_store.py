@@ -12,7 +12,9 @@ from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.metrics import METRICS
 from periscopy_sim.numerics import machine
 from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.storage.outputs.places import address
 from periscopy_sim.storage.outputs.resume import check_settings
+from periscopy_sim.storage.outputs.staging import out_of_space_reported
 from periscopy_sim.storage.outputs.store import (
     MAKING,
     Block,
@@ -75,7 +77,8 @@ class SweepStore:
     ) -> None:
         self.path, self._wanted, self._measures = path, axes, measures
         self._surfaces = [*images]
-        cells = [each.stem.split("-") for each in (path / MAKING / "finished").glob("*.json")]
+        with out_of_space_reported(path):
+            cells = [each.stem.split("-") for each in (path / MAKING / "finished").glob("*.json")]
         held = attributes_of(path) if cells else {}
         if cells and "axes" not in held:
             raise OutputError(f"{path} is damaged, or of an older version; name another folder")
@@ -159,7 +162,8 @@ class SweepStore:
         """Return the cells of the sweep that are not complete yet."""
         wanted = product(*self._wanted.values())
         cells = [dict(zip(self._wanted, values, strict=True)) for values in wanted]
-        return [cell for cell in cells if not self._store.records.verify(self._block(cell))]
+        asked = self._store.records.asked(self._store.records.verify, map(self._block, cells))
+        return [cell for cell, (_, is_whole) in zip(cells, asked, strict=True) if not is_whole]
 
     def write(self, cell: Values, outcome: Values) -> None:
         """Write a method's variables in a cell, and record that it is complete."""
@@ -186,7 +190,10 @@ def read_sweep(path: Path, at: Mapping[str, Sequence[Any]] | None = None) -> "xr
     """Read a sweep's results into memory, all or those at values of axes."""
     import xarray as xr
 
-    with xr.open_dataset(path, engine="zarr", consolidated=False) as dataset:
+    with (
+        out_of_space_reported(path),
+        xr.open_zarr(**address(path), consolidated=False, chunks=None) as dataset,
+    ):
         results = dataset.sel(at).load()
     # Strings of fixed width, which more of xarray and pandas take than NumPy's newer ones.
     texts = [results[name] for name in results.variables if results[name].dtype.kind == "T"]

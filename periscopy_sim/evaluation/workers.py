@@ -23,7 +23,7 @@ Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 
 IN_FLIGHT = 256
-"""Tasks that the scheduler holds at once, with results that nobody has read yet."""
+"""Tasks that the scheduler holds at once at least, with results that nobody has read yet."""
 
 CONNECTING, EXAMINING = 10.0, 60.0
 """Seconds for a scheduler to answer, several times those of a slow network, and for its workers to
@@ -122,7 +122,8 @@ def compute(
                 "locks, threads and open files out of its object"
             ) from error
         submit = partial(client.submit, _on_one_thread, task, parcel, pure=False)
-        running = as_completed([submit(item) for item in islice(waiting, IN_FLIGHT)])
+        at_once = max(IN_FLIGHT, 2 * sum(client.nthreads().values()))
+        running = as_completed([submit(item) for item in islice(waiting, at_once)])
         for future in running:
             yield future.result()
             for item in islice(waiting, 1):

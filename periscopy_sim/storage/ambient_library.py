@@ -11,6 +11,7 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
+from periscopy_sim.storage.outputs.places import local_copy
 from periscopy_sim.storage.outputs.provenance import as_text, provenance, scene_sha256
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -68,7 +69,8 @@ def ambient_photographs(
                 }
                 write_exr(staged, rendered.photograph, {**settings, **errors})
         # Also what was just rendered: as kept, so that a later run computes the same.
-        picture, metadata = read_exr(file)
+        with local_copy(file) as copy:
+            picture, metadata = read_exr(copy)
         del settings["scene"]  # wherever it lies: it has a digest
         check_settings({n: metadata.get(n) for n in settings}, settings, f"{file}:", "photograph")
         photographs[name] = picture.astype(np.float64)

@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices
+from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices, place_of
 from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, PeriscopyError
@@ -18,7 +18,10 @@ from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
-    Path, typer.Argument(metavar="DATA", help="A data set, as 'periscopy dataset' writes it.")
+    Path,
+    typer.Argument(
+        metavar="DATA", help="A data set, as 'periscopy dataset' writes it.", parser=place_of
+    ),
 ]
 
 
@@ -45,7 +48,13 @@ def make(
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
     ] = None,
     out: Annotated[
-        Path | None, option("FOLDER", "The Zarr archive, made or continued.", group=OUTPUT)
+        Path | None,
+        option(
+            "FOLDER",
+            "The Zarr archive, made or continued; or a URL, as s3://bucket/name.",
+            group=OUTPUT,
+            parser=place_of,
+        ),
     ] = None,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")

@@ -22,6 +22,7 @@ from periscopy_sim.extras import require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.shipped import find_image, find_scene
+from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import (
     array_sha256,
     scene_sha256,
@@ -46,7 +47,7 @@ VARIED = "ambient_prototypes", "light_model_sha256", "mask", "monitor_off"
 def sweep(
     session: Annotated[WallSession, {"hidden": ["29x36"]}],
     light: Light,
-    out: options.ResumedFolder,
+    out: options.Store,
     vary: Annotated[
         list[str] | None,
         option(
@@ -161,7 +162,11 @@ def sweep(
         calibrates=KNOWN in axes,
     )
     worlds.check(axes)
-    with resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED):
+    with (
+        resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED),
+        mirrored(out, RESULTS) as (rendered, send),
+    ):
+        worlds = replace(worlds, out=rendered, keep=send)
         whole = sweeps.Sweep(
             world=worlds,
             sbrs=ratios,

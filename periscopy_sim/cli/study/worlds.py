@@ -1,6 +1,6 @@
 """The worlds of a sweep: what each needs is rendered once, and kept in its folder."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -79,6 +79,8 @@ class Worlds:
         See `periscopy_sim.evaluation.world.WorldMaker`.
     calibrates
         Whether an axis says what methods know, so that they may calibrate.
+    keep
+        Called when all that a world needs is in its folder.
     """
 
     session: WallSession
@@ -93,6 +95,7 @@ class Worlds:
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
     calibrates: bool = False
+    keep: Callable[[], None] = lambda: None
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, TransportPlan]" = field(default_factory=dict, init=False)
@@ -140,6 +143,7 @@ class Worlds:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
             fitted, plans = self._fitted(assumed, values, wall)
+        self.keep()
         return World(
             signals=signals,
             truths={name: true.hidden_image(names) for name, names in self.shown.items()},

@@ -8,7 +8,7 @@ from typing import Any
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.numerics.limits import read_json
-from periscopy_sim.storage.outputs.staging import alone_in, staged_file
+from periscopy_sim.storage.outputs.staging import alone_in, out_of_space_reported, staged_file
 
 SETTINGS = "settings.json"
 """File that holds what a folder's results were made with."""
@@ -47,7 +47,8 @@ def resumed_folder(
             recorded |= {name: settings[name] for name in varied or settings}
         check_settings(recorded, settings, str(out), what)
 
-    check()  # before the folder is made
+    with out_of_space_reported(out):
+        check()  # before the folder is made
     with alone_in(out):
         check()
         if is_new():

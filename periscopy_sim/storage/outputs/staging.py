@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from periscopy_sim.errors import OutputError, path_fault
+from periscopy_sim.storage.outputs.places import is_remote, unreachable_reported, uploaded
 
 _FULL = ("requested and", *map(os.strerror, (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)))
 """Words of errors about a full disk or quota: NumPy's, which has no number, and the system's."""
@@ -35,8 +36,14 @@ def staged_file(path: Path) -> Iterator[Path]:
     made and symbolic links followed. If the block raises, the temporary file is removed, and an
     earlier file of that name stays as it was. If the process is killed, the next call with the same
     path removes the temporary file. An `OutputError` on entry says that `path` is a folder or a
-    device, or cannot be written; a later one that the disk is full.
+    device, or cannot be written; a later one that the disk is full. An object of a store is put
+    there at once.
     """
+    if is_remote(path):
+        with uploaded(path) as staged:
+            staged.touch()
+            yield staged
+        return
     with ExitStack() as undo:
         with unwritable_reported(path):
             target = Path(os.path.realpath(path))  # absolute: the block may change folder
@@ -60,6 +67,11 @@ def staged_folder(path: Path) -> Iterator[Path]:
     rename at a time, and all others stay. The temporary folder then lies inside `path`, which may
     be a mount point. An `OutputError` is raised if a file would replace a folder or vice versa.
     """
+    if is_remote(path):
+        with uploaded(path) as staged:
+            staged.mkdir()
+            yield staged
+        return
     with ExitStack() as undo:
         with unwritable_reported(path):
             target = Path(os.path.realpath(path))
@@ -99,9 +111,9 @@ def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
     for leftover in folder.glob(f".{digest}-????????.partial{glob.escape(suffix)}"):
         with suppress(OSError), ExitStack() as briefly:
             if _hold(leftover, briefly):
-                _remove(leftover)
+                remove(leftover)
     staged = folder / f".{digest}-{uuid.uuid4().hex[:8]}.partial{suffix}"
-    undo.callback(_remove, staged)
+    undo.callback(remove, staged)
     return staged
 
 
@@ -137,9 +149,11 @@ def _remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
     """Remove a file or a folder, if it exists and the file system can be written."""
-    if path.is_dir():
+    if is_remote(path):
+        path.rmdir(recursive=True)  # type: ignore[call-arg] # of universal_pathlib
+    elif path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
         with suppress(OSError):
@@ -155,6 +169,10 @@ def _flush(file: Path) -> None:
 @contextmanager
 def unwritable_reported(path: Path) -> Iterator[None]:
     """Raise what is wrong with `path`, by itself or as the system says, as an `OutputError`."""
+    if is_remote(path):
+        with unreachable_reported(path):
+            yield
+        return
     try:
         for place in (path, os.path.realpath(path)):
             if fault := path_fault(place):
@@ -169,7 +187,11 @@ def unwritable_reported(path: Path) -> Iterator[None]:
 
 @contextmanager
 def out_of_space_reported(path: Path) -> Iterator[None]:
-    """Raise a full disk, met while the block writes, as an `OutputError`."""
+    """Raise a full disk, met while the block writes, as an `OutputError`; of a store any fault."""
+    if is_remote(path):
+        with unreachable_reported(path):
+            yield
+        return
     try:
         yield
     except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
@@ -186,8 +208,12 @@ LOCK = ".lock"
 def alone_in(folder: Path) -> Iterator[None]:
     """Keep other processes out of a folder for the duration, however this one ends.
 
-    The folder is made if missing. Another process at work there is an `OutputError`.
+    The folder is made if missing. Another process at work there is an `OutputError`, but for an
+    object store: nothing locks that.
     """
+    if is_remote(folder):
+        yield
+        return
     with unwritable_reported(folder):
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / LOCK).open("ab")

@@ -10,26 +10,36 @@ bytes, however often the work was stopped, and by whomever.
 import hashlib
 import json
 import math
-import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.numerics.limits import read_json
+from periscopy_sim.storage.outputs.places import (
+    address,
+    answers,
+    clear,
+    content,
+    document,
+    is_remote,
+)
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import (
     LOCK,
     out_of_space_reported,
+    remove,
     staged_file,
     staged_folder,
     unwritable_reported,
 )
+
+if TYPE_CHECKING:
+    from zarr import Group
 
 Block = tuple[int, ...]
 """Place of a block among the blocks, along each dimension that is cut."""
@@ -104,16 +114,15 @@ class Records:
 
     def blocks(self) -> list[Block]:
         """Return the blocks that have a record, whole or not."""
-        files = (self.path / MAKING / "finished").glob("*.json")
+        with out_of_space_reported(self.path):
+            files = [*(self.path / MAKING / "finished").glob("*.json")]
         names = [name for file in files if all(map(str.isdecimal, name := file.stem.split("-")))]
         return sorted(tuple(map(int, name)) for name in names if len(name) == len(self.layout.cuts))
 
     def read(self, block: Block) -> dict[str, Any]:
         """Read the record of a block; empty if it is missing or damaged."""
-        try:
-            return dict(read_json(self.file(block)))
-        except (OSError, ValueError, TypeError):
-            return {}
+        record = document(self.file(block))
+        return record if isinstance(record, dict) else {}
 
     def has(self, block: Block) -> bool:
         """Return whether a block has a record, of this store and as large as the layout's."""
@@ -123,7 +132,16 @@ class Records:
 
     def verify(self, block: Block) -> bool:
         """Return whether a block has a record, and each of its files is what that says."""
-        return self.read(block) == self._of_files(block)
+        record = self.read(block)
+        return bool(record) and record == self._of_files(block)
+
+    def asked(
+        self, question: Callable[[Block], bool], blocks: Iterable[Block]
+    ) -> Iterator[tuple[Block, bool]]:
+        """Yield blocks with their answers to `has` or `verify`."""
+        blocks = [*blocks]
+        with out_of_space_reported(self.path):
+            yield from zip(blocks, answers(self.path, question, blocks), strict=True)
 
     def write(self, block: Block) -> None:
         """Record that a block is complete."""
@@ -132,8 +150,9 @@ class Records:
 
     def _of_files(self, block: Block) -> dict[str, Any]:
         """Return the record of a block that was written."""
-        files = sorted(self.layout.files(block).items())
-        checksums = {name: checksum(self.path / file) for name, file in files}
+        files = dict(sorted(self.layout.files(block).items()))
+        found = answers(self.path, checksum, [self.path / file for file in files.values()])
+        checksums = dict(zip(files, found, strict=True))
         kept = {name: each for name, each in checksums.items() if each is not None}
         return {"of": self.of, "samples": self.layout.size(block), "crc32c": kept}
 
@@ -153,43 +172,58 @@ class BlockStore:
         attributes: Mapping[str, Any],
         labels: Mapping[str, Label],
     ) -> None:
-        import zarr
 
         self.path, self.layout = path, layout
         self.records = Records(path, layout, attributes)
         check_place(path, layout.what)
         self._check_held(attributes)
         with out_of_space_reported(path):
-            for leftover in path.rglob("*.partial*"):  # left by a process that was killed
-                if leftover.is_file():
+            for leftover in () if is_remote(path) else path.rglob("*.partial*"):
+                if leftover.is_file():  # of a process that was killed
                     leftover.unlink()
-            for block in self.records.blocks():  # before the head lists more than there is
-                if not (layout.has(block) and self.records.has(block)):
-                    self.records.file(block).unlink()
-            if not self.records.blocks():  # a store of other axes may have been begun
+            is_good = lambda block: layout.has(block) and self.records.has(block)  # noqa: E731
+            for block, is_kept in self.records.asked(is_good, self.records.blocks()):
+                if not is_kept:  # before the head lists more than there is
+                    clear(self.records.file(block))
+            is_other = attributes_of(path) != json.loads(json.dumps(attributes))
+            if is_other and not self.records.blocks():  # begun with other axes, perhaps
                 for variable in path.glob("*/zarr.json"):
                     if variable.parent.name != MAKING:
-                        shutil.rmtree(variable.parent)
+                        remove(variable.parent)
             with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
                 self._lay_out(head, attributes, labels)
-        self._group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
+        self._arrays: dict[str, Any] = {}
+
+    def _array(self, name: str) -> Any:
+        """Return a variable's array, opened once."""
+        if name not in self._arrays:
+            self._arrays[name] = opened(self.path, "r+")[name]
+        return self._arrays[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave what is opened behind."""
+        return {**self.__dict__, "_arrays": {}}
 
     def missing(self) -> Iterator[Block]:
         """Yield the blocks that are missing, smaller, or not what was written."""
-        return (block for block in self.layout.blocks if not self.records.verify(block))
+        asked = self.records.asked(self.records.verify, self.layout.blocks)
+        return (block for block, is_whole in asked if not is_whole)
 
     def write(self, block: Block, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
         places, files = self.layout.place(block), self.layout.files(block)
+
+        def keep(name: str) -> None:
+            array = self._array(name)
+            place = [places.get(d, slice(0, None)) for d in array.metadata.dimension_names]
+            lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
+            array[tuple(place)] = values[name][tuple(lengths)]
+
         with out_of_space_reported(self.path):
-            self.records.file(block).unlink(missing_ok=True)
-            for file in files.values():  # Zarr would read what is there, whole or not
-                (self.path / file).unlink(missing_ok=True)
-            for name, each in values.items():
-                array = self._group[name]
-                place = [places.get(d, slice(0, None)) for d in array.metadata.dimension_names]
-                lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
-                array[tuple(place)] = each[tuple(lengths)]
+            clear(self.records.file(block))
+            # Zarr would read what is there, whole or not.
+            _ = [*answers(self.path, clear, [self.path / file for file in files.values()])]
+            _ = [*answers(self.path, keep, values)]
             self.records.write(block)
 
     def _check_held(self, wanted: Mapping[str, Any]) -> None:
@@ -227,12 +261,18 @@ def _fixed(attributes: Mapping[str, Any], layout: StoreLayout) -> dict[str, Any]
     return {name: each for name, each in attributes.items() if name not in layout.growing}
 
 
+def opened(path: Path, mode: Literal["r", "r+"] = "r") -> "Group":
+    """Open a store by Zarr."""
+    import zarr
+
+    return zarr.open_group(**address(path), mode=mode, zarr_format=3)
+
+
 def attributes_of(path: Path) -> dict[str, Any]:
     """Return the attributes of a store; none if its head is missing or damaged."""
-    try:
-        return dict(read_json(path / "zarr.json")["attributes"])
-    except (ValueError, KeyError, TypeError, OSError):
-        return {}
+    head = document(path / "zarr.json")
+    attributes = head.get("attributes") if isinstance(head, dict) else None
+    return attributes if isinstance(attributes, dict) else {}
 
 
 def check_place(path: Path, what: str) -> None:
@@ -240,9 +280,9 @@ def check_place(path: Path, what: str) -> None:
     with unwritable_reported(path):
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")
-    is_begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
-    if not is_begun and any(each.is_file() for each in path.rglob("*")):
-        raise OutputError(f"{path} is not empty and no {what}; name another folder")
+        is_begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
+        if not is_begun and any(each.is_file() for each in path.rglob("*")):
+            raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
 
 def checksum(file: Path) -> str | None:
@@ -252,4 +292,7 @@ def checksum(file: Path) -> str | None:
     """
     import google_crc32c
 
-    return f"{google_crc32c.value(file.read_bytes()):08x}" if file.exists() else None
+    try:
+        return f"{google_crc32c.value(content(file)):08x}"
+    except FileNotFoundError:
+        return None
