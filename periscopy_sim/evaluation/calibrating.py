@@ -98,16 +98,21 @@ class Calibrated:
         return self
 
     def reconstruct(self, photograph: Image) -> Any:
-        """Calibrate, then recover the hidden image, (R, C, channels), by the scene that is found.
+        """Recover the hidden image, (R, C, channels), by the method that `fitted_by` returns.
 
-        Of several surfaces it is a mapping by id. A PhotographError or a SceneError says that this
-        photograph determines no number.
+        Of several surfaces it is a mapping by id.
+        """
+        return self.fitted_by(photograph).reconstruct(photograph)
+
+    def fitted_by(self, photograph: Image) -> Method:
+        """Calibrate by a photograph, and return the method fitted to the scene that is found.
+
+        A PhotographError or a SceneError says that this photograph determines no number.
         """
         with ONE_AT_A_TIME:
             found = self.calibrator(photograph)
             scenario = self.calibrator.scenario.at(**found.values)
-            method = self.fit(scenario, found.scene_covariance)
-        return method.reconstruct(photograph)
+            return self.fit(scenario, found.scene_covariance)
 
     def measures(self, photograph: Image) -> dict[str, float]:
         """Return the `MEASURES` of the calibration by a photograph."""

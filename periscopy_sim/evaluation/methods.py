@@ -7,7 +7,7 @@ import runpy
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -28,6 +28,7 @@ from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS, MethodEntry
 from periscopy_sim.scenario import Scenario
 
@@ -151,11 +152,30 @@ def own_errors(name: str, what: str) -> Iterator[None]:
         ) from error
 
 
-def images_by(
-    method: Method, photograph: Image, hidden: Hidden, channels: int
-) -> dict[str, NDArray[np.float32]]:
+Images = dict[str, NDArray[np.float32]]
+"""By surface, (R, C, channels)."""
+
+
+def images_by(method: Method, photograph: Image, hidden: Hidden, channels: int) -> Images:
     """Reconstruct from a photograph; return each surface's image, checked by `promised`."""
-    images = hidden.images(method.reconstruct(photograph))
+    return _checked(method.reconstruct(photograph), hidden, channels)
+
+
+def estimates_by(
+    method: Method, photograph: Image, hidden: Hidden, channels: int
+) -> tuple[Images, Mapping[str, Image]]:
+    """Return `images_by` and, of a method that knows them, their standard errors by surface."""
+    fitted: Any = method.fitted_by(photograph) if hasattr(method, "fitted_by") else method
+    if not isinstance(fitted, NoiseAware):
+        return images_by(fitted, photograph, hidden, channels), {}
+    solution = fitted.solve(photograph)
+    images = _checked(solution.image, hidden, channels)
+    errors = fitted.standard_errors(solution)
+    return images, {} if errors is None else hidden.images(errors)
+
+
+def _checked(image: Any, hidden: Hidden, channels: int) -> Images:
+    images = hidden.images(image)
     return {n: promised(images[n], (*shape, channels)) for n, shape in hidden.shapes.items()}
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import MethodError, images_by, without_addresses
+from periscopy_sim.evaluation.methods import MethodError, estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
@@ -22,6 +22,7 @@ from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array
+from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Sweep:
 
 def run_sweep(
     sweep: Sweep,
-    folder: Path,
+    folder: str | Path,
     *,
     scheduler: str | None = None,
     progress: Callable[[float], None] | None = None,
@@ -118,7 +119,7 @@ def run_sweep(
     sweep
         Methods, photographs and what varies.
     folder
-        Gets ``sweep.zarr`` and ``sweep.csv``, a row for each cell.
+        Gets ``sweep.zarr`` and ``sweep.csv``, a row for each cell; or a URL that fsspec opens.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
     progress
@@ -139,10 +140,11 @@ def run_sweep(
         If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
     require_all()
-    worlds, axes = sweep.world, sweep.axes
+    folder, worlds, axes = place(folder), sweep.world, sweep.axes
     shapes = named("", worlds.hidden.shapes)
     images = {of: (*shape, worlds.channels) for of, shape in shapes.items()}
     conditions = {**sweep.conditions, **worlds.conditions, "base_seed": int(sweep.seed)}
+    conditions["metrics"] = [*METRICS]
     store = SweepStore(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
@@ -196,7 +198,7 @@ def _evaluate(
         of_A = {variable: made.get(variable, made.get(variable[10:])) for variable in MADE}
         values: dict[str, Any] = {"failure": "", **{n: v for n, v in of_A.items() if v is not None}}
         try:
-            images = images_by(world.methods[name], y.copy(), world.hidden, channels)
+            images, errors = estimates_by(world.methods[name], y.copy(), world.hidden, channels)
             measures = getattr(world.methods[name], "measures", None)
             if world.measures and measures:
                 values |= measures(y)
@@ -204,13 +206,14 @@ def _evaluate(
             raise
         except MethodError as error:  # whatever a user's own method raises
             values["failure"] = without_addresses(f"{type(error).__name__}: {error}")
+            errors = {}
             images = {
                 n: np.full((*size, channels), np.nan, np.float32) for n, size in sizes.items()
             }
         for of, surface in named("", {surface: surface for surface in sizes}).items():
             metrics = dict.fromkeys(METRICS, np.nan)
             if not values["failure"]:
-                metrics = measured(images[surface], truth[surface])
+                metrics = measured(images[surface], truth[surface], errors.get(surface))
             values |= {f"{metric}{of}": each for metric, each in metrics.items()}
             values[f"reconstruction{of}{size}"] = images[surface]
         outcomes.append(values)

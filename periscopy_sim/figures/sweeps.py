@@ -25,6 +25,7 @@ NAMES = {
     "sbr": "signal-to-background ratio", "snr": "signal-to-noise ratio", "hidden": "patches",
     "samples": "rays to a patch", "background": "place", "seed": "noise draw",
     "assumed": "what methods know of the scene", "trusted": "trusted calibrations",
+    "covered_1": "patches within a standard error", "covered_2": "patches within two",
     "within_1": "numbers within a standard error", "within_3": "numbers within three",
 }  # fmt: skip
 """Metrics and axes in words."""

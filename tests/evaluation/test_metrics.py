@@ -8,6 +8,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from periscopy_sim.evaluation.metrics import (
     colour_matched_psnr,
+    covered,
     gain_matched,
     psnr,
     psnr_gain_matched,
@@ -134,3 +135,15 @@ def test_registration_is_the_best_of_the_whole_grid():
     assert result.psnr == pytest.approx(scores[best], abs=1e-6)
     error = np.mean((result.image - truth) ** 2)
     assert result.psnr == pytest.approx(-10 * math.log10(error), abs=1e-9)
+
+
+def test_shares_within_standard_errors_are_those_of_normal_errors():
+    rng = np.random.default_rng(8)
+    truth = rng.uniform(0, 1, (60, 70, 3))
+    errors = rng.uniform(0.2, 1, truth.shape)  # as large as the image
+    image = [2, 3, 0.5] * (truth + errors * rng.standard_normal(truth.shape))
+    found = covered(image, [2, 3, 0.5] * errors, truth)
+    # 12,600 normal errors: 4 standard errors of a share, once in 16,000 seeds.
+    assert found["covered_1"] == pytest.approx(0.6827, abs=0.017)
+    assert found["covered_2"] == pytest.approx(0.9545, abs=0.008)
+    assert covered(image, np.zeros_like(errors), truth)["covered_2"] == 0

@@ -197,7 +197,7 @@ def test_method_that_fails_fails_alone(tmp_path):
     assert wrong.startswith("ValueError: ") and "(4, 3, 3) instead of" in wrong
     assert set(first["failure"].values.flat) == {""}
     table = (tmp_path / "sweep.csv").read_text()
-    assert f"moody,p,left,0.001,40.0,0,nan,nan,nan,nan,{raised}" in table
+    assert f"moody,p,left,0.001,40.0,0,nan,nan,nan,nan,nan,nan,{raised}" in table
 
 
 @pytest.mark.parametrize(

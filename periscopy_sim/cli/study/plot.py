@@ -22,12 +22,20 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[Path, typer.Argument(metavar="SWEEP", help="A folder of 'periscopy sweep'.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SWEEP", help="What 'periscopy sweep' wrote.", parser=options.place_of
+        ),
+    ],
     out: Annotated[
         Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
     ],
     metric: Annotated[
-        str, option("NAME", "mean_squared_error, psnr, psnr_registered, ssim, trusted, within_1.")
+        str,
+        option(
+            "NAME", "mean_squared_error, psnr, psnr_registered, ssim, covered_1, trusted, within_1."
+        ),
     ] = "psnr",
     over: Annotated[
         str, option("AXIS", "Axis to draw over. [default: the SBR, or what has several values]")
@@ -82,8 +90,9 @@ def plot(
 def _read(folder: Path) -> "xr.Dataset":
     """Read the results of a sweep; a PeriscopyError says that there are none."""
     from periscopy_sim.evaluation.sweep_store import read_sweep
+    from periscopy_sim.storage.outputs.store import attributes_of
 
-    if not (folder / "sweep.zarr/zarr.json").is_file():
+    if not attributes_of(folder / "sweep.zarr"):
         raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
     return read_sweep(folder / "sweep.zarr")
 
