@@ -150,11 +150,11 @@ def surfaces_of(results: "xr.Dataset", metric: str) -> list[str]:
         str(n).removeprefix("reconstruction") for n in results.data_vars if "reconstr" in str(n)
     ]
     names = [metric] if metric in results.data_vars else [f"{metric}{end}" for end in ends]
-    if (
-        not (names and all(name in results for name in names))
-        or results[names[0]].dtype.kind != "f"
-    ):
-        known = [str(n) for n, each in results.data_vars.items() if each.dtype.kind == "f"]
+    known = [
+        str(name) for name, each in results.data_vars.items()
+        if each.dtype.kind == "f" and {*each.dims} == {*results["failure"].dims}
+    ]  # fmt: skip
+    if not (names and {*names} <= {*known}):
         guess = did_you_mean(metric, known) or f"there are {', '.join(known)}"
         raise PeriscopyError(f"no metric '{metric}' in the sweep; {guess}")
     return names

@@ -119,6 +119,8 @@ def _complete(results: "xr.Dataset") -> "xr.Dataset":
         axis: results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
         for axis in lacks.dims
     }
+    if lacks.all():
+        raise PeriscopyError("the sweep has no result yet; run it again, it goes on")
     results, lacks = results.sel(begun), lacks.sel(begun)
     if left := int(lacks.sum()):
         raise PeriscopyError(

@@ -246,6 +246,9 @@ def _say_means(results: "xr.Dataset") -> None:
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
         say(f"mean squared error {name.removeprefix('mean_squared_error')[1:]}".strip())
         say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+    dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
+    if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
+        say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' tells them apart")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
     for surface in surfaces_of(results, "psnr") if others else ():

@@ -23,6 +23,9 @@ from periscopy_sim.numerics.limits import read_json
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
+LOCAL = "file", "local"
+"""Protocols of a file system, whose folders must be made."""
+
 AT_ONCE, BATCH = 32, 1024
 """Requests of an object store that wait at once, and those taken from a list at a time."""
 
@@ -38,7 +41,9 @@ def place(name: str | Path) -> Path:
     upath, protocol = require("upath"), protocol.lower()
     try:
         # Other processes write, too: what a store lists is asked for again.
-        found = upath.UPath(f"{protocol}://{rest}", use_listings_cache=False)
+        options = {"use_listings_cache": False}
+        options |= {"auto_mkdir": True} if protocol in LOCAL else {}
+        found = upath.UPath(f"{protocol}://{rest}", **options)
         found.fs  # noqa: B018, which looks for the library
     except Exception as error:  # whatever a library misses in a URL
         raise PeriscopyError(f"{name}: nothing here opens {protocol}://: {error}") from error
@@ -82,7 +87,7 @@ def put(path: Path, data: bytes) -> None:
     """Write an object, whole or not at all."""
     found: Any = path
     with unreachable_reported(path):
-        if found.protocol in ("file", "local"):
+        if found.protocol in LOCAL:
             target = Path(found.path)
             target.parent.mkdir(parents=True, exist_ok=True)
             staged = target.with_name(f".{uuid.uuid4().hex[:8]}.partial")

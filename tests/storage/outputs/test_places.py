@@ -93,6 +93,11 @@ def test_a_data_set_has_the_bytes_of_one_in_a_folder(local):
     assert open_dataset(url).sizes["sample"] == 26
 
 
+def test_a_shared_folder_is_a_store(local, tmp_path):
+    make_dataset(CONFIGURATION, f"file://{tmp_path}/data.zarr")
+    assert contents(tmp_path / "data.zarr") == local
+
+
 def test_a_store_cut_off_midway_is_one_line_and_the_rest_is_made_later(server, local):
     url, reports = "s3://lab/sets/cut.zarr", []
 
