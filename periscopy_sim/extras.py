@@ -9,7 +9,7 @@ from periscopy_sim.errors import PeriscopyError
 SWEEP = ("xarray", "zarr", "google_crc32c", "distributed", "cloudpickle", "skimage")
 EXTRA_OF = {
     **dict.fromkeys(SWEEP, "sweep"),
-    **dict.fromkeys(("upath", "s3fs"), "s3"),
+    "upath": "s3",
     "rawpy": "raw",
     "cv2": "tags",
     **dict.fromkeys(("torch", "safetensors"), "torch"),

@@ -239,8 +239,7 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = place(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    held = filter(records.layout.has, records.blocks())
-    whole = [block for block, is_held in records.asked(records.has, held) if is_held]
+    whole = [block for block, is_held in records.asked(records.has, records.blocks()) if is_held]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,

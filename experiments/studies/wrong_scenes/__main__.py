@@ -60,7 +60,7 @@ def main(
         typer.Option(help="Folder of what is rendered once; OUT/rendered unless given."),
     ] = None,
 ) -> None:
-    """Calibrate wrong scenes; print a table of what came out."""
+    """Calibrate wrong scenes; print a table of what they lose."""
     with one_line_errors():
         folder = rendered or out / "rendered"
         known, rows = subjects(folder) | plain_subjects(), [HEADER]

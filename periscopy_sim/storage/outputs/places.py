@@ -1,8 +1,7 @@
 """Where results go: a path on this machine, or an object store such as ``s3://bucket/name``.
 
 Object stores have neither renames nor locks. They need none: an object appears whole or not at all.
-``file://`` treats a folder that
-machines share as such a store.
+``file://`` treats a folder that machines share as such a store.
 """
 
 import errno

@@ -126,7 +126,7 @@ class Records:
 
     def has(self, block: Block) -> bool:
         """Return whether a block has a record, of this store and as large as the layout's."""
-        record = self.read(block)
+        record = self.read(block) if self.layout.has(block) else {}
         held = record.get("of"), record.get("samples")
         return held == (self.of, self.layout.size(block))
 
@@ -181,9 +181,8 @@ class BlockStore:
             for leftover in () if is_remote(path) else path.rglob("*.partial*"):
                 if leftover.is_file():  # of a process that was killed
                     leftover.unlink()
-            is_good = lambda block: layout.has(block) and self.records.has(block)  # noqa: E731
-            for block, is_kept in self.records.asked(is_good, self.records.blocks()):
-                if not is_kept:  # before the head lists more than there is
+            for block, is_good in self.records.asked(self.records.has, self.records.blocks()):
+                if not is_good:  # before the head lists more than there is
                     clear(self.records.file(block))
             is_other = attributes_of(path) != json.loads(json.dumps(attributes))
             if is_other and not self.records.blocks():  # begun with other axes, perhaps
