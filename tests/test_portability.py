@@ -16,7 +16,11 @@ POSIX_NAMES = {
     "signal": {"SIGKILL", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGPIPE", "alarm", "pause"},
 }
 # What only Linux tells, by scripts that measure memory or are run on purpose.
-MEASURING = {"benchmarks/entry.py", "experiments/benchmarks/fine_grids.py"}
+MEASURING = {
+    "benchmarks/entry.py",
+    "experiments/benchmarks/fine_grids.py",
+    "experiments/benchmarks/scale.py",
+}
 RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}
 
 

@@ -9,7 +9,6 @@ wall's seconds, not with blocks.
 
 from __future__ import annotations
 
-import resource
 import shutil
 import time
 from collections.abc import Sequence
@@ -123,4 +122,6 @@ def _made(path: Path, workers: int) -> tuple[float, float, float, float, int, in
 
 def _peak() -> float:
     """Return the most memory that this process has taken, in MB."""
+    import resource  # where this page is opened, Windows has none
+
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
