@@ -331,7 +331,9 @@ def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:
     """Read ``NAME=VALUE`` or ``NAME`` entries, of an empty value; each name once."""
     parts = [entry.partition("=") for entry in entries]
     pairs = {name.strip(): value.strip() for name, _, value in parts}
-    if not all(pairs) or len(pairs) < len(parts):
+    if not all(pairs):
+        raise PeriscopyError(f"{flag} '{','.join(map(''.join, parts))}': a name is missing")
+    if len(pairs) < len(parts):
         raise PeriscopyError(f"{flag} {','.join(pairs)}: name each once")
     return pairs
 
@@ -345,7 +347,7 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
     """Read ``-D name=value`` options, or those of another name; each name once."""
     pairs = _pairs(flag, definitions or ())
     if empty := [name for name, value in pairs.items() if not value]:
-        raise PeriscopyError(f"{flag} '{empty[0]}=' is not of the form name=value")
+        raise PeriscopyError(f"{flag} '{empty[0]}': write name=value")
     return pairs
 
 

@@ -16,20 +16,32 @@ from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.provenance import array_sha256
 
+_SHARE = {"units": "1", "valid_range": [0, 1]}
 MEASURES = {
     "trusted": {
-        "long_name": "whether nothing speaks against the calibration: 1, else 0", "units": "1"
+        "long_name": "whether nothing speaks against the calibration: 1, else 0", **_SHARE
     },
     "within_1": {
         "long_name": "share of calibrated numbers within a standard error of the true ones",
-        "units": "1",
+        **_SHARE,
     },
     "within_3": {
         "long_name": "share of calibrated numbers within three standard errors of the true ones",
-        "units": "1",
+        **_SHARE,
     },
 }  # fmt: skip
-"""What a sweep measures of calibrations."""
+"""What a sweep measures of calibrations, beside each number."""
+
+
+def measures_of(units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return `MEASURES`, then each number's error and its claimed one, in the number's unit."""
+    each = {
+        f"{of}.{name}": {"long_name": f"{words} of {name}", "units": unit}
+        for name, unit in units.items()
+        for of, words in (("error", "calibrated minus true value"), ("claimed", "standard error"))
+    }
+    return {**MEASURES, **each}
+
 
 ONE_AT_A_TIME = Lock()
 """Dr.Jit's arrays belong to one thread at a time, and calibrations trace rays."""
@@ -67,14 +79,15 @@ class Calibrator:
         return self._found[digest]
 
     def measures(self, values: Image) -> dict[str, float]:
-        """Return the `MEASURES` of the calibration by a photograph."""
+        """Return the measures of the calibration by a photograph, see `measures_of`."""
         found = self(values)
-        off = [
-            abs(each.value - self.truth[each.name]) / each.standard_error
-            for each in found.parameters
-        ]
+        errors = {p.name: p.value - self.truth[p.name] for p in found.parameters}
+        claimed = {p.name: float(p.standard_error) for p in found.parameters}
+        off = [abs(errors[name]) / claimed[name] for name in errors]
         within = {f"within_{k}": float(np.mean(np.less(off, k))) for k in (1, 3)}
-        return {"trusted": float(found.trusted), **within}
+        each = {"error": errors, "claimed": claimed}
+        numbers = {f"{of}.{n}": v for of, values in each.items() for n, v in values.items()}
+        return {"trusted": float(found.trusted), **within, **numbers}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,5 +128,5 @@ class Calibrated:
             return self.fit(scenario, found.scene_covariance)
 
     def measures(self, photograph: Image) -> dict[str, float]:
-        """Return the `MEASURES` of the calibration by a photograph."""
+        """Return the measures of the calibration by a photograph, see `measures_of`."""
         return self.calibrator.measures(photograph)

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from importlib import import_module
 from pathlib import Path
+from time import thread_time
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,17 +162,23 @@ def images_by(method: Method, photograph: Image, hidden: Hidden, channels: int) 
     return _checked(method.reconstruct(photograph), hidden, channels)
 
 
-def estimates_by(
-    method: Method, photograph: Image, hidden: Hidden, channels: int
-) -> tuple[Images, Mapping[str, Image]]:
-    """Return `images_by` and, of a method that knows them, their standard errors by surface."""
+class Estimates(NamedTuple):
+    """What a method makes of a photograph: images and, if it knows them, their standard errors."""
+
+    images: Images
+    errors: Mapping[str, Image]
+    seconds: float  # of this thread, for the images
+
+
+def estimates_by(method: Method, photograph: Image, hidden: Hidden, channels: int) -> Estimates:
+    """Reconstruct from a photograph as `images_by`, with standard errors by surface."""
     fitted: Any = method.fitted_by(photograph) if hasattr(method, "fitted_by") else method
-    if not isinstance(fitted, NoiseAware):
-        return images_by(fitted, photograph, hidden, channels), {}
-    solution = fitted.solve(photograph)
-    images = _checked(solution.image, hidden, channels)
-    errors = fitted.standard_errors(solution)
-    return images, {} if errors is None else hidden.images(errors)
+    started, knows_errors = thread_time(), isinstance(fitted, NoiseAware)
+    found = fitted.solve(photograph) if knows_errors else fitted.reconstruct(photograph)
+    seconds = thread_time() - started
+    images = _checked(found.image if knows_errors else found, hidden, channels)
+    errors = fitted.standard_errors(found) if knows_errors else None
+    return Estimates(images, {} if errors is None else hidden.images(errors), seconds)
 
 
 def _checked(image: Any, hidden: Hidden, channels: int) -> Images:

@@ -29,11 +29,16 @@ BEYOND = 1e-3
 """Of [0, 1], by which resampled truths may pass it."""
 
 _NOTE = "gain-matched: uses the truth"
+_SHARE = {"units": "1", "valid_range": [0, 1]}
 METRICS = {
     "mean_squared_error": {
         "long_name": "mean squared error, white being 1", "units": "1", "note": _NOTE
     },
     "psnr": {"long_name": "peak signal-to-noise ratio", "units": "dB", "note": _NOTE},
+    "psnr_plain": {
+        "long_name": "peak signal-to-noise ratio without a gain", "units": "dB",
+        "note": "supposes that the photograph without ambient light has A's unit",
+    },
     "psnr_registered": {
         "long_name": "peak signal-to-noise ratio after the best shift of at most 2 patches",
         "units": "dB",
@@ -41,12 +46,12 @@ METRICS = {
     },
     "ssim": {"long_name": "structural similarity", "units": "1", "note": _NOTE},
     "covered_1": {
-        "long_name": "share of patches within a standard error of the truth", "units": "1",
-        "note": _NOTE,
+        "long_name": "share of patches within a standard error of the truth", "note": _NOTE,
+        **_SHARE,
     },
     "covered_2": {
-        "long_name": "share of patches within two standard errors of the truth", "units": "1",
-        "note": _NOTE,
+        "long_name": "share of patches within two standard errors of the truth", "note": _NOTE,
+        **_SHARE,
     },
 }  # fmt: skip
 """What a sweep measures of each image, see `measured`."""
@@ -179,14 +184,21 @@ def covered(image: Image, errors: Image, truth: Image) -> dict[str, float]:
     return {f"covered_{k}": float(np.mean(off <= k * errors)) for k in (1, 2)}
 
 
-def measured(image: Image, truth: Image, errors: Image | None = None) -> dict[str, float]:
-    """Return the `METRICS` of an image, its truth and its standard errors, (R, C, channels)."""
+def measured(
+    image: Image, truth: Image, errors: Image | None = None, scale: float = 1.0
+) -> dict[str, float]:
+    """Return the `METRICS` of an image, its truth and its standard errors, (R, C, channels).
+
+    `scale` is the image of a truth of 1.
+    """
     truth = np.ascontiguousarray(truth)
+    plain = np.clip(np.asarray(image, np.float64) / scale, 0, 1) - _seen_by(image, truth)
     shares = {"covered_1": np.nan, "covered_2": np.nan}
     return {
         **(shares if errors is None else covered(image, errors, truth)),
         "mean_squared_error": mean_squared_error(image, truth),
         "psnr": psnr_gain_matched(image, truth),
+        "psnr_plain": _decibels(float(np.mean(plain**2))),
         "psnr_registered": registered(image, truth).psnr,
         "ssim": structural_similarity(image, truth),
     }

@@ -6,14 +6,16 @@ more values computes only their cells.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import time
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.methods import MethodError, estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
 LIGHT = ("image", "background", "sbr", "snr", "seed")
 """Axes of a world's photographs. That of the methods is `algorithm`, not `method`: xarray's `sel`
 takes that for a keyword of its own, and selects nothing."""
+
+LONG = 24.0
+"""Hours; a sweep that takes more says so, once its first world is done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +114,12 @@ def run_sweep(
     *,
     scheduler: str | None = None,
     progress: Callable[[float], None] | None = None,
+    timed: Callable[[str, float], None] | None = None,
 ) -> "xr.Dataset":
     """Reconstruct every measurement by every method; resume where an earlier run stopped.
 
-    A method that raises, or returns another shape or values that are not finite, fails alone.
+    A method that raises, or returns another shape or values that are not finite, fails alone; so do
+    values of `Sweep.vary` of which there is no world, unless there is none at all.
 
     Parameters
     ----------
@@ -124,6 +131,8 @@ def run_sweep(
         Address of a Dask scheduler; None uses this machine's cores.
     progress
         Called with the fraction done.
+    timed
+        Called with the name of a method and a thread's seconds that it took for a photograph.
 
     Returns
     -------
@@ -149,23 +158,32 @@ def run_sweep(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
     )  # fmt: skip
-    missing = store.missing()
-    if missing:
-        count = math.prod(map(len, axes.values()))
-        done = count - len(missing)
-        for values, cells in _by(sweep.vary, missing).items():
-            at = dict(zip(sweep.vary, values, strict=True))
-            shared = worlds(**at), sweep.seed, f"_{at['hidden']}" if "hidden" in at else ""
-            trials = {trial: _by(["algorithm"], of) for trial, of in _by(LIGHT, cells).items()}
-            asked = [(trial, tuple(name for (name,) in each)) for trial, each in trials.items()]
-            with connect(scheduler) as client:
-                for (trial, names), outcomes in compute(client, _evaluate, shared, asked):
-                    for name, outcome in zip(names, outcomes, strict=True):
-                        (cell,) = trials[trial][(name,)]
-                        store.write(cell, outcome)
-                    done += len(names)
-                    if progress is not None:
-                        progress(done / count)
+    missing, count, started = store.missing(), math.prod(map(len, axes.values())), time.monotonic()
+    done, failed = count - len(missing), list[tuple[Values, str]]()
+    groups = _by(sweep.vary, missing)
+    for n, (values, cells) in enumerate(groups.items(), 1):
+        at = dict(zip(sweep.vary, values, strict=True))
+        try:
+            world = worlds(**at)
+        except PeriscopyError as error:
+            failed += [(cell, str(error)) for cell in cells]
+            if not at or isinstance(error, OutputError) or len(failed) == count:
+                raise
+            continue
+        for cell, outcome in _outcomes(sweep, world, at, cells, scheduler):
+            seconds = outcome.pop("seconds", None)
+            if timed is not None and seconds is not None:
+                timed(cell["algorithm"], seconds)
+            store.write(cell, outcome)
+            done += 1
+            if progress is not None:
+                progress(done / count)
+        hours = (time.monotonic() - started) / 3600 * (len(groups) - n)
+        if n == 1 and hours > LONG:
+            more = f"{hours:.0f} hours more; give its axes fewer values, or it more workers"
+            warnings.warn(f"the sweep takes about {more}", stacklevel=2)
+    for cell, why in failed:
+        store.write(cell, {"failure": why})
     results = store.load()
     metrics = [*(f"{name}{of}" for of in images for name in METRICS), *worlds.measures]
     table = results[[*metrics, "failure", *MADE]].to_dataframe([*axes])
@@ -174,6 +192,20 @@ def run_sweep(
     with staged_file(folder / "sweep.csv") as staged:
         table.rename(columns=columns).to_csv(staged, na_rep="nan", lineterminator="\n")
     return results
+
+
+def _outcomes(
+    sweep: Sweep, world: World, at: Values, cells: Iterable[Values], scheduler: str | None
+) -> Iterator[tuple[Values, dict[str, Any]]]:
+    """Yield cells of a world with the variables of each as they come, photograph by photograph."""
+    shared = world, sweep.seed, f"_{at['hidden']}" if "hidden" in at else ""
+    trials = {trial: _by(["algorithm"], of) for trial, of in _by(LIGHT, cells).items()}
+    asked = [(trial, tuple(name for (name,) in each)) for trial, each in trials.items()]
+    with connect(scheduler) as client:
+        for (trial, names), outcomes in compute(client, _evaluate, shared, asked):
+            for name, outcome in zip(names, outcomes, strict=True):
+                (cell,) = trials[trial][(name,)]
+                yield cell, outcome
 
 
 def _by(names: Collection[str], cells: Iterable[Values]) -> dict[tuple[Any, ...], list[Values]]:
@@ -191,30 +223,27 @@ def _evaluate(
     (world, base, size), (trial, methods) = shared, asked
     of_trial = dict(zip(LIGHT, trial, strict=True))
     y, truth = world.photograph(**of_trial, base=base), world.truth(of_trial["image"])
-    sizes, channels = world.hidden.shapes, world.channels
+    scale, surfaces = world.scale(of_trial["image"], of_trial["sbr"]), world.hidden.shapes
     outcomes = []
     for name in methods:
         made = world.transport.get(name, {})
         of_A = {variable: made.get(variable, made.get(variable[10:])) for variable in MADE}
-        values: dict[str, Any] = {"failure": "", **{n: v for n, v in of_A.items() if v is not None}}
+        values: dict[str, Any] = {n: v for n, v in of_A.items() if v is not None}
         try:
-            images, errors = estimates_by(world.methods[name], y.copy(), world.hidden, channels)
+            found = estimates_by(world.methods[name], y.copy(), world.hidden, world.channels)
             measures = getattr(world.methods[name], "measures", None)
             if world.measures and measures:
                 values |= measures(y)
         except MemoryError:  # says more about the worker than about the method
             raise
         except MethodError as error:  # whatever a user's own method raises
-            values["failure"] = without_addresses(f"{type(error).__name__}: {error}")
-            errors = {}
-            images = {
-                n: np.full((*size, channels), np.nan, np.float32) for n, size in sizes.items()
-            }
-        for of, surface in named("", {surface: surface for surface in sizes}).items():
-            metrics = dict.fromkeys(METRICS, np.nan)
-            if not values["failure"]:
-                metrics = measured(images[surface], truth[surface], errors.get(surface))
+            failure = without_addresses(f"{type(error).__name__}: {error}")
+            outcomes.append({**values, "failure": failure})
+            continue
+        for of, surface in named("", {surface: surface for surface in surfaces}).items():
+            image, errors = found.images[surface], found.errors.get(surface)
+            metrics = measured(image, truth[surface], errors, scale)
             values |= {f"{metric}{of}": each for metric, each in metrics.items()}
-            values[f"reconstruction{of}{size}"] = images[surface]
-        outcomes.append(values)
+            values[f"reconstruction{of}{size}"] = image
+        outcomes.append({**values, "failure": "", "seconds": found.seconds})
     return outcomes

@@ -73,7 +73,7 @@ class SweepStore:
         conditions: Mapping[str, Any],
         conditions_of: Mapping[str, Mapping[str, Any]],
         units: Mapping[str, str],
-        measures: Mapping[str, Mapping[str, str]],
+        measures: Mapping[str, Mapping[str, Any]],
     ) -> None:
         self.path, self._wanted, self._measures = path, axes, measures
         self._surfaces = [*images]
@@ -195,6 +195,8 @@ def read_sweep(path: Path, at: Mapping[str, Sequence[Any]] | None = None) -> "xr
         xr.open_zarr(**address(path), consolidated=False, chunks=None) as dataset,
     ):
         results = dataset.sel(at).load()
+    numbers = [name for name in results.sizes if results[name].dtype.kind in "if"]
+    results = results.sortby(numbers)  # those of a later run come last in the store
     # Strings of fixed width, which more of xarray and pandas take than NumPy's newer ones.
     texts = [results[name] for name in results.variables if results[name].dtype.kind == "T"]
     results = results.assign(

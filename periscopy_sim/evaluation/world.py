@@ -58,7 +58,7 @@ class World:
     methods: Mapping[str, Method]
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     draw: int = 0
-    measures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    measures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject what no sweep can have."""
@@ -133,6 +133,10 @@ class World:
         photograph[signal.pixels] = add_noise(exposed, snr, entropy)
         return photograph
 
+    def scale(self, image: str, sbr: float) -> float:
+        """Return what `photograph` multiplies a signal by."""
+        return float(1 / (self.signals[image].used.mean() * (1 + 1 / sbr)))
+
     def __call__(self, **values: Any) -> Self:
         """Return the world, of a sweep that varies nothing in it; see `WorldMaker`."""
         if values:
@@ -192,7 +196,7 @@ class WorldMaker(Protocol):
         """Channels of the images."""
 
     @property
-    def measures(self) -> Mapping[str, Mapping[str, str]]:
+    def measures(self) -> Mapping[str, Mapping[str, Any]]:
         """What else some methods say of a photograph; see `World`."""
 
     @property

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from string import ascii_lowercase
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ NAMES = {
     "sbr": "signal-to-background ratio", "snr": "signal-to-noise ratio", "hidden": "patches",
     "samples": "rays to a patch", "background": "place", "seed": "noise draw",
     "assumed": "what methods know of the scene", "trusted": "trusted calibrations",
+    "psnr_plain": "PSNR without a gain",
     "covered_1": "patches within a standard error", "covered_2": "patches within two",
     "within_1": "numbers within a standard error", "within_3": "numbers within three",
 }  # fmt: skip
@@ -43,8 +45,8 @@ def draw_sweep(
     panels: str = "",
     width: float = COLUMN,
     metadata: Mapping[str, str] | None = None,
-) -> None:
-    """Draw a metric of each method over one axis, as in Fig. 4.
+) -> str:
+    """Draw a metric of each method over one axis, as in Fig. 4; return the figure's caption.
 
     Parameters
     ----------
@@ -93,52 +95,88 @@ def draw_sweep(
     ]
     if len(parts) > len(ascii_lowercase):
         raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
-    columns = 1 if width < 2 * COLUMN else min(len(parts), 3)
+    columns = min(len(parts), 2 if width < 2 * COLUMN else 4)
+    caption = _caption([found for _, found in parts], fixed)
     with drawn(path, metadata if path.suffix == ".png" else None) as figure:
         grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
-            ax.set_axis_off()
+            ax.remove()
         for ax, letter, (title, found) in zip(grid.flat, ascii_lowercase, parts, strict=False):
             _draw(ax, found, over)
             if len(parts) > 1:
                 ax.set_title(f"{letter}  {title}", loc="left")
-        if metric == "mean_squared_error" and all(float(f["mean"].min()) > 0 for _, f in parts):
+        least = min(float(found["mean"].min()) for _, found in parts)
+        if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
+            grid[0, 0].set_ylim(
+                bottom=max(least / 3, grid[0, 0].dataLim.y0)
+            )  # intervals may hold 0
             plain_ticks(grid[0, 0].yaxis)
         for ax in grid[:, 0]:
-            ax.set_ylabel(_words(results[surfaces[0]], metric))
+            ax.set_ylabel(fill(words_of(results[surfaces[0]], metric), 24))
         for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
-            ax.set_xlabel(_words(results[over], over))
-        figure.supxlabel(_caption([found for _, found in parts], fixed), fontsize=6)
+            ax.set_xlabel(words_of(results[over], over))
+        figure.supxlabel(caption, fontsize=6)
         handles = grid[0, 0].get_legend_handles_labels()
         legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
         legend = len(handles[1]) if width > 2 * COLUMN else legend
         figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
         height = 0.13 * -(-len(handles[1]) // legend) + 0.2
         figure.set_size_inches(width, height + (0.3 + 0.65 * width / columns) * len(grid))
+    return caption
 
 
 def table_of(results: "xr.Dataset", metric: str) -> Any:
     """Return a pandas table: a row for each method and values of all axes but those of samples.
 
-    Beside the axes that have several values it has the columns of
-    `periscopy_sim.evaluation.statistics.interval`, of several surfaces with the surface's.
+    Beside the axes that have several values it has the metric, its unit, what it is compared with,
+    ``mean`` and ``half_95``, half the length of the 95 % confidence interval, and the numbers of
+    `periscopy_sim.evaluation.statistics.interval`; of several surfaces the surface, too.
     """
     import xarray as xr
 
-    from periscopy_sim.evaluation.statistics import interval
+    from periscopy_sim.evaluation.statistics import LEVEL, interval
 
     surfaces = surfaces_of(results, metric)
     intervals = [interval(results[name], (), results["failure"]) for name in surfaces]
     found = xr.concat(intervals, "surface")
     labels = [name[len(metric) + 1 :] for name in surfaces]
     table = found.assign_coords(surface=labels).to_dataframe().reset_index()
-    of_mean = found["mean"].attrs
-    if "over" in of_mean:  # its own differences are 0
-        table = table[table[of_mean["axis"]] != of_mean["over"]]
     table = table[table["mean"].notna() | (table["failed"] > 0)]
     single = [n for n in map(str, found.dims) if n != "algorithm" and found.sizes[n] == 1]
-    return table.drop(columns=single)
+    table = table.drop(columns=single).rename(columns={"half": f"half_{100 * LEVEL:g}"})
+    of = results[surfaces[0]].attrs
+    notes = {"metric": metric, "unit": of.get("units", "1"), "minus": of.get("minus", "")}
+    for place, (name, text) in enumerate(notes.items(), table.columns.get_loc("mean")):
+        table.insert(place, name, text)
+    return table
+
+
+def latex_of(results: "xr.Dataset", metric: str) -> str:
+    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals."""
+    from periscopy_sim.evaluation.statistics import LEVEL, interval
+
+    surfaces = surfaces_of(results, metric)
+    table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
+    middle = table[half].median()
+    digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
+
+    def text(row: Any) -> str:
+        within = "" if np.isnan(row[half]) else f" ± {row[half]:.{digits}f}"
+        return "failed" if np.isnan(row["mean"]) else f"{row['mean']:.{digits}f}{within}"
+
+    axes = [*table.columns[: table.columns.get_loc("metric")]]
+    cells = table.assign(text=[text(row) for _, row in table.iterrows()]).set_index(axes)["text"]
+    cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
+    cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
+    words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
+    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces], {})
+    return str(
+        cells.rename(columns=words).to_latex(
+            index=False, na_rep="", float_format="%g", escape=True,
+            caption=f"{words_of(results[surfaces[0]], metric)}: {caption}".replace("%", "\\%"),
+        )
+    )  # fmt: skip
 
 
 def surfaces_of(results: "xr.Dataset", metric: str) -> list[str]:
@@ -177,20 +215,31 @@ def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
     values = found[over].values
     is_text = values.dtype.kind not in "fiu"
     places = np.arange(len(values)) if is_text else values
+    limits = found["mean"].attrs.get("valid_range") if "minus" not in found["mean"].attrs else None
     looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     names = found["algorithm"].values.tolist()
-    for name, (colour, marker, dashes) in zip(names, looks, strict=False):
+    for k, (name, (colour, marker, dashes)) in enumerate(zip(names, looks, strict=False)):
         of_method = found.sel(algorithm=name)
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
-        ax.plot(places, mean, marker=marker, ls=dashes, ms=2.8, color=colour, label=name)
+        if np.isnan(mean).all():
+            continue
+        low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
+        look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
+        if is_text:  # nothing lies between two words
+            beside = places + 0.5 * (k - (len(names) - 1) / 2) / len(names)
+            ax.errorbar(beside, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
+            continue
+        ax.plot(places, mean, ls=dashes, **look)
         # The edge keeps the band of a single value in sight.
-        band = {"color": colour, "alpha": 0.18, "linewidth": 0.8}
-        ax.fill_between(places, mean - half, mean + half, **band)
+        ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
     if is_text:
         ax.set_xticks(places, values)
+        ax.set_xlim(-0.5, len(values) - 0.5)
     elif len(values) > 1 and values.min() > 0 and values.max() >= 10 * values.min():
         ax.set_xscale("log")
         plain_ticks(ax.xaxis)
+    elif len(values) <= 5:
+        ax.set_xticks(values, [f"{value:.4g}" for value in values])
     else:
         ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(4))
     ax.grid(True, which="major")
@@ -206,8 +255,8 @@ def _caption(parts: "Sequence[xr.Dataset]", fixed: Mapping[str, Any]) -> str:
     return f"means, 95 % confidence intervals, n = {counted(parts)}{held}{failed}"
 
 
-def _words(variable: "xr.DataArray", name: str) -> str:
+def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
-    unit, more = variable.attrs.get("units", "1"), variable.attrs.get("over", "")
-    words = NAMES.get(name, name)
-    return f"{words}{f' over {more}' if more else ''}{f', {unit}' if unit != '1' else ''}"
+    unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
+    words = NAMES.get(name, name) + (f" minus that of {minus}" if minus else "")
+    return f"{words}{f', {unit}' if unit != '1' else ''}"

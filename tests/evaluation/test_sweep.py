@@ -197,7 +197,52 @@ def test_method_that_fails_fails_alone(tmp_path):
     assert wrong.startswith("ValueError: ") and "(4, 3, 3) instead of" in wrong
     assert set(first["failure"].values.flat) == {""}
     table = (tmp_path / "sweep.csv").read_text()
-    assert f"moody,p,left,0.001,40.0,0,nan,nan,nan,nan,nan,nan,{raised}" in table
+    assert f"moody,p,left,0.001,40.0,0,{'nan,' * 7}{raised}" in table
+
+
+class Worlds:
+    """A world for each value of an axis but one."""
+
+    def __init__(self, wrong):
+        self.wrong, self.world = wrong, world_of()
+
+    def __getattr__(self, name):
+        return getattr(self.world, name)
+
+    def __call__(self, place):
+        if place in self.wrong:
+            raise PeriscopyError(f"no world at {place:g}")
+        return self.world
+
+
+def test_value_without_a_world_fails_alone_and_values_of_a_later_run_take_their_place(tmp_path):
+    def swept(*places, wrong=(2.0,)):
+        return run_sweep(Sweep(Worlds(wrong), [1.0], vary={"place": places}), tmp_path)
+
+    with pytest.raises(PeriscopyError, match="at 2"):
+        swept(2.0)
+    results = swept(3.0, 2.0)
+    failed = results["failure"] != ""
+    assert failed.sel(place=2).all() and not failed.sel(place=3).any()
+    assert np.isnan(results["psnr"].sel(place=2)).all()
+    assert swept(3.0, 1.0)["place"].values.tolist() == [1, 3]
+
+
+def test_plain_psnr_needs_no_gain_of_what_has_the_unit_of_the_matrix(tmp_path):
+    """A of 42 pixels and 12 patches; the pseudo-inverse of A and of the ambient light."""
+    A = RNG.uniform(0, 1, (42, 12))
+    signal = (A @ TRUTH.reshape(12, 3)).reshape(6, 7, 3)
+
+    class Exact:
+        def reconstruct(self, photograph):
+            known = np.concatenate([A, LIGHTS["sun"].reshape(42, 3)], axis=1)
+            return (np.linalg.pinv(known) @ photograph.reshape(42, 3))[:12].reshape(3, 4, 3)
+
+    world = world_of(signals={"p": signal}, methods={"exact": Exact(), "first": Linear(1)},
+                     backgrounds={"sun": LIGHTS["sun"]})  # fmt: skip
+    results = run_sweep(Sweep(world, [0.3, 5.0], [280.0]), tmp_path).squeeze()
+    assert (results["psnr_plain"].sel(algorithm="exact") > 100).all()
+    assert (results["psnr_plain"] < results["psnr"])[1].all()
 
 
 @pytest.mark.parametrize(
@@ -321,10 +366,10 @@ def test_interrupted_sweep_goes_on(done, tmp_path):
     seen = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(sweep_of(), tmp_path, progress=interrupt)
-    assert np.allclose(seen, np.arange(1, 5) / 12)
+    assert np.allclose(seen, np.arange(1, 5) / 24)
     seen.clear()
     run_sweep(sweep_of(), tmp_path, progress=lambda fraction: seen.append(fraction))
-    assert np.allclose(seen, np.arange(5, 13) / 12)
+    assert np.allclose(seen, np.arange(5, 25) / 24)
     assert contents(tmp_path) == contents(done[0])
 
 

@@ -41,11 +41,12 @@ def parse_axes(entries: Iterable[str] | None) -> dict[str, list[Any]]:
     return {name: parse_values(text, f"--vary {name}") for name, text in axes.items()}
 
 
-def check_numbers(kind: str, axis: str, values: Sequence[Any]) -> list[float]:
+def check_numbers(kind: str, flag: str, values: Sequence[Any]) -> list[float]:
     """Return the values of an axis, if they are numbers of a kind."""
-    if not all(isinstance(each, float) for each in values) or not in_range(kind, *values):
+    wrong = [each for each in values if not (isinstance(each, float) and in_range(kind, each))]
+    if wrong:
         limits = "{:g} to {:g}".format(*RANGES[kind])
-        raise PeriscopyError(f"--{axis} {','.join(map(str, values))}: write numbers from {limits}")
+        raise PeriscopyError(f"{flag} {wrong[0]}: write numbers from {limits}, without units")
     return [*values]
 
 

@@ -8,10 +8,17 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, option
-from periscopy_sim.cli.output import say_written
+from periscopy_sim.cli.output import say, say_written
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
-from periscopy_sim.figures.sweeps import COLUMN, PAGE, draw_sweep, surfaces_of, table_of
+from periscopy_sim.figures.sweeps import (
+    COLUMN,
+    PAGE,
+    draw_sweep,
+    latex_of,
+    surfaces_of,
+    table_of,
+)
 from periscopy_sim.numerics.limits import number_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -34,7 +41,9 @@ def plot(
     metric: Annotated[
         str,
         option(
-            "NAME", "mean_squared_error, psnr, psnr_registered, ssim, covered_1, trusted, within_1."
+            "NAME",
+            "psnr, psnr_plain, psnr_registered, mean_squared_error, ssim, covered_1, covered_2; of "
+            "calibrations trusted, within_1, within_3, error.NUMBER, claimed.NUMBER.",
         ),
     ] = "psnr",
     over: Annotated[
@@ -44,7 +53,7 @@ def plot(
         str, option("AXIS", "Axis of which each value has a panel. [default: the next one]")
     ] = "",
     at: Annotated[
-        list[str] | None, option("NAME=VALUE", "Value of another axis; repeatable.")
+        list[str] | None, option("NAME=VALUES", "Values of an axis to keep, by comma; repeatable.")
     ] = None,
     reference: Annotated[
         str,
@@ -73,17 +82,12 @@ def plot(
         to = value, axis if equals else "algorithm"
         results = differences(results, surfaces_of(results, metric), *to)
     with staged_file(out) as file:
-        if out.suffix in PICTURES:
-            draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width)
+        if out.suffix == ".csv":
+            table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
+        elif out.suffix == ".tex":
+            file.write_text(latex_of(results, metric), "utf-8")
         else:
-            table = table_of(results, metric)
-            if out.suffix == ".csv":
-                table.to_csv(file, index=False, lineterminator="\n")
-            else:
-                file.write_text(
-                    table.to_latex(index=False, float_format="%.4g", na_rep="", escape=True),
-                    "utf-8",
-                )
+            say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
     say_written(out)
 
 
@@ -104,10 +108,12 @@ def _held(results: "xr.Dataset", at: Mapping[str, str]) -> "xr.Dataset":
             axes = [str(name) for name in results.psnr.dims] if "psnr" in results else []
             raise PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
         values: list[Any] = results[axis].values.tolist()
-        same = [each for each in values if each in (text, number_of(text))]
-        if not same:
+        kept = [
+            v for t in options.parse_list("--at", text) for v in values if v in (t, number_of(t))
+        ]
+        if len(kept) < len(text.split(",")):
             raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
-        results = results.sel({axis: same})
+        results = results.sel({axis: kept})
     return results
 
 

@@ -1,11 +1,13 @@
 """A study file: the options of a command as YAML, where they are too long for a line."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from periscopy_sim.cli.options import SCENE, option
+from periscopy_sim.errors import ConfigurationError
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
@@ -30,12 +32,27 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     model = create_model("Study", __base__=Strict, folder=(Path, ...), **fields)
     study = read_yaml(file, model)
     given = study.model_dump(include=study.model_fields_set - {"folder"})
-    repeated = {each.name for each in options if each.multiple}
-    context.default_map = {
-        name: _entries(value) if name in repeated else _words(value)
-        for name, value in given.items() if value is not None
-    }  # fmt: skip
+    inner = {
+        f"{n}: {k}": v
+        for n, each in given.items()
+        if isinstance(each, dict)
+        for k, v in each.items()
+    }
+    if empty := [name for name, each in (given | inner).items() if each in (None, "", [], {})]:
+        raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
+    context.default_map = {}
+    for each in (each for each in options if each.name in given):
+        value = given[each.name]
+        context.default_map[each.name] = _entries(value) if each.multiple else _words(value)
+        if isinstance(value, dict):
+            each.callback = partial(_joined, context.default_map[each.name])
     return file
+
+
+def _joined(study: list[str], _context: Any, _option: Any, given: list[str]) -> list[str]:
+    """Return what the command line gives as ``NAME=VALUE``, and of other names what a study has."""
+    names = {entry.partition("=")[0] for entry in given}
+    return [*(entry for entry in study if entry.partition("=")[0] not in names), *given]
 
 
 def _entries(value: Any) -> list[str]:

@@ -106,8 +106,10 @@ def sweep(
     for name, is_given in {"sbr": sbr != SBRS, "snr": snr != SNR}.items():
         if is_given and name in axes:
             raise PeriscopyError(f"--{name} and --vary {name}: give one of them")
-    ratios = check_numbers("ratio", "sbr", axes.pop("sbr", []) or parse_values(sbr, "--sbr"))
-    decibels = check_numbers("decibels", "snr", axes.pop("snr", [snr]))
+    of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
+    ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
+    ratios = check_numbers("ratio", of["sbr"], ratios)
+    decibels = check_numbers("decibels", of["snr"], axes.pop("snr", [snr]))
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
@@ -176,11 +178,18 @@ def sweep(
             vary=axes,
             units=worlds.units(axes),
         )
+        seconds: dict[str, list[float]] = {name: [] for name in names}
         with progress("sweeping") as report:
-            results = sweeps.run_sweep(whole, out, scheduler=scheduler, progress=report)
+            results = sweeps.run_sweep(
+                whole, out, scheduler=scheduler, progress=report,
+                timed=lambda name, taken: seconds[name].append(taken),
+            )  # fmt: skip
         with staged_file(out / "sweep.png") as file:
             draw_sweep(file, results, metadata=session.metadata)
     _say_means(results)
+    for name, of_method in seconds.items():
+        if of_method:
+            say(f"{name}: {np.median(of_method):.2g} s of a core for a photograph")
     _check_transport(session, results, worlds.noise)
     say_written(*(out / name for name in RESULTS))
 
@@ -265,6 +274,8 @@ def _say_means(results: "xr.Dataset") -> None:
                         f"{surface}: {method and f'{method}, '}{first} minus {name}: "
                         f"{mean:.1f}{within} dB (95 %, n = {counted([one])})"
                     )
+    if "trusted" in results and (calibrated := results["trusted"].count().item()):
+        say(f"{results['trusted'].sum().item():g} of {calibrated} calibrations are trusted")
     for name in names:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
         failed = messages[messages != ""]

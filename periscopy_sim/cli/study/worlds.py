@@ -17,7 +17,7 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
@@ -196,7 +196,8 @@ class Worlds:
             given = {"samples": self.light.samples, "model": self.light.model}.get(axis)
             if given is not None:
                 raise PeriscopyError(f"--{axis} and --vary {axis}: give one of them")
-            for value in values:
+            words = [each for each in values if not np.isfinite(number_of(str(each)))]
+            for value in words or values:
                 _check_value(axis, value, options.get(axis), document.units.get(name, ""))
             for value in (
                 {values[0], values[-1]} if axis in (KNOWN, *OF_SCENE, *numbers, *assumed) else ()
@@ -218,13 +219,17 @@ class Worlds:
             )
 
     @property
-    def measures(self) -> "Mapping[str, Mapping[str, str]]":
+    def measures(self) -> "Mapping[str, Mapping[str, Any]]":
         """What calibrations say of themselves, if the sweep has some."""
         if not self.calibrates:
             return {}
-        from periscopy_sim.evaluation.calibrating import MEASURES
+        from periscopy_sim.calibration.prior import free_parameters
+        from periscopy_sim.evaluation.calibrating import measures_of
 
-        return MEASURES
+        own = self.session.scenario.document
+        others = (read_document(find_scene(name)) for name in self.conditions_of.get("scene", ()))
+        units = {n: d.units.get(n, "1") for d in (own, *others) for n in free_parameters(d)}
+        return measures_of(units)
 
     def units(self, axes: Collection[str]) -> dict[str, str]:
         """Return the units of axes, of those that have some."""
@@ -419,7 +424,7 @@ def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: st
         return
     if not isinstance(value, float):
         form = f"numbers in {unit}" if unit else "numbers"
-        raise PeriscopyError(f"--vary {axis}={value}: write {form}, without units")
+        raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
     if axis == DRAW and not (value.is_integer() and in_range("seed", value)):
         raise PeriscopyError(f"--vary {DRAW}={value:g}: write the numbers of draws, such as 0:7:8")
     if axis == "samples" and not (value.is_integer() and in_range("rays", value)):

@@ -6,7 +6,7 @@ from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 def ratios_of(text):
-    return check_numbers("ratio", "sbr", parse_values(text, "--sbr"))
+    return check_numbers("ratio", "--sbr", parse_values(text, "--sbr"))
 
 
 def test_axes_are_numbers_or_words_each_named_once():
@@ -16,7 +16,7 @@ def test_axes_are_numbers_or_words_each_named_once():
     }  # fmt: skip
     for entries, offender in (
         (["a=1", "a=2"], "--vary a"),
-        (["a"], "'a='"),
+        (["a"], "'a'"),
         (["a=1,1"], "a '1,1'"),
     ):
         with pytest.raises(PeriscopyError, match=offender):

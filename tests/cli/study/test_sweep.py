@@ -138,20 +138,22 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
 
 
 @pytest.mark.usefixtures("jit", "drawings")
-def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, folder):
+def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, refused, folder):
     study = {
         "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 4,
         "photograph": "y.npy", "truth": ["truth.npy"], "ambient": ["left.exr", "lamp.exr"],
         "flips": False, "sbr": "0.5:5:log:2", "methods": ["truncated-svd"], "out": "file",
-        "vary": {"truncated-svd.tv_weight": "1:9:2", "snr": [40, 60]}, "seeds": 2,
+        "vary": {"truncated-svd.tv_weight": "1:9:2", "snr": 50}, "seeds": 2,
     }  # fmt: skip
     (folder / "study.yaml").write_text(yaml.safe_dump(study))
-    succeeds("sweep", "--study", "study.yaml", "--seeds", "1")
+    succeeds("sweep", "--study", "study.yaml", "--seeds", "1", "--vary", "snr=40,60")
     vary = ("--vary", "truncated-svd.tv_weight=1,9", "--vary", "snr=40,60")
     succeeds(*command("--no-flips", *vary, methods="truncated-svd"))
     file, out = (contents(folder / name) for name in ("file", "out"))
     same = {name for name in out if "sweep.zarr" in name or name in ("settings.json", "sweep.csv")}
     assert len(same) > 10 and all(file[name] == out[name] for name in same)
+    (folder / "study.yaml").write_text(yaml.safe_dump({**study, "vary": {"snr": None}}))
+    assert "vary: snr" in refused("sweep", "--study", "study.yaml")
 
 
 @pytest.mark.usefixtures("jit", "drawings")
@@ -205,6 +207,8 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     # More rulers, and no more calibrations.
     succeeds(*study, "--vary", "assumed=true,ruler", "--vary", "ruler=0:2:3", "--seeds", "2")
     succeeds("plot", "out", "--at", "assumed=ruler", "--out", "ruler.csv")
+    succeeds("plot", "out", "--at", "ruler=0,1", "--reference", "assumed=true", "--out", "loss.tex")
+    assert "minus that of assumed = true, dB" in Path("loss.tex").read_text("utf-8")
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         psnr = results.psnr.squeeze().sel(ruler=[0, 1])
         known, found = psnr.sel(assumed="true"), psnr.sel(assumed="calibrated")
@@ -213,6 +217,10 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
         measured = results[["trusted", "within_1", "within_3"]].squeeze().sel(ruler=[0, 1])
         assert (measured.sel(assumed="calibrated").to_array() == [[[[0]]], [[[1]]], [[[1]]]]).all()
         assert measured.sel(assumed=["true", "ruler"]).to_array().isnull().all()
+        numbers = results.squeeze().sel(ruler=[0, 1], assumed="calibrated")
+        assert {*true} == {str(n)[6:] for n in numbers.data_vars if str(n).startswith("error.")}
+        assert (numbers[f"error.{next(iter(true))}"] == 0).all()
+        assert (numbers[f"claimed.{next(iter(true))}"] == 1e-3).all()
 
 
 @pytest.mark.usefixtures("jit", "drawings")
@@ -231,7 +239,8 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"vary": "assumed=foo"}, "foo"),
         ({"vary": "ruler=0,1"}, "--vary assumed"),
         ({"vary": "snrr=1"}, "did you mean 'snr'"),
-        ({"vary": "snr=loud"}, "--snr loud"),
+        ({"vary": "snr=loud"}, "--vary snr loud"),
+        ({"vary": "=1"}, "--vary '=1'"),
         ({"vary": "sbr=1"}, "--vary sbr"),
         ({"vary": "samples=4"}, "--vary samples"),
         ({"vary": "resolution=21"}, "--vary resolution"),
