@@ -108,10 +108,9 @@ def _held(results: "xr.Dataset", at: Mapping[str, str]) -> "xr.Dataset":
             axes = [str(name) for name in results.psnr.dims] if "psnr" in results else []
             raise PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
         values: list[Any] = results[axis].values.tolist()
-        kept = [
-            v for t in options.parse_list("--at", text) for v in values if v in (t, number_of(t))
-        ]
-        if len(kept) < len(text.split(",")):
+        texts = options.parse_list("--at", text)
+        kept = [each for t in texts for each in values if each in (t, number_of(t))]
+        if len(kept) < len(texts):
             raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
         results = results.sel({axis: kept})
     return results
