@@ -25,7 +25,7 @@ from periscopy_sim.numerics.machine import ahead
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
-from periscopy_sim.storage.outputs.places import is_remote, place
+from periscopy_sim.storage.outputs.places import is_shared, place
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
@@ -116,7 +116,7 @@ def make_dataset(
         "versions": {name: made_by[name] for name in VERSIONS},
         "count": layout.count,
     }
-    check_scheduler(scheduler)
+    check_scheduler(scheduler, out)
     with alone_in(out / MAKING):
         store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
@@ -153,13 +153,13 @@ def _made(
 ) -> Iterator[tuple[int, Block]]:
     """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
 
-    Workers write to an object store themselves: such blocks are empty.
+    Workers write to a place that all reach themselves: such blocks are empty.
     """
     if scheduler is None or not shares:
         for share in shares.items():
             yield from _blocks(shared, share, ahead)
         return
-    shared_store = store if is_remote(store.path) else None
+    shared_store = store if is_shared(store.path) else None
     with connect(scheduler) as client:
         for _, blocks in compute(client, _make_share, (shared, shared_store), shares.items()):
             yield from blocks

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from itertools import takewhile
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -198,8 +197,8 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
         held = data[name].shape if name in data.variables else (0,)
         if held[:1] < (length,) or [*held[1:]] != shape:
             raise DatasetError(f"{path}: its variable '{name}' is lost or too small; make it again")
-    asked = records.asked(records.has, records.layout.blocks)
-    ready = sum(records.layout.size(block) for block, _ in takewhile(itemgetter(1), asked))
+    whole = takewhile({*records.held()}.__contains__, records.layout.blocks)
+    ready = sum(map(records.layout.size, whole))
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
@@ -225,7 +224,7 @@ def verify_dataset(
     open_dataset(path, incomplete=True)  # where all variables have a head
     damaged: list[tuple[int, int]] = []
     blocks = [*records.layout.blocks]
-    for block, is_whole in records.asked(records.verify, blocks):
+    for block, is_whole in records.verified(blocks):
         samples = records.layout.place(block)["sample"]
         if not is_whole:
             joins = damaged and damaged[-1][1] == samples.start
@@ -239,11 +238,10 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = place(path)
     attributes, layout, records = read_head(path)
     data = open_dataset(path, incomplete=True)
-    whole = [block for block, is_held in records.asked(records.has, records.blocks()) if is_held]
     with _damage_reported(path):
         description: dict[str, Any] = {
             "samples": layout.count,
-            "finished": sum(map(records.layout.size, whole)),
+            "finished": sum(map(records.layout.size, records.held())),
             "photograph": list(layout.photograph_shape),
             "hidden": layout.attributes["hidden_shape"],
             "bytes": bytes_in(path),

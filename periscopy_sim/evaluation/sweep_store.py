@@ -162,8 +162,8 @@ class SweepStore:
         """Return the cells of the sweep that are not complete yet."""
         wanted = product(*self._wanted.values())
         cells = [dict(zip(self._wanted, values, strict=True)) for values in wanted]
-        asked = self._store.records.asked(self._store.records.verify, map(self._block, cells))
-        return [cell for cell, (_, is_whole) in zip(cells, asked, strict=True) if not is_whole]
+        verified = self._store.records.verified(map(self._block, cells))
+        return [cell for cell, (_, is_whole) in zip(cells, verified, strict=True) if not is_whole]
 
     def write(self, cell: Values, outcome: Values) -> None:
         """Write a method's variables in a cell, and record that it is complete."""

@@ -5,15 +5,17 @@ import logging
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import metadata
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.storage.outputs.places import place
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -62,8 +64,11 @@ def _silence() -> Iterator[None]:
         logging.disable(disabled)
 
 
-def check_scheduler(scheduler: str | None) -> None:
-    """Raise the errors of `connect`, before hours of work say; None is this process."""
+def check_scheduler(scheduler: str | None, out: Path | None = None) -> None:
+    """Raise the errors of `connect`, before hours of work say; None is this process.
+
+    It is an error, too, if the workers cannot write to `out`.
+    """
     if scheduler is None:
         return
     from dask import config
@@ -74,7 +79,11 @@ def check_scheduler(scheduler: str | None) -> None:
         client = Client(scheduler, asynchronous=True, timeout=CONNECTING)
         try:
             await asyncio.wait_for(client, CONNECTING)
-            answers = client.run(_versions, on_error="return")
+            # A cluster that grows and shrinks by itself has workers once there is a task.
+            first = client.submit(_versions, pure=False)
+            with suppress(Exception):  # what is wrong, all workers say below
+                await asyncio.wait_for(first.result(), EXAMINING)
+            answers = client.run(_versions, out and str(out), on_error="return")
             return dict(await asyncio.wait_for(answers, EXAMINING))
         finally:
             await client.close()
@@ -88,6 +97,8 @@ def check_scheduler(scheduler: str | None) -> None:
             f"no Dask scheduler with its workers answers at '{scheduler}'; start one by `dask "
             "scheduler`, and give the address that it prints, such as tcp://host:8786"
         ) from error
+    if faults := [each for each in versions.values() if isinstance(each, PeriscopyError)]:
+        raise PeriscopyError(f"a Dask worker of '{scheduler}' cannot write there: {faults[0]}")
     if not versions or any(each != _versions() for each in versions.values()):
         raise PeriscopyError(
             f"the Dask scheduler at '{scheduler}' has no workers of {_versions()} alone, but "
@@ -95,8 +106,10 @@ def check_scheduler(scheduler: str | None) -> None:
         )
 
 
-def _versions() -> dict[str, str]:
-    """Return the versions on which results depend."""
+def _versions(out: str | None = None) -> dict[str, str]:
+    """Return the versions on which results depend; raise if nothing here opens a URL, `out`."""
+    if out is not None:
+        place(out)
     return {package: metadata.version(package) for package in ("periscopy-sim", "mitsuba")}
 
 

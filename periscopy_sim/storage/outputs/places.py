@@ -1,7 +1,6 @@
 """Where results go: a path on this machine, or an object store such as ``s3://bucket/name``.
 
 Object stores have neither renames nor locks. They need none: an object appears whole or not at all.
-``file://`` treats a folder that machines share as such a store.
 """
 
 import errno
@@ -14,6 +13,7 @@ from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, cast
+from urllib.request import url2pathname
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require
@@ -22,11 +22,12 @@ from periscopy_sim.numerics.limits import read_json
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-LOCAL = "file", "local"
-"""Protocols of a file system, whose folders must be made."""
-
 AT_ONCE, BATCH = 32, 1024
 """Requests of an object store that wait at once, and those taken from a list at a time."""
+
+
+class SharedFolder(type(Path())):  # type: ignore[misc] # Python 3.11 makes no `Path` of a subclass
+    """A folder that machines share, as ``file:///shared``: workers write there themselves."""
 
 
 def place(name: str | Path) -> Path:
@@ -36,12 +37,15 @@ def place(name: str | Path) -> Path:
     """
     protocol, is_url, rest = str(name).rstrip("/").partition("://")
     if not is_url or isinstance(name, Path):
-        return Path(name)
-    upath, protocol = require("upath"), protocol.lower()
+        return Path(name) if isinstance(name, str) else name
+    if (protocol := protocol.lower()) in ("file", "local"):
+        return cast(Path, SharedFolder(url2pathname(rest)).absolute())
+    upath = require("upath")
     try:
         # Other processes write, too: what a store lists is asked for again.
-        options = {"use_listings_cache": False}
-        options |= {"auto_mkdir": True} if protocol in LOCAL else {}
+        options: dict[str, Any] = {"use_listings_cache": False}
+        if protocol in ("s3", "s3a"):  # it would ask for the size of all that it reads
+            options["max_concurrency"] = 1
         found = upath.UPath(f"{protocol}://{rest}", **options)
         found.fs  # noqa: B018, which looks for the library
     except Exception as error:  # whatever a library misses in a URL
@@ -52,6 +56,11 @@ def place(name: str | Path) -> Path:
 def is_remote(path: Path) -> bool:
     """Return whether a place is an object store."""
     return not isinstance(path, Path)
+
+
+def is_shared(path: Path) -> bool:
+    """Return whether workers on all machines reach a place."""
+    return is_remote(path) or isinstance(path, SharedFolder)
 
 
 def address(path: Path) -> dict[str, Any]:
@@ -83,17 +92,16 @@ def document(path: Path) -> Any:
 
 
 def put(path: Path, data: bytes) -> None:
-    """Write an object, whole or not at all."""
-    found: Any = path
-    with unreachable_reported(path):
-        if found.protocol in LOCAL:
-            target = Path(found.path)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            staged = target.with_name(f".{uuid.uuid4().hex[:8]}.partial")
-            staged.write_bytes(data)
-            staged.replace(target)
-        else:
+    """Write a file or an object, whole or not at all; `staged_file` waits for the disk besides."""
+    if is_remote(path):
+        found: Any = path
+        with unreachable_reported(path):
             found.fs.pipe_file(found.path, data)
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        staged = path.with_name(f".{uuid.uuid4().hex[:8]}.partial")
+        staged.write_bytes(data)
+        staged.replace(path)
 
 
 def clear(path: Path) -> None:
@@ -104,6 +112,16 @@ def clear(path: Path) -> None:
             found.fs.rm_file(found.path)
     else:
         path.unlink(missing_ok=True)
+
+
+def names_in(folder: Path) -> list[str]:
+    """Return the names of what a folder holds, of objects 1,000 a request; none without it."""
+    if not is_remote(folder):
+        return [each.name for each in folder.glob("*")]
+    found: Any = folder
+    with unreachable_reported(folder), suppress(FileNotFoundError):
+        return [each.rsplit("/", 1)[-1] for each in found.fs.ls(found.path, detail=False)]
+    return []
 
 
 def bytes_in(folder: Path) -> int:
@@ -129,6 +147,23 @@ def unreachable_reported(path: Path) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def original_named(path: Path, copy: Path) -> Iterator[None]:
+    """Let errors name a place instead of its copy on this machine."""
+    try:
+        yield
+    except PeriscopyError as error:
+        error.args = (str(error).replace(str(copy), str(path)),)
+        raise
+    except OSError as error:
+        if not is_remote(path) or not str(error.filename or "").startswith(str(copy)):
+            raise
+        raise OutputError(
+            f"cannot keep a copy of {path} in {copy.parent}: {error.strerror}; free some space "
+            "there, or set TMPDIR to another folder"
+        ) from error
+
+
 def answers(path: Path, ask: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
     """Yield what a function returns of items, as `map`; an object store is asked many at once."""
     if not is_remote(path):
@@ -148,8 +183,9 @@ def local_copy(path: Path) -> Iterator[Path]:
         return
     with TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
-        copy.write_bytes(content(path))
-        yield copy
+        with original_named(path, copy):
+            copy.write_bytes(content(path))
+            yield copy
 
 
 @contextmanager
@@ -160,7 +196,8 @@ def uploaded(path: Path) -> Iterator[Path]:
     """
     with TemporaryDirectory() as folder:
         staged = Path(folder) / (path.name or "staged")
-        yield staged
+        with original_named(path, staged):
+            yield staged
         files = [each for each in sorted(staged.rglob("*")) if each.is_file()]
         for file in files or [staged]:
             target = path / file.relative_to(staged).as_posix() if files else path
@@ -192,6 +229,7 @@ def mirrored(folder: Path, but: Collection[str]) -> Iterator[tuple[Path, Callabl
                         put(folder / file.relative_to(copy).as_posix(), file.read_bytes())
                         sent[file] = changed
 
-            yield copy, send
+            with original_named(folder, copy):
+                yield copy, send
     else:
         yield folder, lambda: None

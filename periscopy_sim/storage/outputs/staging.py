@@ -12,7 +12,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from periscopy_sim.errors import OutputError, path_fault
-from periscopy_sim.storage.outputs.places import is_remote, unreachable_reported, uploaded
+from periscopy_sim.storage.outputs.places import (
+    is_remote,
+    original_named,
+    unreachable_reported,
+    uploaded,
+)
 
 _FULL = ("requested and", *map(os.strerror, (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)))
 """Words of errors about a full disk or quota: NumPy's, which has no number, and the system's."""
@@ -52,7 +57,7 @@ def staged_file(path: Path) -> Iterator[Path]:
             staged = _temporary_name(target, target.parent, undo)
             staged.touch()  # shows before hours of work whether the place can be written
             _hold(staged, undo)
-        with out_of_space_reported(path):
+        with out_of_space_reported(path), original_named(path, staged):
             yield staged
         with unwritable_reported(path):
             _flush(staged)
@@ -80,7 +85,7 @@ def staged_folder(path: Path) -> Iterator[Path]:
             staged = _temporary_name(target, target if target.is_dir() else target.parent, undo)
             staged.mkdir()
             _hold(staged, undo)
-        with out_of_space_reported(path):
+        with out_of_space_reported(path), original_named(path, staged):
             yield staged
         with unwritable_reported(path):
             entries = sorted(staged.rglob("*"))

@@ -2,16 +2,18 @@
 
 Each block has files of its own. It counts as done once its record stands in ``making/finished``,
 which holds the checksum of each of these files; a block whose files are not what its record says is
-made again. Chunks carry a checksum of their own, so that a damaged one is an error to any reader,
-not a result. Nothing measured, such as times, lies in the store: the same attributes give the same
-bytes, however often the work was stopped, and by whomever.
+made again. Files appear whole, the record last, and nothing right is ever removed: those who write
+the same block at once do no harm. Chunks carry a checksum of their own, so that a damaged one is an
+error to any reader, not a result. Nothing measured, such as times, lies in the store: the same
+attributes give the same bytes, however often the work was stopped, and by whomever.
 """
 
 import hashlib
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -27,6 +29,8 @@ from periscopy_sim.storage.outputs.places import (
     content,
     document,
     is_remote,
+    names_in,
+    put,
 )
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import (
@@ -114,9 +118,9 @@ class Records:
 
     def blocks(self) -> list[Block]:
         """Return the blocks that have a record, whole or not."""
-        with out_of_space_reported(self.path):
-            files = [*(self.path / MAKING / "finished").glob("*.json")]
-        names = [name for file in files if all(map(str.isdecimal, name := file.stem.split("-")))]
+        files = [file.partition(".json") for file in names_in(self.path / MAKING / "finished")]
+        stems = [stem.split("-") for stem, is_record, rest in files if is_record and not rest]
+        names = [name for name in stems if all(map(str.isdecimal, name))]
         return sorted(tuple(map(int, name)) for name in names if len(name) == len(self.layout.cuts))
 
     def read(self, block: Block) -> dict[str, Any]:
@@ -130,30 +134,37 @@ class Records:
         held = record.get("of"), record.get("samples")
         return held == (self.of, self.layout.size(block))
 
+    def held(self) -> list[Block]:
+        """Return the blocks that have a record, by a list of their names.
+
+        The last one's is read: before its store grew, it was smaller.
+        """
+        blocks = self.blocks()
+        return blocks if not blocks or self.has(blocks[-1]) else blocks[:-1]
+
     def verify(self, block: Block) -> bool:
         """Return whether a block has a record, and each of its files is what that says."""
-        record = self.read(block)
-        return bool(record) and record == self._of_files(block)
+        if not (record := self.read(block)):
+            return False
+        files = self.layout.files(block)
+        found = answers(self.path, _checksum_of, [self.path / file for file in files.values()])
+        return record == self._of(block, dict(zip(files, found, strict=True)))
 
-    def asked(
-        self, question: Callable[[Block], bool], blocks: Iterable[Block]
-    ) -> Iterator[tuple[Block, bool]]:
-        """Yield blocks with their answers to `has` or `verify`."""
-        blocks = [*blocks]
+    def verified(self, blocks: Iterable[Block]) -> Iterator[tuple[Block, bool]]:
+        """Yield blocks, and whether each is whole."""
+        blocks, held = [*blocks], {*self.blocks()}
         with out_of_space_reported(self.path):
-            yield from zip(blocks, answers(self.path, question, blocks), strict=True)
+            whole = answers(self.path, lambda each: each in held and self.verify(each), blocks)
+            yield from zip(blocks, whole, strict=True)
 
-    def write(self, block: Block) -> None:
-        """Record that a block is complete."""
+    def write(self, block: Block, checksums: Mapping[str, str | None]) -> None:
+        """Record that a block is complete, with the checksum of each variable's file, if any."""
         with staged_file(self.file(block)) as staged:
-            staged.write_text(json.dumps(self._of_files(block)) + "\n", "utf-8")
+            staged.write_text(json.dumps(self._of(block, checksums)) + "\n", "utf-8")
 
-    def _of_files(self, block: Block) -> dict[str, Any]:
-        """Return the record of a block that was written."""
-        files = dict(sorted(self.layout.files(block).items()))
-        found = answers(self.path, checksum, [self.path / file for file in files.values()])
-        checksums = dict(zip(files, found, strict=True))
-        kept = {name: each for name, each in checksums.items() if each is not None}
+    def _of(self, block: Block, checksums: Mapping[str, str | None]) -> dict[str, Any]:
+        """Return the record of a block."""
+        kept = {name: each for name, each in sorted(checksums.items()) if each is not None}
         return {"of": self.of, "samples": self.layout.size(block), "crc32c": kept}
 
 
@@ -176,58 +187,66 @@ class BlockStore:
         self.path, self.layout = path, layout
         self.records = Records(path, layout, attributes)
         check_place(path, layout.what)
-        self._check_held(attributes)
+        blocks = self.records.blocks()
+        self._check_held(blocks, attributes)
         with out_of_space_reported(path):
             for leftover in () if is_remote(path) else path.rglob("*.partial*"):
                 if leftover.is_file():  # of a process that was killed
                     leftover.unlink()
-            for block, is_good in self.records.asked(self.records.has, self.records.blocks()):
-                if not is_good:  # before the head lists more than there is
-                    clear(self.records.file(block))
-            is_other = attributes_of(path) != json.loads(json.dumps(attributes))
-            if is_other and not self.records.blocks():  # begun with other axes, perhaps
-                for variable in path.glob("*/zarr.json"):
-                    if variable.parent.name != MAKING:
-                        remove(variable.parent)
+            if blocks and not self.records.has(blocks[-1]):  # before the head lists more
+                clear(self.records.file(blocks.pop()))
             with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
                 self._lay_out(head, attributes, labels)
-        self._arrays: dict[str, Any] = {}
+                others = () if blocks else path.glob("[!.]*/zarr.json")
+                for variable in others:  # begun with other axes, perhaps
+                    laid_out = head / variable.parent.name / variable.name
+                    if not laid_out.is_file() or content(variable) != laid_out.read_bytes():
+                        remove(variable.parent)
 
-    def _array(self, name: str) -> Any:
-        """Return a variable's array, opened once."""
-        if name not in self._arrays:
-            self._arrays[name] = opened(self.path, "r+")[name]
-        return self._arrays[name]
+    @cached_property
+    def _memory(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The variables without entries, in memory, and the files of what is written to them."""
+        from zarr import create_group
+        from zarr.storage import MemoryStore
+
+        files: dict[str, Any] = {}
+        group = create_group(MemoryStore(files), zarr_format=3)
+        variables = self.layout.variables.items()
+        return {name: group.create_array(name, **each) for name, each in variables}, files
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave what is opened behind."""
-        return {**self.__dict__, "_arrays": {}}
+        """Leave the memory behind."""
+        return {name: each for name, each in self.__dict__.items() if name != "_memory"}
 
     def missing(self) -> Iterator[Block]:
         """Yield the blocks that are missing, smaller, or not what was written."""
-        asked = self.records.asked(self.records.verify, self.layout.blocks)
-        return (block for block, is_whole in asked if not is_whole)
+        verified = self.records.verified(self.layout.blocks)
+        return (block for block, is_whole in verified if not is_whole)
 
     def write(self, block: Block, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
-        places, files = self.layout.place(block), self.layout.files(block)
-
-        def keep(name: str) -> None:
-            array = self._array(name)
-            place = [places.get(d, slice(0, None)) for d in array.metadata.dimension_names]
+        places, (arrays, written) = self.layout.place(block), self._memory
+        files = self.layout.files(block)
+        for name, each in values.items():
+            place = [places.get(d, slice(0, None)) for d in arrays[name].metadata.dimension_names]
             lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
-            array[tuple(place)] = values[name][tuple(lengths)]
+            arrays[name][tuple(place)] = each[tuple(lengths)]
+
+        def keep(file: str) -> str | None:
+            chunk = written.pop(file, None)
+            if chunk is None:  # Zarr writes none of values that are all the fill value
+                clear(self.path / file)
+                return None
+            put(self.path / file, data := chunk.to_bytes())
+            return checksum(data)
 
         with out_of_space_reported(self.path):
-            clear(self.records.file(block))
-            # Zarr would read what is there, whole or not.
-            _ = [*answers(self.path, clear, [self.path / file for file in files.values()])]
-            _ = [*answers(self.path, keep, values)]
-            self.records.write(block)
+            kept = answers(self.path, keep, files.values())
+            self.records.write(block, dict(zip(files, kept, strict=True)))
 
-    def _check_held(self, wanted: Mapping[str, Any]) -> None:
-        """Raise if there are entries of other attributes, or more of them than the layout has."""
-        if not (blocks := self.records.blocks()):
+    def _check_held(self, blocks: Sequence[Block], wanted: Mapping[str, Any]) -> None:
+        """Raise if blocks are of other attributes, or more than the layout has."""
+        if not blocks:
             return
         recorded = _fixed(attributes_of(self.path), self.layout)
         check_settings(recorded, _fixed(wanted, self.layout), str(self.path), self.layout.what)
@@ -284,14 +303,16 @@ def check_place(path: Path, what: str) -> None:
             raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
 
-def checksum(file: Path) -> str | None:
-    """Return the CRC-32C of a file in hexadecimal; None if there is no file.
-
-    Zarr writes none of values that are all the fill value.
-    """
+def checksum(data: bytes) -> str:
+    """Return the CRC-32C of data in hexadecimal."""
     import google_crc32c
 
+    return f"{google_crc32c.value(data):08x}"
+
+
+def _checksum_of(file: Path) -> str | None:
+    """Return the checksum of a file; None if there is no file."""
     try:
-        return f"{google_crc32c.value(content(file)):08x}"
+        return checksum(content(file))
     except FileNotFoundError:
         return None

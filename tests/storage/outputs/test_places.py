@@ -178,9 +178,9 @@ def store(url):
 def test_a_second_command_takes_nothing_from_the_first(monkeypatch):
     first, record = store("s3://lab/two.zarr"), Records.write
 
-    def late(records, block):
+    def late(*of_first):
         store("s3://lab/two.zarr")
-        record(records, block)
+        record(*of_first)
 
     monkeypatch.setattr(Records, "write", late)
     first.write((0,), {"x": np.ones(2)})

@@ -5,6 +5,7 @@ import pytest
 
 from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import OutputError
+from periscopy_sim.storage.outputs import store
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
 from tests.scenes.contents import contents
@@ -155,12 +156,35 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    made = filled(tmp_path / "d")
+    made = archive(tmp_path / "d")
     monkeypatch.setattr("periscopy_sim.storage.outputs.store.checksum", full)
     with pytest.raises(OutputError, match="disk is full"):
         made.write((1,), block(1))
     monkeypatch.undo()
-    assert list(archive(tmp_path / "d").missing()) == [(1,)]
+    assert list(archive(tmp_path / "d").missing()) == [(0,), (1,), (2,)]
+
+
+def test_two_who_fill_a_store_at_once_leave_it_whole(tmp_path, monkeypatch):
+    """At each step of the first, the second opens the store, and writes all that it lacks."""
+    filled(tmp_path / "alone")
+    write, steps = store.put, []
+
+    def step(path, data):
+        write(path, data)
+        steps.append(path)
+        if len(steps) == stop:
+            with monkeypatch.context() as of_second:
+                of_second.setattr(store, "put", write)
+                filled(folder)
+
+    monkeypatch.setattr(store, "put", step)
+    for stop in range(1, 3 * len(block(0)) + 1, 7):
+        folder = tmp_path / str(stop)
+        made, steps[:] = archive(folder), []
+        for number in layout().of_store().blocks:
+            made.write(number, block(*number))
+            assert made.records.verify(number)
+        assert contents(folder) == contents(tmp_path / "alone")
 
 
 def test_folder_is_free_again_after_an_error(tmp_path):
