@@ -119,8 +119,8 @@ def compute(
     """Run a task on every item, each on one thread of linear algebra; yield results as they come.
 
     The task gets `shared`, sent to each worker once, and an item; all items differ. Errors of a
-    task are raised here. Dask repeats what a dead worker held; if workers keep dying, or all have
-    died, it is a PeriscopyError.
+    task are raised here. Workers may come and go: Dask repeats what those held that are gone. If
+    they keep dying, or the scheduler has, it is a PeriscopyError.
     """
     from distributed import KilledWorker, as_completed
     from distributed.comm import CommClosedError
@@ -128,7 +128,7 @@ def compute(
     waiting = iter(items)
     try:
         try:
-            parcel = client.scatter(_Parcel(shared), broadcast=True, hash=False)
+            parcel = _sent(client, _Parcel(shared))
         except TypeError as error:
             raise PeriscopyError(
                 "a method of yours cannot travel to the workers, because pickle rejects it; keep "
@@ -149,6 +149,21 @@ def compute(
             "the Dask scheduler or its workers are gone; start them, the workers with more memory, "
             "and run the same command again: it goes on"
         ) from error
+
+
+def _sent(client: "Client", parcel: "_Parcel") -> Any:
+    """Return the future of a parcel on the workers."""
+    from dask import config
+
+    if client.cluster is not None:  # of `connect`: the workers live here
+        return client.scatter(parcel, hash=False)
+    # As a task, which Dask repeats; scattered data is lost with the workers that hold it.
+    with config.set({"distributed.admin.large-graph-warning-threshold": "1 PB"}):
+        return client.submit(_same, parcel, pure=False)
+
+
+def _same(parcel: "_Parcel") -> "_Parcel":
+    return parcel
 
 
 class _Parcel:

@@ -1,4 +1,5 @@
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -57,6 +58,23 @@ def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, undisturbed, 
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(processes=False, silence_logs=50, **local) as cluster:
         make_dataset(configured(), tmp_path / "d.zarr", scheduler=cluster.scheduler_address)
+    assert contents(tmp_path / "d.zarr") == contents(undisturbed)
+
+
+@pytest.mark.thorough
+def test_workers_that_come_and_go_make_the_same_bytes(configured, undisturbed, tmp_path):
+    """There are none until a task comes, and they go as soon as they are idle."""
+    distributed = pytest.importorskip("distributed")
+    local = {"n_workers": 0, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(processes=False, silence_logs=50, **local) as cluster:
+        changes = cluster.adapt(minimum=0, maximum=2, interval="50ms", wait_count=1).log
+        address = cluster.scheduler_address
+        for count in (20, 46):
+            make_dataset(configured(), f"file://{tmp_path}/d.zarr", count=count, scheduler=address)
+            end = time.monotonic() + 60
+            while cluster.scheduler.workers and time.monotonic() < end:
+                time.sleep(0.05)
+    assert [change["status"] for _, change in changes].count("down") > 1
     assert contents(tmp_path / "d.zarr") == contents(undisturbed)
 
 

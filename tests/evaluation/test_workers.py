@@ -1,4 +1,5 @@
 import socket
+import sys
 import threading
 import time
 
@@ -8,6 +9,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
+from periscopy_sim.storage.outputs.places import place
 
 
 def test_scheduler_that_does_not_answer_is_one_line(capfd):
@@ -40,6 +42,18 @@ def test_workers_of_another_version_are_refused(monkeypatch):
         refused = pytest.raises(PeriscopyError, match="tcp://far:1")
         with refused, connect(cluster.scheduler_address):
             pass
+
+
+def test_workers_without_what_opens_a_store_are_refused(monkeypatch):
+    from distributed import LocalCluster
+
+    local = {"n_workers": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(**local) as cluster:
+        out = place("s3://lab/data.zarr")
+        check_scheduler(cluster.scheduler_address, out)
+        monkeypatch.setitem(sys.modules, "upath", None)
+        with pytest.raises(PeriscopyError, match=r"a Dask worker .*pip install -e '\.\[s3\]'"):
+            check_scheduler(cluster.scheduler_address, out)
 
 
 def sums(arrays, item):

@@ -122,9 +122,11 @@ def test_workers_that_die_leave_nothing_half_written(local):
     with distributed.LocalCluster(silence_logs=50, **settings) as cluster:
 
         def kill(done, _):
+            """Kill all workers, and with them what they were sent; others come."""
             if done and not killed.is_set():
                 killed.set()
-                next(iter(cluster.workers.values())).process.process._process.kill()
+                for worker in cluster.workers.values():
+                    worker.process.process._process.kill()
 
         address = cluster.scheduler_address
         assert make_dataset(CONFIGURATION, url, scheduler=address, progress=kill).made == 26
