@@ -19,7 +19,9 @@ class TorchDataset:
     """Samples of a data set as tensors, channels first: a map-style data set for PyTorch.
 
     Safe to hand to a `DataLoader` with any number of workers: each opens the archive for itself.
-    Batches are read at once. The name can be looked up without PyTorch; making one needs it.
+    A batch reads its own samples alone, in any order: of each variable and block an index, and for
+    each sample a range of bytes, which adds less than 2 % to what is stored. The name can be looked
+    up without PyTorch; making one needs it.
 
     Parameters
     ----------

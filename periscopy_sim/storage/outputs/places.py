@@ -143,7 +143,7 @@ def unreachable_reported(path: Path) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise OutputError(
-            f"cannot use {path}: {reason}; mend that, and run the same command again: it goes on"
+            f"cannot use {path}: {reason}; mend that, and run the same command again"
         ) from error
 
 

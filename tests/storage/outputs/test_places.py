@@ -13,7 +13,7 @@ from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, run_sweep
 from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.evaluation.world import World
-from periscopy_sim.storage.outputs.places import content, mirrored, place
+from periscopy_sim.storage.outputs.places import content, local_copy, mirrored, place, put
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.store import BlockStore, Records, StoreLayout
 from tests.scenes.contents import contents
@@ -91,6 +91,26 @@ def test_a_data_set_has_the_bytes_of_one_in_a_folder(local):
     assert make_dataset(CONFIGURATION, url).made == 6
     assert held(url) == local
     assert open_dataset(url).sizes["sample"] == 26
+
+
+def test_an_epoch_in_any_order_reads_each_byte_about_once(local, monkeypatch):
+    import s3fs
+
+    url, read, sizes = "s3://lab/sets/read.zarr", s3fs.S3FileSystem._cat_file, []
+    for name, data in local.items():
+        put(place(url) / name, data)
+
+    async def counted(*given, **how):
+        data = await read(*given, **how)
+        sizes.append(len(data))
+        return data
+
+    photographs = open_dataset(url).photograph.variable
+    monkeypatch.setattr(s3fs.S3FileSystem, "_cat_file", counted)
+    for k in np.random.default_rng(0).permutation(26):
+        photographs[int(k)].values  # noqa: B018
+    stored = sum(len(data) for name, data in local.items() if name.startswith("photograph/c"))
+    assert stored / 2 < sum(sizes) <= 1.2 * stored
 
 
 def test_a_shared_folder_is_a_store(local, tmp_path):
@@ -200,6 +220,23 @@ def test_a_fault_of_the_store_costs_no_record(monkeypatch):
         with pytest.raises(OutputError, match="token expired"):
             store("s3://lab/fault.zarr")
     assert [*store("s3://lab/fault.zarr").missing()] == [(1,)]
+
+
+def test_a_bucket_that_vanishes_is_one_line():
+    import s3fs
+
+    s3fs.S3FileSystem().mkdir("brief")
+    begun = store("s3://brief/data.zarr")
+    s3fs.S3FileSystem().rm("brief", recursive=True)
+    with pytest.raises(OutputError, match=r"cannot use s3://brief/.*does not exist"):
+        begun.write((0,), {"x": np.ones(2)})
+
+
+def test_errors_name_the_object_not_its_copy():
+    put(place("s3://lab/broken.exr"), b"")
+    with pytest.raises(PeriscopyError, match=r"^s3://lab/broken\.exr"):  # noqa: SIM117
+        with local_copy(place("s3://lab/broken.exr")) as copy:
+            raise PeriscopyError(f"{copy}: is empty")
 
 
 @pytest.mark.parametrize("url", ["s3://none/data.zarr", "nowhere://lab/data.zarr"])

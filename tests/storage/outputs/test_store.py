@@ -164,27 +164,32 @@ def test_write_that_fails_leaves_the_block_unrecorded(tmp_path, monkeypatch):
     assert list(archive(tmp_path / "d").missing()) == [(0,), (1,), (2,)]
 
 
-def test_two_who_fill_a_store_at_once_leave_it_whole(tmp_path, monkeypatch):
-    """At each step of the first, the second opens the store, and writes all that it lacks."""
-    filled(tmp_path / "alone")
-    write, steps = store.put, []
+def test_a_second_writer_removes_nothing_of_the_first(tmp_path, monkeypatch):
+    first, whole = archive(tmp_path / "d"), []
+    blocks = [*layout().of_store().blocks]
 
-    def step(path, data):
-        write(path, data)
-        steps.append(path)
-        if len(steps) == stop:
-            with monkeypatch.context() as of_second:
-                of_second.setattr(store, "put", write)
-                filled(folder)
+    def watched(does):
+        def then(*given):
+            done = does(*given)
+            whole.append([*map(first.records.verify, written)])
+            return done
 
-    monkeypatch.setattr(store, "put", step)
-    for stop in range(1, 3 * len(block(0)) + 1, 7):
-        folder = tmp_path / str(stop)
-        made, steps[:] = archive(folder), []
-        for number in layout().of_store().blocks:
-            made.write(number, block(*number))
-            assert made.records.verify(number)
-        assert contents(folder) == contents(tmp_path / "alone")
+        return then
+
+    for name in ("put", "clear", "remove", "staged_file"):
+        monkeypatch.setattr(store, name, watched(getattr(store, name)))
+    written = []
+    before = contents(tmp_path / "d")
+    archive(tmp_path / "d")  # both have begun
+    assert contents(tmp_path / "d") == before and not whole
+    for number in blocks:
+        first.write(number, block(number[0], layout().of_store().size(number)))
+    written = blocks
+    whole.clear()
+    second = archive(tmp_path / "d")
+    for number in blocks:
+        second.write(number, block(number[0], layout().of_store().size(number)))
+    assert len(whole) == len(blocks) * (len(block(0)) + 1) and np.all(whole)
 
 
 def test_folder_is_free_again_after_an_error(tmp_path):
