@@ -3,8 +3,7 @@
 `python -m experiments.laboratories --out DIR [--only lamp,plate] [--rulers 1]` photographs the
 stand-ins into OUT/rendered, unless they are there, and takes each the way that a user goes: the
 photograph as it comes before the scene as a ruler gives it, `prepare` with points of the wall, a
-photograph with the monitor off, `calibrate`. `index.html` shows the picture and what is left of the
-photograph after each.
+photograph with the monitor off, `calibrate`. `index.html` shows the picture after each.
 """
 
 from functools import partial
@@ -12,9 +11,8 @@ from typing import Annotated
 
 import typer
 
-from experiments.laboratories import overall, stages
-from experiments.laboratories.making.laboratories import LABORATORIES
-from experiments.laboratories.stages import Workplace
+from experiments.laboratories.making.laboratory import LABORATORIES
+from experiments.laboratories.stages import Workplace, run
 from experiments.page import Out, Page, Rendered
 
 PAGE = Page(
@@ -23,12 +21,9 @@ PAGE = Page(
     introduction="Stand-ins for real laboratories: plain Mitsuba and Dr.Jit, light that bounces up "
     "to six times, uneven paint, posters, a camera's lens and noise, a ruler's errors of 1 cm and "
     "2 degrees. The commands see what a user has; the truth is only compared with.",
-    names=(*LABORATORIES, "overall"),
+    names=tuple(LABORATORIES),
     stated="asked",
-    functions={
-        **{name: partial(stages.run, laboratory) for name, laboratory in LABORATORIES.items()},
-        "overall": overall.run,
-    },
+    functions={name: partial(run, laboratory) for name, laboratory in LABORATORIES.items()},
 )
 
 

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from experiments.laboratories.making import ruler
-from experiments.laboratories.making.laboratories import TUTORIAL
+from experiments.laboratories.making.laboratory import TUTORIAL
 from experiments.laboratories.making.render import make
 
 SHIPPED = Path(__file__).parents[2] / "scenes" / "tutorial"
@@ -56,15 +55,6 @@ occluders:
 """
 
 
-def measurements(read: Mapping[str, float]) -> str:
-    """Return the file for `periscopy lab` of what a ruler reads, metres and degrees by name."""
-    words = {
-        name: f"{value:g} deg" if name.endswith("turn") else f"{100 * value:g} cm"
-        for name, value in read.items()
-    }
-    return MEASURED.format(**words)
-
-
 def main(
     out: Annotated[Path, typer.Option(help="Folder to write.")] = SHIPPED,
 ) -> None:
@@ -76,7 +66,11 @@ def main(
             shutil.copyfile(folder / name, out / name)
     TUTORIAL.meshes["lamp"]().apply_scale(1000).export(out / "lamp.stl")
     read = ruler.read_by_ruler(TUTORIAL.scene, 100 * TUTORIAL.seed)
-    (out / "measurements.yaml").write_text(measurements(read), "utf-8")
+    words = {
+        name: f"{value:g} deg" if name.endswith("turn") else f"{100 * value:g} cm"
+        for name, value in read.items()
+    }
+    (out / "measurements.yaml").write_text(MEASURED.format(**words), "utf-8")
     print(f"wrote {out}")
 
 

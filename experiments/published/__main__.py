@@ -3,8 +3,8 @@
 `python -m experiments.published --out DIR [--data FOLDER] [--only stills,ambient]` writes
 `index.html` and `claims.json`; FOLDER is the data set of Saunders, Murray-Bruce and Goyal, Nature
 565 (2019), as its owners lay it out; `ps.fetch` downloads it by default. A file that is missing or
-damaged is named on the page, and the rest goes on. `--scene FOLDER=SCENE` gives a folder of the
-data set a scene of yours, such as one that was calibrated.
+damaged is named on the page, and the rest goes on. `--scene SET=SCENE` gives a set, as `periscopy
+fetch` names it, a scene of yours, such as one that was calibrated.
 """
 
 from pathlib import Path
@@ -14,8 +14,7 @@ import typer
 
 import periscopy_sim as ps
 from experiments.page import Out, Page
-from experiments.published.setting import PublishedSetting
-from periscopy_sim.storage.published import published_sets
+from experiments.published.setting import PublishedSetting, sets_of_captures
 
 PAGE = Page(
     package="experiments.published",
@@ -26,16 +25,7 @@ PAGE = Page(
     "are the shipped ones where not said otherwise, as measured by a ruler: an image may stand "
     "beside its place by a patch or two, which 'shifted' allows for. Stated values are those of "
     "the paper (Saunders and Goyal, ICCP 2021).",
-    names=(
-        "captures",
-        "placements",
-        "stills",
-        "repeats",
-        "ambient",
-        "video",
-        "single_pixels",
-        "rooms",
-    ),
+    names=("stills", "repeats", "ambient", "video", "single_pixels", "rooms"),
 )
 
 
@@ -48,7 +38,7 @@ def main(
     only: Annotated[str, PAGE.choice()] = "",
     scene: Annotated[
         list[str] | None,
-        typer.Option(help="FOLDER=SCENE: a scene of yours for a folder of the data set."),
+        typer.Option(help="SET=SCENE: a scene of yours for a set that 'periscopy fetch' names."),
     ] = None,
 ) -> None:
     """Reconstruct the published measurements and write the page."""
@@ -57,18 +47,17 @@ def main(
 
 def _fetched() -> Path:
     """Fetch every set of the collection; return its folder."""
-    names = (name for name in published_sets() if name.startswith("saunders2019-"))
-    *_, folder = map(ps.fetch, names)
+    *_, folder = map(ps.fetch, sets_of_captures())
     return folder
 
 
 def _scenes(given: list[str]) -> dict[str, str]:
-    """Return scenes by folder."""
+    """Return scenes by set."""
     pairs = [text.partition("=") for text in given]
-    for text, (folder, sign, file) in zip(given, pairs, strict=True):
-        if not (folder and sign and file):
-            raise ps.PeriscopyError(f"'{text}' names no scene for a folder; write FOLDER=SCENE")
-    return {folder: file for folder, _, file in pairs}
+    for text, (name, sign, file) in zip(given, pairs, strict=True):
+        if not (name and sign and file):
+            raise ps.PeriscopyError(f"'{text}' names no scene for a set; write SET=SCENE")
+    return {name: file for name, _, file in pairs}
 
 
 if __name__ == "__main__":

@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.published.setting import PublishedSetting
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from periscopy_sim.figures.panels import displayable, draw_panels
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.published import published_sets
 
 SETS = "czajkowski2024-doorway"
@@ -44,7 +44,7 @@ def run(setting: PublishedSetting) -> Section:
     section = Section("rooms", "Rooms behind a doorway")
     if not photographs:
         return replace(section, tables=[Table("Not read.", ("set", "why"), problems)])
-    rows, images, uneven = [], dict[str, NDArray[np.float64]](), dict[str, NDArray[np.float64]]()
+    rows, images, uneven = [], dict[str, Array](), dict[str, Array]()
     for name, photograph in photographs.items():
         method = _method(photograph.shape[:2])
         solution = method.solve(photograph)
@@ -59,6 +59,7 @@ def run(setting: PublishedSetting) -> Section:
         name: [(name, displayable(light)), ("", displayable(images[name]))]
         for name, light in photographs.items()
     }
+    file.parent.mkdir(parents=True, exist_ok=True)
     draw_panels(file, panels)
     paint = "different rooms share the ceiling's paint alone"
     compared = (
@@ -82,14 +83,14 @@ def run(setting: PublishedSetting) -> Section:
     return replace(section, claims=claims, tables=tables, pictures=[Picture(file, "All rooms.")])
 
 
-def correlation(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+def correlation(first: Array, second: Array) -> float:
     """Return the correlation of two arrays' values."""
     return float(np.corrcoef(first.ravel(), second.ravel())[0, 1])
 
 
-def _photographs() -> tuple[Mapping[str, NDArray[np.float64]], list[tuple[str, str]]]:
+def _photographs() -> tuple[Mapping[str, Array], list[tuple[str, str]]]:
     """Return all photographs by name, and why sets cannot be had."""
-    photographs, problems = dict[str, NDArray[np.float64]](), []
+    photographs, problems = dict[str, Array](), []
     for name, data in published_sets().items():
         if name.startswith(SETS):
             try:

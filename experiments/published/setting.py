@@ -1,37 +1,63 @@
-"""What every experiment on the published data set gets: its captures, and scenes fitted to them."""
+"""What every section gets: the captures of a chair and a plate, and the scenes that fit them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.published.data_set import Capture, DataSet
-from experiments.published.layout import (
-    FRAMES,
-    PLACEMENTS,
-    STILLS,
-    WITHOUT_AMBIENT,
-    Placement,
-    place_of,
-)
 from experiments.report import Table
 from experiments.setting import FittedScene
-from periscopy_sim.reconstruction.method import StillMethod
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics import Array
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.storage.formats.rasters import bayer_colours
+from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.published import (
+    PublishedSet,
+    capture_exposure,
+    capture_fields,
+    capture_truth,
+    published_sets,
+)
+
+COLLECTION = "saunders2019-"
+"""How the names of the sets begin."""
+
+CHAIR, AMBIENT = f"{COLLECTION}chair", f"{COLLECTION}chair-ambient"
+REPEATS, BLOCKS = f"{COLLECTION}chair-repeats", f"{COLLECTION}chair-blocks"
+PLATE = f"{COLLECTION}plate"
+VIDEOS = f"{COLLECTION}plate-video", f"{COLLECTION}plate-video-mushroom"
 
 
-@dataclass(frozen=True)
-class Tried:
-    """A placement, and what it leaves unexplained of a capture; None if none can be read."""
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A raw capture as a photograph, in counts for each unit of exposure time.
 
-    placement: Placement
-    unexplained: float | None
+    Attributes
+    ----------
+    name
+        Of the file, without what all have in common.
+    halves
+        (2, rows, columns, 3) linear: the same light seen by the sensor pixels of either colour of a
+        chequerboard, so that their noise is independent.
+    truth
+        (R, C, 3) linear, what the monitor showed; None if the file does not tell.
+    """
+
+    name: str
+    halves: Array
+    truth: Array | None
+
+    @property
+    def photograph(self) -> Array:
+        """(rows, columns, 3) the mean of the halves."""
+        return np.asarray(self.halves.mean(axis=0))
 
 
 class PublishedSetting:
@@ -42,9 +68,9 @@ class PublishedSetting:
     out
         Folder of the run.
     data
-        The data set.
+        The data set as its owners lay it out, or a folder whose folder ``Data`` is that.
     scenes
-        Scenes by folder of the data set, in place of what is known of these.
+        Files of scenes in place of the shipped ones, by the names of sets.
     hidden
         (R, C) of the hidden image.
     photograph
@@ -53,7 +79,7 @@ class PublishedSetting:
     Raises
     ------
     PeriscopyError
-        If the data set is not there, or a scene is for a folder that it does not know.
+        If the data set is not there, or a scene is for a set that does not exist.
     """
 
     seed = 0
@@ -69,103 +95,102 @@ class PublishedSetting:
         self.out = out
         self.hidden = hidden
         self.photograph = photograph
-        self.placements = dict(PLACEMENTS)
-        for folder, scene in (scenes or {}).items():
-            if folder not in PLACEMENTS:
-                known = ", ".join(PLACEMENTS)
-                raise ps.PeriscopyError(f"no folder '{folder}' has a scene; there are {known}")
-            file = ps.find_scene(scene)
-            self.placements[folder] = (Placement(f"yours, {scene}", str(file)),)
-        self.data = DataSet(data, hidden)
-        self._tried: dict[str, list[Tried]] = {}
-        self._fitted: tuple[Placement, FittedScene] | None = None
+        self.sets = sets_of_captures()
+        self.scenes = {name: ps.find_scene(scene) for name, scene in (scenes or {}).items()}
+        if strange := self.scenes.keys() - self.sets:
+            known = ", ".join(self.sets)
+            raise ps.PeriscopyError(f"no set '{strange.pop()}' has a scene; there are {known}")
+        files = [file for each in self.sets.values() for file in each.files]
+        roots = [data, data / "Data"]
+        found = [root for root in roots if any((root / file).is_file() for file in files)]
+        if not found:
+            raise ps.PeriscopyError(
+                f"{data}: holds no capture of the data set, such as {files[0]}; give the folder "
+                "'Data' of the download"
+            )
+        self.root = found[0]
+        self.problems: dict[str, str] = {}
+        """Why captures could not be read, by file."""
+        self._fitted: tuple[str, FittedScene] | None = None
 
     def identity(self) -> bytes:
-        """Return what tells this data set, these scenes and sizes from others."""
-        given = [
-            Path(placement.scene).read_bytes()
-            for placements in self.placements.values()
-            for placement in placements
-            if Path(placement.scene).is_file()
-        ]
-        return b"\n".join([self.data.identity(), str(self.photograph).encode(), *given])
+        """Return names, sizes and times of all files, sizes and scenes, which tell inputs apart."""
+        stats = [(file, file.stat()) for file in sorted(self.root.rglob("*.mat"))]
+        files = [f"{file} {stat.st_size} {stat.st_mtime_ns}" for file, stat in stats]
+        given = [scene.read_text("utf-8") for scene in self.scenes.values()]
+        sizes = str((self.hidden, self.photograph, *self.scenes))
+        return "\n".join([sizes, *files, *given]).encode()
 
-    def tried(self, folder: str) -> list[Tried]:
-        """Return the placements of a folder, what fits one of its captures best first.
-
-        That is judged by what scene and image leave unexplained of it, without the ground truth.
-        """
-        place = place_of(folder)
-        if place not in self._tried:
-            candidates = self.placements[place]
-            tried = [
-                Tried(placement, self._unexplained(place, placement)) for placement in candidates
-            ]
-            self._tried[place] = sorted(tried, key=lambda one: one.unexplained or 0)
-        return self._tried[place]
-
-    def best(self, folder: str) -> Placement:
-        """Return the placement that a folder's photographs are reconstructed with."""
-        placements = self.placements[place_of(folder)]
-        return placements[0] if len(placements) == 1 else self.tried(folder)[0].placement
-
-    def fitted(self, folder: str) -> FittedScene:
-        """Return the scene of a folder's best placement; only the latest one is kept."""
-        best = self.best(folder)
-        if self._fitted is None or self._fitted[0] is not best:
+    def fitted(self, name: str) -> FittedScene:
+        """Return the scene of a set; only the latest one is kept."""
+        if self._fitted is None or self._fitted[0] != name:
             self._fitted = None  # gigabytes, before the next ones
-            self._fitted = (best, self.scene(best))
+            self._fitted = (name, self.scene(name))
         return self._fitted[1]
 
-    def scene(
-        self, placement: Placement, parameters: Mapping[str, float] | None = None
-    ) -> FittedScene:
-        """Return the scene of a placement, further parameters set."""
-        values = {**placement.parameters, **(parameters or {})}
-        return FittedScene(placement.scene, self.hidden, self.seed, values, self.photograph)
+    def scene(self, name: str) -> FittedScene:
+        """Return the scene of a set: yours, or the shipped one as its owners measured."""
+        scene, values = self.sets[name].scene, self.sets[name].parameters
+        if name in self.scenes:
+            scene, values = str(self.scenes[name]), {}
+        return FittedScene(scene, self.hidden, self.seed, values, self.photograph)
 
-    def shape(self, folder: str) -> tuple[int, int]:
-        """Return (rows, columns) of a folder's photographs."""
-        if self.photograph is not None:
-            return self.photograph
-        return self._shapes[place_of(folder)]
-
-    def readable(self, folder: str, names: Sequence[str]) -> list[Capture]:
-        """Return those captures of a folder that can be read."""
-        return self.data.readable((f"{folder}/{name}" for name in names), self.shape(folder))
-
-    def reference(self, place: str) -> Capture | None:
-        """Return the capture that placements of a folder are tried on, without ambient light."""
-        names = [
-            *filter(None, [WITHOUT_AMBIENT.get(place)]),
-            *{**STILLS, **FRAMES}[place],
+    def captures(self, name: str, *patterns: str) -> list[Capture]:
+        """Return those captures of a set that fit a pattern, or all, by number, and can be read."""
+        files = [
+            file
+            for file in self.sets[name].files
+            if not patterns or any(fnmatch(file, f"{pattern}.mat") for pattern in patterns)
         ]
-        found = (self.data.read(f"{place}/{name}", self.shape(place)) for name in names)
-        return next((capture for capture in found if capture is not None), None)
+        files.sort(key=lambda file: ([int(number) for number in re.findall(r"\d+", file)], file))
+        shape = self.photograph or self.scene(name).scenario.photograph_shape
+        found = []
+        for file in files:
+            try:
+                found.append(read_capture(self.root / file, shape, self.hidden))
+            except PhotographError as error:
+                self.problems[file] = str(error).removeprefix(f"{self.root / file}: ")
+        return found
 
-    def not_read(self, folder: str, names: Sequence[str]) -> list[Table]:
-        """Return a table of the captures of a folder that cannot be read, if there are any."""
-        self.readable(folder, names)
-        rows = self.data.problems_of(folder, names)
+    def not_read(self, *names: str) -> list[Table]:
+        """Return a table of the captures of sets that could not be read, if there are any."""
+        files = [file for name in names for file in self.sets[name].files if file in self.problems]
+        rows = [(file, self.problems[file]) for file in files]
         return [Table("Not read.", ("capture", "why"), rows)] if rows else []
 
-    @cached_property
-    def _shapes(self) -> dict[str, tuple[int, int]]:
-        return {
-            place: ps.load_scenario(options[0].scene, (1, 1)).photograph_shape
-            for place, options in self.placements.items()
-        }
 
-    def _unexplained(self, place: str, placement: Placement) -> float | None:
-        capture = self.reference(place)
-        if capture is None:
-            return None
-        method = self.scene(placement).noise_aware
-        return unexplained(method, capture.photograph, method.solve(capture.photograph))
+def sets_of_captures() -> dict[str, PublishedSet]:
+    """Return the sets of captures by their names."""
+    return {name: each for name, each in published_sets().items() if name.startswith(COLLECTION)}
 
 
-def unexplained(method: StillMethod[Any], photograph: NDArray[np.float64], found: Any) -> float:
-    """Return what scene and solution leave of a photograph, over its root mean square."""
-    left = method.residual(photograph, found)
-    assert left is not None
-    return left.unexplained
+def read_capture(path: Path, shape: tuple[int, int], hidden: tuple[int, int]) -> Capture:
+    """Read a raw capture, a MATLAB file with the fields of the published layout.
+
+    A file that is missing, damaged, of another layout or size is a PhotographError.
+    """
+    fields = capture_fields(path)
+    halves = halves_of(bayer_colours(fields["image"]), shape, path) / capture_exposure(fields, path)
+    Photograph.of(halves.mean(axis=0), shape, str(path))  # rejects what is no photograph
+    sent = capture_truth(fields, path)
+    name = path.stem.removeprefix("image_test").lstrip("_") or path.stem
+    return Capture(name, halves, None if sent is None else area_average(sent, hidden))
+
+
+def halves_of(colour: Array, shape: tuple[int, int], path: Path) -> Array:
+    """Return means over the two colours of a chequerboard of each block: (2, rows, columns, 3).
+
+    The blocks of colour pixels are of even sides, so that both means have the block's centre and
+    as many pixels; other blocks are a PhotographError.
+    """
+    rows, columns = shape
+    down, across = colour.shape[0] // rows, colour.shape[1] // columns
+    if down % 2 or across % 2 or colour.shape[:2] != (down * rows, across * columns):
+        raise PhotographError(
+            f"{path}: blocks of {down} x {across} colour pixels cannot be halved; give the "
+            "camera's film a size that makes their sides even"
+        )
+    blocks = colour.reshape(rows, down, columns, across, 3)
+    dark = np.indices((down, across)).sum(axis=0) % 2
+    weights = np.stack([1 - dark, dark]) / (down * across / 2)
+    return np.asarray(np.einsum("kij,ricjd->krcd", weights, blocks, optimize=True))

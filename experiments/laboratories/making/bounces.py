@@ -19,6 +19,9 @@ from experiments.laboratories.making.light import OFFSET, Source, from_source
 
 Array = NDArray[np.float64]
 
+LANES = 1 << 20
+"""Paths that are followed at a time."""
+
 
 def bounced_radiance(
     scene: Any,
@@ -29,8 +32,7 @@ def bounced_radiance(
     bounces: int,
     samples: int,
     seed: int,
-    lanes: int = 1 << 20,
-) -> tuple[Array, Array]:
+) -> Array:
     """Return the light that other surfaces send to wall points, averaged about the cosine lobe.
 
     Times the wall's reflectance it is the radiance that the camera sees.
@@ -39,10 +41,8 @@ def bounced_radiance(
     ----------
     scene
         Of Mitsuba; its surfaces are diffuse.
-    points
-        (n, 3) of the wall.
-    normal
-        (3,) of the wall.
+    points, normal
+        (n, 3) and (3,) of the wall.
     groups
         Sources, by group.
     bounces
@@ -51,27 +51,25 @@ def bounced_radiance(
         Paths of each point.
     seed
         Of the paths.
-    lanes
-        Paths at a time.
 
     Returns
     -------
-    tuple of ndarray
-        (groups, n, 3) the light, and the standard error of each.
+    ndarray
+        (groups, n, 3) the light.
     """
     n = len(points)
-    at_once = max(1, lanes // n)
+    at_once = max(1, LANES // n)
     batches = max(2, -(-samples // at_once))
     first = np.repeat(points.astype(np.float32), at_once, axis=0)
-    sums = []
+    facing = mi.Vector3f(*normal.tolist())
+    means = []
     for batch in range(batches):
         rng = mi.PCG32(size=len(first), initstate=mi.UInt64(1_000_003 * seed + batch))
-        facing = mi.Vector3f(*normal.tolist())
         light = _paths(scene, mi.Point3f(first.T), facing, groups, bounces, rng)
-        means = [np.array(each, np.float64).T.reshape(n, at_once, 3).mean(axis=1) for each in light]
-        sums.append(means)
-    of_batches = np.array(sums)
-    return of_batches.mean(axis=0), of_batches.std(axis=0, ddof=1) / np.sqrt(batches)
+        means.append(
+            [np.array(each, np.float64).T.reshape(n, at_once, 3).mean(axis=1) for each in light]
+        )
+    return np.asarray(np.mean(means, axis=0))
 
 
 def _paths(
@@ -83,9 +81,8 @@ def _paths(
     throughput = mi.Color3f(1)
     active = mi.Bool(True)
     for _ in range(bounces - 1):
-        frame = mi.Frame3f(normal)
         lobe = mi.Point2f(rng.next_float32(), rng.next_float32())
-        direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(lobe))
+        direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(lobe))
         ray = mi.Ray3f(points + OFFSET * normal, direction, dr.largest(mi.Float), 0.0, [])
         hit = scene.ray_intersect(ray, active)
         active &= hit.is_valid()
@@ -102,37 +99,14 @@ def _paths(
     return totals
 
 
-def smooth_over_film(
-    positions: Array, values: Array, degree: int
-) -> tuple[chebyshev.Chebyshev | Array, Array]:
-    """Fit a polynomial of film positions in [-1, 1]² by least squares.
-
-    Parameters
-    ----------
-    positions
-        (n, 2) column and row.
-    values
-        (n, 3).
-    degree
-        Of both variables together.
-
-    Returns
-    -------
-    tuple of ndarray
-        Coefficients for `over_film` and what the polynomial leaves, (n, 3).
-    """
-    design = _design(positions, degree)
-    coefficients, *_ = np.linalg.lstsq(design, values, rcond=None)
-    return coefficients, values - design @ coefficients
-
-
-def over_film(coefficients: Array, positions: Array, degree: int) -> Array:
-    """Evaluate the polynomial of `smooth_over_film` at (n, 2) positions: (n, 3)."""
-    return _design(positions, degree) @ coefficients
+def interpolated(positions: Array, values: Array, others: Array, degree: int) -> Array:
+    """Return (n, 3) values at film positions in [-1, 1]² as a polynomial has them at others."""
+    coefficients, *_ = np.linalg.lstsq(_design(positions, degree), values, rcond=None)
+    return np.asarray(_design(others, degree) @ coefficients)
 
 
 def _design(positions: Array, degree: int) -> Array:
+    """Return (n, terms) Chebyshev products, of a degree in both variables together."""
     full = chebyshev.chebvander2d(positions[:, 0], positions[:, 1], [degree, degree])
     order = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel()
-    design: Array = full[:, order <= degree]
-    return design
+    return np.asarray(full[:, order <= degree])

@@ -1,13 +1,14 @@
-"""A stand-in laboratory: its scene, what stands around it, its wall, camera and ruler."""
+"""The stand-in laboratories: scene, surroundings, wall and camera of each."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from experiments.laboratories.making import meshes
 from experiments.laboratories.making.camera import Camera
 from experiments.laboratories.making.paint import Paint, Poster
 
@@ -25,28 +26,20 @@ class Laboratory:
     ----------
     name
         Of its files.
-    hidden_image
-        Name of the shipped picture on the monitor.
-    hidden
-        (rows, columns) of the picture's patches.
+    hidden_image, hidden
+        Name of the shipped picture on the monitor, and (rows, columns) of its patches.
     block
         Pixels of the photograph for each pixel of the scene's film, along each side.
     meshes
-        What makes the occluders' files, by name.
+        Functions that make the occluders' meshes, by the files' names.
     paint, poster, camera
         The wall's and the camera's.
     sbr
         Mean of the monitor's light over that of all other.
-    snr
-        dB after averaging to the scene's film.
-    unevenness
-        Root mean square of the paint, seen at the film's resolution, by the photograph's name.
     points
         Points of the wall that are measured: down and across.
-    rulers
-        How many persons measure.
-    measured_camera
-        How the names of the camera's numbers begin.
+    seed
+        Of all draws.
     """
 
     name: str
@@ -56,16 +49,10 @@ class Laboratory:
     meshes: Mapping[str, Callable[[], Any]]
     paint: Paint
     camera: Camera
+    seed: int
     poster: Poster | None = None
     sbr: float = 0.34
-    snr: float = 60.0
-    unevenness: Mapping[str, float] = field(
-        default_factory=lambda: {"even": 0.0, "": 0.004, "rough": 0.008}
-    )
     points: tuple[int, int] = (3, 4)
-    rulers: int = 4
-    measured_camera: tuple[str, ...] = ("camera", "aim")
-    seed: int = 0
 
     @property
     def scene(self) -> str:
@@ -74,32 +61,80 @@ class Laboratory:
 
     @property
     def room(self) -> str:
-        """Text of the scene with all that stands around, in one file."""
+        """Text of the scene with all that stands around, as Mitsuba alone reads it."""
         around = (SCENES / f"{self.name}_room.xml").read_text("utf-8")
         shapes = around.partition('<scene version="3.0.0">')[2].rpartition("</scene>")[0]
         head, end, rest = self.scene.rpartition("</scene>")
-        return plain(head + shapes + end + rest)
+        plain = _EXPONENT.sub("", head + shapes + end + rest)
+        return plain.replace('<emitter type="lcd">', '<emitter type="area">')
 
     @property
     def exponents(self) -> tuple[float, float]:
-        """The monitor's falloff with the vertical and the horizontal angle."""
-        vertical, horizontal = (
-            _EXPONENT[name].search(self.scene) for name in ("vertical", "horizontal")
-        )
-        return (
-            float(vertical["value"]) if vertical else 0.0,
-            float(horizontal["value"]) if horizontal else 0.0,
-        )
+        """The monitor's falloff with the vertical and the horizontal angle, which Mitsuba lacks."""
+        declared = {axis: float(value) for axis, value in _EXPONENT.findall(self.scene)}
+        return declared.get("vertical", 0.0), declared.get("horizontal", 0.0)
 
 
-_EXPONENT = {
-    name: re.compile(rf'\s*<float name="{name}_exponent" value="(?P<value>[^"]*)"/>')
-    for name in ("vertical", "horizontal")
-}
+_EXPONENT = re.compile(r'\s*<float name="(vertical|horizontal)_exponent" value="([^"]*)"/>')
 
+LAMP = Laboratory(
+    name="lamp",
+    hidden_image="still_life",
+    hidden=(18, 32),
+    block=8,
+    meshes={"lamp": meshes.lamp},
+    paint=Paint(seed=1),
+    poster=Poster(0.22, 0.5, 0.06, 0.3, seed=3),
+    camera=Camera(),
+    seed=1,
+)
+PLATE = Laboratory(
+    name="plate",
+    hidden_image="mushroom",
+    hidden=(20, 26),
+    block=5,
+    meshes={"plate": meshes.plate},
+    paint=Paint(grain=(0.004, 0.004), passes=(0.2, 0.0), seam=(0.0, 1.0, 0.0), dirt=1.0, seed=2),
+    camera=Camera(vignetting=0.1, sensitivity=(0.8, 1.0, 0.55)),
+    sbr=0.2,
+    seed=2,
+)
+SHELF = Laboratory(
+    name="shelf",
+    hidden_image="digits",
+    hidden=(21, 28),
+    block=5,
+    meshes={"shelf": meshes.shelf},
+    paint=Paint(grain=(0.003, 0.02), passes=(0.1, 0.7), seam=(-0.07, 0.004, 0.4), seed=3),
+    camera=Camera(vignetting=0.2, black=128, white=4095, read_noise=1.5),
+    poster=Poster(0.02, 0.12, -0.20, -0.10, seed=5),
+    sbr=0.5,
+    seed=3,
+)
+BOTTLE = Laboratory(
+    name="bottle",
+    hidden_image="sunset",
+    hidden=(30, 20),
+    block=5,
+    meshes={"bottle": meshes.bottle},
+    paint=Paint(passes=(0.25, 0.3), seam=(-0.05, 0.012, 0.3), dirt=0.5, seed=4),
+    camera=Camera(vignetting=0.45, distortion=-0.04, sensitivity=(0.5, 1.0, 0.8)),
+    points=(5, 4),
+    sbr=0.6,
+    seed=4,
+)
+LABORATORIES = {laboratory.name: laboratory for laboratory in (LAMP, PLATE, SHELF, BOTTLE)}
 
-def plain(text: str) -> str:
-    """Return a scene file as Mitsuba alone reads it: an LCD's falloff, which it lacks, left out."""
-    for pattern in _EXPONENT.values():
-        text = pattern.sub("", text)
-    return text.replace('<emitter type="lcd">', '<emitter type="area">')
+TUTORIAL = Laboratory(
+    name="tutorial",
+    hidden_image="mushroom",
+    hidden=(15, 20),
+    block=4,
+    meshes={"lamp": meshes.lamp},
+    paint=Paint(seed=5),
+    camera=Camera(vignetting=0.15, sensitivity=(0.7, 1.0, 0.7)),
+    poster=Poster(0.24, 0.40, 0.04, 0.22, seed=7),
+    sbr=0.4,
+    seed=5,
+)
+"""Small enough to be shipped, see `tutorial`."""

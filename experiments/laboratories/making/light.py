@@ -52,13 +52,7 @@ class Source:
         return mi.Color3f(np.ascontiguousarray(self.radiance.reshape(-1, 3).T, np.float32))
 
     def emitted(self, table: Any, u: Any, v: Any, point: Any) -> tuple[Any, Any, Any, Any]:
-        """Return what a point of the source at (u, v), v up, sends to lit points.
-
-        Returns
-        -------
-        tuple
-            Unit direction to the source, distance, cosine at the source, radiance.
-        """
+        """Return direction, distance, cosine at the source and radiance of its point (u, v)."""
         rows, columns = self.radiance.shape[:2]
         place = _vector(self.corner) + u * _vector(self.across) + v * _vector(self.up)
         offset = place - point
@@ -91,36 +85,10 @@ def direct_irradiance(
 ) -> Array:
     """Return what a source sends to wall points straight, (n, 3), in radiance times steradians.
 
-    Parameters
-    ----------
-    scene
-        Of Mitsuba; all of it blocks light.
-    points, normal
-        Wall points (n) and their unit normals, Dr.Jit.
-    source
-        The source.
-    strata
-        Cells of the source down and across, one jittered ray each.
-    seed
-        Of the jitter.
+    Points and normals are Dr.Jit's. Each of the cells of the source, `strata` down and across, has
+    one jittered ray. All of the scene blocks light.
     """
-    table = source.table()
-    down, across = strata
-    total = _direct(scene, points, normal, source, table, down, across, seed)
-    total *= source.area / (down * across)
-    return np.array(total, np.float64).T
-
-
-def _direct(
-    scene: Any,
-    points: Any,
-    normal: Any,
-    source: Source,
-    table: Any,
-    down: int,
-    across: int,
-    seed: int,
-) -> Any:
+    table, (down, across) = source.table(), strata
     origin = points + OFFSET * normal
 
     def unfinished(cell: Any, rng: Any, total: Any) -> Any:  # noqa: ARG001
@@ -134,7 +102,9 @@ def _direct(
 
     rng = mi.PCG32(size=dr.width(points), initstate=mi.UInt64(seed))
     state = (mi.UInt32(0), rng, dr.zeros(mi.Color3f, dr.width(points)))
-    return dr.while_loop(state, unfinished, add_cell, labels=("cell", "rng", "total"))[2]
+    total = dr.while_loop(state, unfinished, add_cell, labels=("cell", "rng", "total"))[2]
+    total *= source.area / (down * across)
+    return np.array(total, np.float64).T
 
 
 def from_source(

@@ -8,22 +8,19 @@ the wall a second time as if it were even.
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.laboratories.making import bounces, light, ruler
-from experiments.laboratories.making.camera import averaged, write_jpeg, write_tiff
-from experiments.laboratories.making.laboratory import Laboratory
-from experiments.laboratories.making.wall import Seen, film_size, pixel_centres, seen_by
+from experiments.laboratories.making import bounces, light
+from experiments.laboratories.making.laboratory import SCENES, Laboratory
+from experiments.laboratories.making.wall import Seen, pixel_centres, seen_by
 
 Array = NDArray[np.float64]
 
@@ -36,28 +33,10 @@ LIGHT_RAYS = 16
 PATHS = 16384
 COARSE = (20, 30)
 DEGREE = 7
-
-
-@dataclass(frozen=True, eq=False)
-class Light:
-    """What the wall sends to the camera if it reflects all of it, (rows, columns, 3) each.
-
-    Attributes
-    ----------
-    monitor
-        Straight and bounced light of the monitor.
-    room
-        Of all other sources, at the laboratory's signal-to-background ratio.
-    bounced
-        Share of bounced light in the two.
-    left
-        What the polynomial left of the bounced light over its standard error, root mean square.
-    """
-
-    monitor: Array
-    room: Array
-    bounced: tuple[float, float]
-    left: tuple[float, float]
+SNR = 60.0
+"""dB after averaging to the scene's film."""
+UNEVENNESS = 0.004
+"""Root mean square of the paint, seen at the film's resolution."""
 
 
 class World:
@@ -82,14 +61,11 @@ class World:
         file.write_text(laboratory.room, "utf-8")
         size = {} if film is None else {"height": film[0], "width": film[1]}
         self.scene = mi.load_file(str(file), **size)
-        rows, columns = film_size(self.scene)
-        self.film = (rows, columns)
+        columns, rows = (int(n) for n in self.scene.sensors()[0].film().size())
         self.size = (rows * laboratory.block, columns * laboratory.block)
-
-    @cached_property
-    def shapes(self) -> dict[str, Any]:
-        """Of the scene, by id."""
-        return {shape.id(): shape for shape in self.scene.shapes()}
+        self.shapes: dict[str, Any] = {shape.id(): shape for shape in self.scene.shapes()}
+        values = mi.traverse(self.shapes["wall"])["bsdf.reflectance.value"]
+        self.reflectance = np.array(values, float).ravel()
 
     @cached_property
     def hidden(self) -> Array:
@@ -103,78 +79,60 @@ class World:
         return decoded(np.rint(255 * encoded(shown)) / 255)
 
     @cached_property
-    def monitor(self) -> light.Source:
-        """The monitor with its picture."""
-        return light.source_of(self.shapes["monitor"], self.hidden, self.laboratory.exponents)
-
-    @cached_property
     def lights(self) -> list[light.Source]:
-        """All other sources."""
+        """All other sources than the monitor."""
         return light.sources_in(self.scene.shapes())
-
-    @cached_property
-    def reflectance(self) -> Array:
-        """(3,) of the wall's colour."""
-        values = mi.traverse(self.shapes["wall"])["bsdf.reflectance.value"]
-        return np.array(values, float).ravel()
 
     def seen(self, pixels: Array) -> Seen:
         """Return what pixels of the photograph see of the wall."""
         return seen_by(self.scene, self.laboratory.camera, pixels, self.size)
 
-    def light(self, jitter: bool = True) -> Light:
-        """Render what falls on the wall, before paint and lens."""
-        laboratory = self.laboratory
-        centres = pixel_centres(self.size)
-        if jitter:
-            centres = centres + np.random.default_rng(laboratory.seed).uniform(
-                -0.5, 0.5, centres.shape
-            )
-        seen = self.seen(centres)
-        points = mi.Point3f(seen.points.T.astype(np.float32))
-        normal = mi.Vector3f(*seen.normal.tolist())
-        down, across = (MONITOR_RAYS * number for number in laboratory.hidden)
-        straight = [
-            light.direct_irradiance(
-                self.scene, points, normal, self.monitor, (down, across), 11 + laboratory.seed
-            )
-        ]
-        straight.append(
-            sum(
-                light.direct_irradiance(
-                    self.scene, points, normal, source, (LIGHT_RAYS, LIGHT_RAYS), 101 + index
-                )
-                for index, source in enumerate(self.lights)
-            )
-        )
-        rows, columns = self.size
-        grid = pixel_centres(COARSE) * [columns / COARSE[1], rows / COARSE[0]]
-        coarse = self.seen(grid)
-        bounced, error = bounces.bounced_radiance(
-            self.scene,
-            coarse.points,
-            coarse.normal,
-            [[self.monitor], self.lights],
-            bounces=BOUNCES,
-            samples=PATHS,
-            seed=laboratory.seed,
-        )
-        totals, shares, left = [], [], []
-        for direct, indirect, deviation in zip(straight, bounced, error, strict=True):
-            fit, rest = bounces.smooth_over_film(coarse.positions, indirect, DEGREE)
-            over = bounces.over_film(fit, seen.positions, DEGREE)
-            totals.append((direct / np.pi + over).reshape(*self.size, 3))
-            shares.append(float(over.mean() / totals[-1].mean()))
-            left.append(float(np.sqrt((rest**2).mean() / (deviation**2).mean())))
-        monitor, room = totals
-        signal, background = ((self.reflectance * each).mean() for each in totals)
-        room = room * (signal / background / laboratory.sbr)
-        return Light(monitor, room, (shares[0], shares[1]), (left[0], left[1]))
-
     @cached_property
     def centres(self) -> Seen:
         """What the photograph's pixels' centres see."""
         return self.seen(pixel_centres(self.size))
+
+    def light(self) -> dict[str, Array]:
+        """Render what the wall sends to the camera if it reflects all, before paint and lens.
+
+        The light of the ``monitor`` and that of the ``room``, (rows, columns, 3), are in the
+        laboratory's ratio.
+        """
+        laboratory, seed = self.laboratory, self.laboratory.seed
+        jitter = np.random.default_rng(seed).uniform(-0.5, 0.5, (np.prod(self.size), 2))
+        seen = self.seen(pixel_centres(self.size) + jitter)
+        points = mi.Point3f(seen.points.T.astype(np.float32))
+        normal = mi.Vector3f(*seen.normal.tolist())
+        monitor = light.source_of(self.shapes["monitor"], self.hidden, laboratory.exponents)
+
+        def straight(source: light.Source, strata: tuple[int, int], number: int) -> Array:
+            return light.direct_irradiance(self.scene, points, normal, source, strata, number)
+
+        down, across = (MONITOR_RAYS * number for number in laboratory.hidden)
+        direct = [straight(monitor, (down, across), 11 + seed)]
+        direct.append(
+            sum(
+                straight(source, (LIGHT_RAYS, LIGHT_RAYS), 101 + index)
+                for index, source in enumerate(self.lights)
+            )
+        )
+        rows, columns = self.size
+        coarse = self.seen(pixel_centres(COARSE) * [columns / COARSE[1], rows / COARSE[0]])
+        bounced = bounces.bounced_radiance(
+            self.scene,
+            coarse.points,
+            coarse.normal,
+            [[monitor], self.lights],
+            bounces=BOUNCES,
+            samples=PATHS,
+            seed=seed,
+        )
+        totals = []
+        for first, rest in zip(direct, bounced, strict=True):
+            smooth = bounces.interpolated(coarse.positions, rest, seen.positions, DEGREE)
+            totals.append((first / np.pi + smooth).reshape(*self.size, 3))
+        signal, background = ((self.reflectance * each).mean() for each in totals)
+        return {"monitor": totals[0], "room": totals[1] * (signal / background / laboratory.sbr)}
 
     def wall(self, unevenness: float) -> Array:
         """Return the wall's reflectance, (rows, columns, 3), with paint of a root mean square."""
@@ -193,111 +151,57 @@ class World:
 
 
 def make(laboratory: Laboratory, out: Path) -> Path:
-    """Render a laboratory into a folder of its name, unless the same is there.
+    """Render a laboratory into a folder of its name, unless the same is there; return the folder.
 
     What a user has lies in the folder, the truth in its folder ``truth``.
-
-    Returns
-    -------
-    Path
-        The folder.
     """
     folder = out / laboratory.name
-    made_from = _digest(laboratory, sorted(Path(__file__).parent.glob("*.py")))
-    record = folder / "truth" / "values.json"
-    if record.is_file() and json.loads(record.read_text("utf-8"))["made_from"] == made_from:
+    truth, record = folder / "truth", folder / "truth" / "made_from"
+    made_from = _digest(laboratory)
+    if record.is_file() and record.read_text("utf-8") == made_from:
         return folder
-    truth = folder / "truth"
     for meshes in (folder / "meshes", truth / "meshes"):
         meshes.mkdir(parents=True, exist_ok=True)
         for name, build in laboratory.meshes.items():
             build().export(meshes / f"{name}.ply")
     (truth / "scene.xml").write_text(laboratory.scene, "utf-8")
     world = World(laboratory, truth)
-    radiance = _kept_light(world, truth / "light.npz")
-    shot = _shot_noise(world, radiance)
-    for kind, unevenness in laboratory.unevenness.items():
-        _photograph(world, radiance, kind, unevenness, shot, folder)
-    _write_truth(world, radiance, truth)
-    rulers = [_measure(world, number, folder) for number in range(laboratory.rulers)]
-    _write_points(world, folder)
+    _write_photographs(world, folder)
+    shown = np.rint(255 * encoded(world.hidden)).astype(np.uint8)
+    Image.fromarray(np.kron(shown, np.ones((16, 16, 1), np.uint8))).save(truth / "hidden.png")
+    _write_points(world, folder / "points.csv")
     _write_poster(world, folder / "poster.png")
-    values = {
-        "made_from": made_from,
-        "true": ruler.declared(laboratory.scene),
-        "rulers": rulers,
-        "sbr": laboratory.sbr,
-        "snr": laboratory.snr,
-        "unevenness": dict(laboratory.unevenness),
-        "bounced_share_of_monitor_and_room": radiance.bounced,
-        "left_by_interpolation_over_its_error": radiance.left,
-    }
-    record.write_text(json.dumps(values, indent=2) + "\n", "utf-8")
+    record.write_text(made_from, "utf-8")
     return folder
 
 
-def _photograph(
-    world: World, radiance: Light, kind: str, unevenness: float, shot: float, folder: Path
-) -> None:
-    """Write a photograph and two with the monitor off; of the usual wall also a dark frame."""
-    camera, seed = world.laboratory.camera, world.laboratory.seed
+def _write_photographs(world: World, folder: Path) -> None:
+    """Write a photograph and one with the monitor off, and both of a wall of even paint."""
+    laboratory, camera = world.laboratory, world.laboratory.camera
+    light_of = {name: each.astype(np.float32) for name, each in world.light().items()}
+    both = light_of["monitor"] + light_of["room"]
     lens = camera.lens(world.centres.positions).reshape(*world.size, 1)
-    wall = world.wall(unevenness) * lens
-    lit = wall * (radiance.monitor + radiance.room)
-    gain = camera.counts_per_radiance(lit)
-    ending = f"_{kind}" if kind else ""
-    pictures = {"photograph": lit} | dict.fromkeys(
-        ("monitor_off", "monitor_off_2"), wall * radiance.room
-    )
-    if not kind:
-        pictures["dark"] = np.zeros_like(lit)
-    for index, (name, picture) in enumerate(pictures.items()):
-        number = 1000 * seed + 10 * index + sorted(world.laboratory.unevenness).index(kind)
-        counts = camera.expose(picture, gain, shot, number)
-        write_tiff(folder / f"{name}{ending}.tiff", counts)
-        if name == "photograph":
-            write_jpeg(folder / f"{name}{ending}.jpg", camera.developed(counts), camera.quality)
+    even = world.reflectance * lens * both
+    signal = camera.counts_per_radiance(even) * even * camera.sensitivity
+    power = (averaged(signal, laboratory.block) ** 2).mean() * 10 ** (-SNR / 10)
+    # Variance for each count of signal.
+    shot = float((power * laboratory.block**2 - camera.read_noise**2) / signal.mean())
+    for kind, (ending, unevenness) in enumerate({"": UNEVENNESS, "_even": 0.0}.items()):
+        wall = world.wall(unevenness) * lens
+        gain = camera.counts_per_radiance(wall * both)
+        pictures = {"photograph": both, "monitor_off": light_of["room"]}
+        for index, (name, falling) in enumerate(pictures.items()):
+            seed = 1000 * laboratory.seed + 10 * index + kind
+            tifffile.imwrite(
+                folder / f"{name}{ending}.tiff",
+                camera.expose(wall * falling, gain, shot, seed),
+                photometric="rgb",
+                compression="zlib",
+                predictor=True,
+            )
 
 
-def _shot_noise(world: World, radiance: Light) -> float:
-    """Return the variance, for each count of signal, that gives the SNR on the scene's film."""
-    camera, block = world.laboratory.camera, world.laboratory.block
-    lens = camera.lens(world.centres.positions).reshape(*world.size, 1)
-    lit = world.reflectance * lens * (radiance.monitor + radiance.room)
-    signal = camera.counts_per_radiance(lit) * lit * camera.sensitivity
-    power = (averaged(signal, block) ** 2).mean() * 10 ** (-world.laboratory.snr / 10)
-    return float((power * block**2 - camera.read_noise**2) / signal.mean())
-
-
-def _write_truth(world: World, radiance: Light, truth: Path) -> None:
-    shown = np.rint(255 * encoded(world.hidden)).astype(np.uint8)
-    block = np.ones((16, 16, 1), np.uint8)
-    Image.fromarray(np.kron(shown, block)).save(truth / "hidden.png")
-    np.save(truth / "hidden.npy", world.hidden)
-    for name, light_ in (("monitor", radiance.monitor), ("room", radiance.room)):
-        on_film = averaged(world.reflectance * light_, world.laboratory.block)
-        np.save(truth / f"{name}.npy", on_film.astype(np.float32))
-    paint = averaged(world.wall(1.0) / world.reflectance - 1, world.laboratory.block)[..., 0]
-    np.save(truth / "paint_of_unit_rms.npy", paint.astype(np.float32))
-
-
-def _measure(world: World, number: int, folder: Path) -> dict[str, float]:
-    """Write the scene files that one person's ruler gives; return what it read.
-
-    In ``ruler.xml`` the camera's numbers carry no error: its picture is brought to that camera by
-    points of the wall. In ``ruler_camera.xml`` they do.
-    """
-    laboratory = world.laboratory
-    read = ruler.read_by_ruler(laboratory.scene, 100 * laboratory.seed + number)
-    text = ruler.with_values(laboratory.scene, read)
-    ending = f"_{number}" if number else ""
-    (folder / f"ruler_camera{ending}.xml").write_text(text, "utf-8")
-    rectified = ruler.without_errors(text, laboratory.measured_camera)
-    (folder / f"ruler{ending}.xml").write_text(rectified, "utf-8")
-    return read
-
-
-def _write_points(world: World, folder: Path) -> None:
+def _write_points(world: World, file: Path) -> None:
     """Write points of the wall: clicked to 0.3 pixels, measured to a millimetre."""
     rng = np.random.default_rng([world.laboratory.seed, 30])
     rows, columns = world.size
@@ -305,15 +209,14 @@ def _write_points(world: World, folder: Path) -> None:
     grid = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
     pixels = (grid + rng.uniform(-0.04, 0.04, grid.shape)) * [columns, rows]
     seen = world.seen(pixels)
-    wall = light.source_of(world.shapes["wall"], np.ones((1, 1, 3)))
-    axes = [axis / np.linalg.norm(axis) for axis in (wall.across, wall.up)]
-    measured = seen.points + 1e-3 * rng.standard_normal((len(pixels), 2)) @ np.array(axes)
+    errors = 1e-3 * rng.standard_normal((len(pixels), 2))
+    measured = seen.points + errors @ np.array([seen.across, seen.up])
     clicked = pixels + 0.3 * rng.standard_normal(pixels.shape)
     lines = [
         f"{column:.1f},{row:.1f},{x:.4f},{y:.4f},{z:.4f}"
         for (column, row), (x, y, z) in zip(clicked, measured, strict=True)
     ]
-    (folder / "points.csv").write_text("\n".join(["column,row,x,y,z", *lines]) + "\n", "utf-8")
+    file.write_text("\n".join(["column,row,x,y,z", *lines]) + "\n", "utf-8")
 
 
 def _write_poster(world: World, file: Path) -> None:
@@ -322,6 +225,12 @@ def _write_poster(world: World, file: Path) -> None:
     if poster:
         used = ~poster.covers(world.centres.places, margin=0.012).reshape(world.size)
     Image.fromarray(np.where(used, 255, 0).astype(np.uint8)).save(file)
+
+
+def averaged(picture: Array, block: int) -> Array:
+    """Average whole blocks of pixels."""
+    rows, columns = picture.shape[0] // block, picture.shape[1] // block
+    return picture.reshape(rows, block, columns, block, -1).mean(axis=(1, 3))
 
 
 def encoded(linear: Array) -> Array:
@@ -343,29 +252,11 @@ def _coverage(boxes: int, pixels: int) -> Array:
     return weights
 
 
-def _kept_light(world: World, file: Path) -> Light:
-    """Render the light, or read it if the same was rendered before."""
-    here = Path(__file__).parent
-    code = [here / f"{name}.py" for name in ("light", "bounces", "wall")]
-    made_from = f"{_digest(world.laboratory, code)} {world.laboratory.camera.distortion}"
-    if file.is_file():
-        with np.load(file) as kept:
-            if str(kept["made_from"]) == made_from:
-                shares = (tuple(kept[name].tolist()) for name in ("bounced", "left"))
-                return Light(kept["monitor"], kept["room"], *shares)
-    made = world.light()
-    single = {name: getattr(made, name).astype(np.float32) for name in ("monitor", "room")}
-    np.savez(file, made_from=made_from, bounced=made.bounced, left=made.left, **single)
-    return Light(single["monitor"], single["room"], made.bounced, made.left)
-
-
-def _digest(laboratory: Laboratory, code: Sequence[Path]) -> str:
-    """Return the SHA-256 of code and of what a laboratory is made from, its meshes included."""
+def _digest(laboratory: Laboratory) -> str:
+    """Return the SHA-256 of the code and the files that a laboratory is made from."""
+    scenes = SCENES.glob(f"{laboratory.name}*.xml")
+    code = Path(__file__).parent.glob("*.py")
     digest = hashlib.sha256()
-    for build in laboratory.meshes.values():
-        digest.update(build().export(file_type="ply"))
-    for file in (*code, IMAGES / f"{laboratory.hidden_image}.png"):
+    for file in (*sorted(scenes), *sorted(code), IMAGES / f"{laboratory.hidden_image}.png"):
         digest.update(file.read_bytes())
-    settings = (laboratory.room, laboratory.seed, laboratory.sbr, laboratory.hidden)
-    digest.update(repr(settings).encode())
     return digest.hexdigest()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,29 +15,6 @@ _DEFAULT = re.compile(r'<default name="(?P<name>\w+)" value="(?P<value>[^"]*)"/>
 def declared(text: str) -> dict[str, float]:
     """Return the numbers that a scene file declares, by name."""
     return {found["name"]: float(found["value"]) for found in _DEFAULT.finditer(text)}
-
-
-def with_values(text: str, values: Mapping[str, float]) -> str:
-    """Return a scene file with other numbers."""
-
-    def replaced(found: re.Match[str]) -> str:
-        name = found["name"]
-        return (
-            f'<default name="{name}" value="{values[name]:.6g}"/>' if name in values else found[0]
-        )
-
-    return _DEFAULT.sub(replaced, text)
-
-
-def without_errors(text: str, prefixes: tuple[str, ...]) -> str:
-    """Return a scene file without the declared errors of names that begin so."""
-    lines = text.splitlines(keepends=True)
-
-    def kept(line: str) -> bool:
-        found = _DEFAULT.search(line)
-        return not (found and found["name"].endswith(ERROR) and found["name"].startswith(prefixes))
-
-    return "".join(line for line in lines if kept(line))
 
 
 def read_by_ruler(text: str, seed: int) -> dict[str, float]:
@@ -58,3 +34,20 @@ def read_by_ruler(text: str, seed: int) -> dict[str, float]:
             value = values[name] + error * deviation
             read[name] = round(round(value / step) * step, 6)
     return read
+
+
+def measured_scene(text: str, seed: int, exact: tuple[str, ...] = ()) -> str:
+    """Return a scene file with what a ruler reads.
+
+    Names that begin with one of `exact` carry no error: something else than the ruler tells them.
+    """
+    read = read_by_ruler(text, seed)
+
+    def replaced(found: re.Match[str]) -> str:
+        name = found["name"]
+        if name.endswith(ERROR) and name.startswith(exact):
+            return ""
+        value = f"{read[name]:.6g}" if name in read else found["value"]
+        return f'<default name="{name}" value="{value}"/>'
+
+    return _DEFAULT.sub(replaced, text)

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.laboratories.making.laboratories import SHELF
-from experiments.laboratories.making.laboratory import SCENES
+from experiments.laboratories.making.laboratory import SCENES, SHELF
 from experiments.setting import SNR, kept
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.rendering.scene.document import read_document

@@ -21,7 +21,7 @@ def modules():
         pytest.skip("needs LLVM")
     mi.set_variant("llvm_ad_rgb")
     from experiments.laboratories.making import bounces, light, render
-    from experiments.laboratories.making.laboratories import LABORATORIES
+    from experiments.laboratories.making.laboratory import LABORATORIES
 
     return light, bounces, render, LABORATORIES
 
@@ -105,7 +105,7 @@ def test_all_light_together_equals_plain_path_tracing(modules, name, tmp_path, m
             float,
         )
         mean, error = seen.mean(0), seen.std(0, ddof=1) / replicas**0.5
-        found = render.averaged(world.reflectance * getattr(made, kind), 8)
+        found = render.averaged(world.reflectance * made[kind], 8)
         if kind == "room":  # made to an SBR
             found *= mean.mean() / found.mean()
         # Errors of a mean of 16, each by its own spread: Student's t with 15 degrees of freedom

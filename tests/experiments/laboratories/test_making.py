@@ -3,7 +3,7 @@ import pytest
 
 from experiments.laboratories.making import ruler
 from experiments.laboratories.making.camera import Camera
-from experiments.laboratories.making.laboratories import LABORATORIES
+from experiments.laboratories.making.laboratory import LABORATORIES
 from experiments.laboratories.making.paint import Paint
 
 NAMES = sorted(LABORATORIES)

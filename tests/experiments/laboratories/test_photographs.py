@@ -16,10 +16,10 @@ def made(tmp_path_factory):
         pytest.skip("the stand-ins are rendered with LLVM")
     pytest.importorskip("trimesh")
     from experiments.laboratories.making import render
-    from experiments.laboratories.making.laboratories import LABORATORIES
+    from experiments.laboratories.making.laboratory import LABORATORIES
 
     out = tmp_path_factory.mktemp("laboratories")
-    small = replace(LABORATORIES["lamp"], block=2, rulers=2, points=(2, 3))
+    small = replace(LABORATORIES["lamp"], block=2, points=(2, 3))
     patch = pytest.MonkeyPatch()
     patch.setattr(render, "PATHS", 256)
     patch.setattr(render, "MONITOR_RAYS", 1)
