@@ -69,8 +69,7 @@ class Samples:
     def read(cls, file: Path) -> Samples:
         """Read what `write` wrote."""
         with np.load(file) as held:
-            return cls(**{name: held[name] for name in held.files if name != "split"},
-                       split=str(held["split"]))  # fmt: skip
+            return cls(**held)
 
 
 def as_displaced(truth: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
@@ -136,7 +135,6 @@ def solved(
 def main(
     photographs: Annotated[Path, typer.Argument(help="What periscopy dataset wrote.")],
     out: Annotated[Path, typer.Option(help="Folder for the samples.")],
-    part: Annotated[str, typer.Option(help="K/N: every N-th geometry from the K-th on.")] = "0/1",
     seed: Annotated[int, typer.Option(help="Of the ruler's errors.")] = 0,
 ) -> None:
     """Solve the photographs of every geometry, in the true scene and in the ruler's."""
@@ -144,9 +142,7 @@ def main(
     settings = {"seed": seed, "photographs": json.loads(json.dumps(dict(data.attrs)))}
     with resumed_folder(out, settings, "set of samples", ["*.npz"]):
         pass
-    first, _, of = part.partition("/")
-    geometries = np.unique(data.geometry.values)[int(first) :: int(of)]
-    for number in geometries:
+    for number in np.unique(data.geometry.values):
         own = data.isel(sample=np.flatnonzero(data.geometry.values == number))
         prefix = "parameter_"
         values = {

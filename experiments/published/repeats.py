@@ -10,9 +10,8 @@ import numpy as np
 import periscopy_sim as ps
 from experiments.published.recovered import OURS, PAPER
 from experiments.published.setting import REPEATS, Capture, PublishedSetting
-from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import FittedScene
-from periscopy_sim.figures.panels import draw_certainty
 from periscopy_sim.numerics import Array
 
 IMAGES = {"mushroom": "*/Mush/*", "Tommy": "*/tommy/*"}
@@ -67,7 +66,6 @@ def run(setting: PublishedSetting) -> Section:
         if found
         else f"Fewer than {LEAST} repeats of an image can be read.",
         claims=[_claim(*each) for each in found.items()],
-        pictures=[_draw(setting, *each) for each in found.items()],
         tables=[*([_table(found)] if found else []), *setting.not_read(REPEATS)],
     )
 
@@ -128,21 +126,4 @@ def _table(found: Mapping[str, Repeated]) -> Table:
             for name, one in found.items()
             for method in one.images
         ],
-    )
-
-
-def _draw(setting: PublishedSetting, name: str, repeated: Repeated) -> Picture:
-    """Draw the scatter over the repeats beside the reported standard errors."""
-    images = {"first repeat": repeated.images[OURS][0], "mean photograph": repeated.of_mean[OURS]}
-    errors = {
-        "first repeat": repeated.standard_errors,
-        "mean photograph": repeated.images[OURS].std(axis=0, ddof=1),
-    }
-    file = setting.out / f"repeats of {name}.png"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    draw_certainty(file, images, errors)
-    return Picture(
-        file,
-        f"{name}: above the first repeat's image and its reported standard errors, below the "
-        "image of the mean photograph and the scatter over the repeats.",
     )

@@ -19,7 +19,7 @@ import numpy as np
 import typer
 
 import periscopy_sim as ps
-from experiments.drawing import PAGE, drawn, show_light
+from periscopy_sim.figures.panels import displayable, draw_panels
 from periscopy_sim.numerics import Array
 
 ANGLES = 1, 60
@@ -66,20 +66,17 @@ def main(
     for pixels, used in (("all", None), ("floor", mask)):
         angles = recovered_angles(taken, used)
         print(f"| {pixels} | {np.corrcoef(*angles.values())[0, 1]:.3f} |")
-    draw(taken["sum"], angles, out)
+    draw(taken["sum"], angles, out / "corner.png")
 
 
-def draw(photograph: Array, angles: dict[str, Array], out: Path) -> None:
-    """Draw the photograph, and the angles as stripes, to ``corner.png``."""
+def draw(photograph: Array, angles: dict[str, Array], file: Path) -> None:
+    """Draw the photograph, and the angles as stripes."""
     shown = {"under hidden light alone": "penumbra", "under room light, too": "sum"}
-    with drawn(out, "corner", PAGE, 2.2) as figure:
-        places = figure.subplot_mosaic([["photograph", each] for each in shown.values()])
-        show_light(places["photograph"], photograph[..., None])
-        places["photograph"].set_title("photograph of the floor")
-        for title, name in shown.items():
-            stripes = np.tile(angles[name][None, :, None], (12, 1, 1))
-            show_light(places[name], stripes)
-            places[name].set_title(f"angles, {title}")
+    stripes = [
+        (f"angles, {title}", displayable(angles[name][None, :, None]))
+        for title, name in shown.items()
+    ]
+    draw_panels(file, [("photograph of the floor", displayable(photograph[..., None])), *stripes])
 
 
 if __name__ == "__main__":

@@ -14,28 +14,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.page import processor_seconds
-from experiments.setting import SNR, kept
-from experiments.studies.wrong_scenes.subjects import Photographed, photographed, subjects
-from periscopy_sim.storage.outputs.provenance import scene_sha256
+from experiments.setting import SNR
+from experiments.studies.wrong_scenes.subjects import (
+    Photographed,
+    path_traced,
+    photographed,
+    subjects,
+)
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.outputs.staging import staged_file
-
-Array = NDArray[np.float64]
 
 COUNTS = 1, 2, 4, 8
 PICTURES = "mushroom", "letters", "digits", "still_life", "bars", "siemens", "sunset", "checker"
 KNOWN = "blocks"
-SAMPLES = 8192
-"""Paths a pixel of each further picture."""
+SAMPLES = 4096
+"""Paths a pixel of each of two renderings of each further picture."""
 
 HEADER = """\
 | scene | photographs | within 3 standard errors | determined | median error | rms error | \
@@ -44,95 +46,64 @@ median standard error | loss, dB | processor seconds |
 """Errors are over the measurement errors."""
 
 
-@dataclass(frozen=True, eq=False)
-class Laboratory:
-    """One scene whose monitor shows picture after picture, at one SBR."""
-
-    first: Photographed
-    sbr: float
-    rendered: Path
-
-    def signal(self, picture: str) -> Array:
-        """Return a picture's light on the wall, path traced once."""
-        subject = self.first.subject
-        if picture == subject.image:
-            return self.first.signal
-        shown = ps.read_hidden_image(ps.find_image(picture), subject.hidden)
-        scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
-        seed = 100 + [*PICTURES, KNOWN].index(picture)
-
-        def render() -> Array:
-            return ps.render_photograph(scene, shown, samples=SAMPLES, only_monitor=True, seed=seed)
-
-        depends = {"scene_sha256": scene_sha256(subject.lit), "size": str(subject.hidden)}
-        depends |= {"samples": str(SAMPLES), "seed": str(seed)}
-        return kept(self.rendered / f"{subject.name}_{picture}.exr", depends, render)
-
-    def photograph(self, picture: str, seed: int) -> Array:
-        """Return a photograph of a picture."""
-        clean = ps.composite(self.signal(picture), self.first.ambient, self.sbr)
-        return ps.add_noise(clean, SNR, seed)
-
-    def cases(self, draw: int) -> Iterator[dict[str, Any]]:
-        """Calibrate from each number of photographs, and from a known picture."""
-        subject = self.first.subject
-        names = [subject.image, *(name for name in PICTURES if name != subject.image), KNOWN]
-        *unknown, known = (self.photograph(n, 1000 * draw + k) for k, n in enumerate(names))
-        for count in COUNTS:
-            yield self._case(draw, unknown[:count], unknown[0], [])
-        picture = ps.read_hidden_image(ps.find_image(KNOWN), subject.hidden)
-        yield self._case(draw, [known], unknown[0], [picture])
-
-    def _case(
-        self, draw: int, given: list[Array], first: Array, shown: list[Array]
-    ) -> dict[str, Any]:
-        subject, begun = self.first.subject, processor_seconds()
-        parameters: dict[str, str | float] = {**subject.parameters, **subject.measured(draw)}
-        result = ps.calibrate(
-            given, subject.scene, subject.hidden, shown=shown, parameters=parameters
-        )
-        seconds = processor_seconds() - begun
-        errors = np.abs(np.array(list(result.values.values())) - subject.true_values)
-        found, true = (
-            self._psnr(fitted(subject.at(values)), first, shift=not shown)
-            for values in (result.values, None)
-        )
-        return {
-            "scene": subject.name,
-            "draw": draw,
-            "photographs": len(given),
-            "is_known": bool(shown),
-            "error": (errors / [p.ruler_error for p in result.parameters]).tolist(),
-            "standard_error": [p.standard_error / p.ruler_error for p in result.parameters],
-            "determined": [p.determined for p in result.parameters],
-            "loss": true - found,
-            "trusted": result.trusted,
-            "seconds": seconds,
-        }
-
-    def _psnr(self, method: ps.NoiseAware, photograph: Array, shift: bool) -> float:
-        image, truth = method.reconstruct(photograph), self.first.truth
-        return ps.registered(image, truth).psnr if shift else ps.psnr_gain_matched(image, truth)
+def cases(first: Photographed, sbr: float, draw: int, folder: Path) -> Iterator[dict[str, Any]]:
+    """Calibrate from each number of photographs at an SBR, and from a known picture."""
+    subject = first.subject
+    names = [subject.image, *(name for name in PICTURES if name != subject.image), KNOWN]
+    rougher, given = replace(subject, samples=SAMPLES), []
+    for number, name in enumerate(names):
+        signal = path_traced(rougher, name, folder, 100 + 2 * number) if number else first.signal
+        clean = ps.composite(signal, first.ambient, sbr)
+        given.append(ps.add_noise(clean, SNR, 1000 * draw + number))
+    *unknown, known = given
+    for count in COUNTS:
+        yield _case(first, draw, unknown[:count], unknown[0], [])
+    picture = ps.read_hidden_image(ps.find_image(KNOWN), subject.hidden)
+    yield _case(first, draw, [known], unknown[0], [picture])
 
 
-def fitted(scene: ps.Scenario) -> ps.NoiseAware:
-    """Return the noise-aware method of a scene."""
-    A, B = ps.transport(scene, by="areas"), ps.point_light_backgrounds(scene)
-    return ps.NoiseAware.for_scene(scene, A, B)
+def _case(
+    first: Photographed, draw: int, given: list[Array], photograph: Array, shown: list[Array]
+) -> dict[str, Any]:
+    """Calibrate by photographs, and compare numbers and the image of one with the true ones."""
+    subject, begun = first.subject, processor_seconds()
+    parameters: dict[str, str | float] = {**subject.parameters, **subject.measured(draw)}
+    result = ps.calibrate(given, subject.scene, subject.hidden, shown=shown, parameters=parameters)
+    seconds = processor_seconds() - begun
+
+    def psnr(scene: ps.Scenario) -> float:
+        A, B = ps.transport(scene, by="areas"), ps.point_light_backgrounds(scene)
+        image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(photograph)
+        if shown:
+            return ps.psnr_gain_matched(image, first.truth)
+        return ps.registered(image, first.truth).psnr
+
+    true = dict(zip(subject.errors, subject.true_values, strict=True))
+    numbers = result.parameters
+    return {
+        "scene": subject.name,
+        "draw": draw,
+        "photographs": f"`{KNOWN}`, known" if shown else str(len(given)),
+        "error": [abs(each.value - true[each.name]) / each.ruler_error for each in numbers],
+        "standard_error": [each.standard_error / each.ruler_error for each in numbers],
+        "determined": [each.determined for each in numbers],
+        "loss": psnr(subject.at()) - psnr(subject.at(result.values)),
+        "trusted": result.trusted,
+        "seconds": seconds,
+    }
 
 
-def row(cases: Sequence[dict[str, Any]]) -> str:
+def row(draws: Sequence[dict[str, Any]]) -> str:
     """Return the draws of a scene and a kind of photographs as a row of `HEADER`'s table."""
     error, standard_error, determined = (
-        np.concatenate([case[key] for case in cases])
+        np.concatenate([case[key] for case in draws])
         for key in ("error", "standard_error", "determined")
     )
-    first = cases[0]
-    kind = f"`{KNOWN}`, known" if first["is_known"] else str(first["photographs"])
-    losses = ", ".join(f"{case['loss']:.1f}" for case in cases)
-    seconds = [case["seconds"] for case in cases]
+    losses = ", ".join(f"{case['loss']:.1f}" for case in draws)
+    seconds = [case["seconds"] for case in draws]
     return (
-        f"| {first['scene']} | {kind} | {np.sum(error <= 3 * standard_error)} of {len(error)} "
+        f"| {draws[0]['scene']} | {draws[0]['photographs']} "
+        f"| {np.sum(error <= 3 * standard_error)} of {len(error)} "
         f"| {determined.sum():.0f} | {np.median(error):.2f} | {np.sqrt(np.mean(error**2)):.2f} "
         f"| {np.median(standard_error):.2f} | {losses} | {min(seconds):.0f} to {max(seconds):.0f} |"
     )
@@ -150,19 +121,18 @@ def main(
 ) -> None:
     """Calibrate from several photographs and from a known picture; print the table, write JSON."""
     folder = rendered or out / "rendered"
-    subject, cases = subjects(folder), []
+    subject, done = subjects(folder), list[dict[str, Any]]()
     for name in scenes.split(","):
-        laboratory = Laboratory(photographed(subject[name], folder), sbr, folder)
+        first = photographed(subject[name], folder)
         for draw in range(draws):
-            for case in laboratory.cases(draw):
-                cases.append(case)
+            for case in cases(first, sbr, draw, folder):
+                done.append(case)
                 print(row([case]), flush=True)
                 with staged_file(out / "more_photographs.json") as staged:
-                    staged.write_text(json.dumps(cases, indent=1), "utf-8")
+                    staged.write_text(json.dumps(done, indent=1), "utf-8")
     print(HEADER)
-    kinds = {(case["scene"], case["is_known"], case["photographs"]) for case in cases}
-    for kind in sorted(kinds):
-        print(row([c for c in cases if (c["scene"], c["is_known"], c["photographs"]) == kind]))
+    for kind in dict.fromkeys((case["scene"], case["photographs"]) for case in done):
+        print(row([case for case in done if (case["scene"], case["photographs"]) == kind]))
 
 
 if __name__ == "__main__":

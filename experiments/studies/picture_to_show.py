@@ -18,17 +18,15 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import UncertainParameters, free_parameters, start_values
 from periscopy_sim.calibration.problem import CalibrationProblem
+from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.outputs.staging import staged_folder
-
-Array = NDArray[np.float64]
+from periscopy_sim.storage.outputs.staging import staged_file
 
 HIDDEN = 29, 36
 SCENES = "chair", "plate"
@@ -79,27 +77,26 @@ def main(
     out: Annotated[Path, typer.Option(help="Folder to write.")],
     seeds: Annotated[int, typer.Option(min=1, help="Of each number of blocks.")] = 8,
 ) -> None:
-    """Compare pictures, and write the table."""
+    """Compare pictures by the geometric mean of their bounds, and write the table."""
     shipped = sorted(path.stem for path in (scenes_folder() / "images").glob("*.png"))
     pictures = {name: ps.read_hidden_image(ps.find_image(name), HIDDEN) for name in shipped}
     pictures["white"] = np.ones((*HIDDEN, 3))
     for count in COUNTS:
         for seed in range(seeds):
             pictures["{} x {} blocks, seed {}".format(*count, seed)] = blocks(count, seed)
-    rows = {}
+    rows = dict[str, dict[str, float]]()
     with threadpool_limits(1):
-        laboratories = [Laboratory(name) for name in SCENES]
+        laboratories = {name: Laboratory(name) for name in SCENES}
         for name, picture in pictures.items():
-            bounds = [laboratory.bounds(np.asarray(picture)) for laboratory in laboratories]
-            means = [float(np.exp(np.mean(np.log(each)))) for each in bounds]
-            rows[name] = {"geometric_mean": means, "median": [float(np.median(b)) for b in bounds]}
-            numbers = "  ".join(
-                f"{scene} {mean:.3f}" for scene, mean in zip(SCENES, means, strict=True)
-            )
-            print(f"{name:24} {numbers}", flush=True)
-    with staged_folder(out) as folder:
-        (folder / "bounds.json").write_text(json.dumps(rows, indent=2), "utf-8")
-    best = min(rows, key=lambda name: float(np.prod(rows[name]["geometric_mean"])))
+            rows[name] = {
+                scene: float(np.exp(np.mean(np.log(laboratory.bounds(np.asarray(picture))))))
+                for scene, laboratory in laboratories.items()
+            }
+            means = "  ".join(f"{scene} {mean:.3f}" for scene, mean in rows[name].items())
+            print(f"{name:24} {means}", flush=True)
+    with staged_file(out / "bounds.json") as file:
+        file.write_text(json.dumps(rows, indent=2), "utf-8")
+    best = min(rows, key=lambda name: float(np.prod([*rows[name].values()])))
     print(f"best: {best}; wrote {out / 'bounds.json'}")
 
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.storage.formats.exr import write_exr
-
-Array = NDArray[np.float64]
 
 SCENES = Path(__file__).with_name("scenes")
 
@@ -51,10 +49,10 @@ class World:
             for name, (picture, shape) in self.shown.items()
         }
         if self.lit_by:
-            prints = {
-                name: str(_bitmap(folder / f"{name}.exr", each)) for name, each in shown.items()
-            }
-            card = light(SCENES / self.assumed, 0, sensor="card_camera", **prints, **self.lit_by)
+            prints = {name: bitmap(folder / f"{name}.exr", each) for name, each in shown.items()}
+            card = renderings(
+                SCENES / self.assumed, 0, sensor="card_camera", **prints, **self.lit_by
+            )
             shown = {name: card.mean(axis=0) / card.mean(axis=0).max() for name in shown}
         return shown
 
@@ -63,10 +61,10 @@ class World:
     ) -> tuple[Array, float]:
         """Return a photograph at the SBR and SNR, and the error of its rendering over the noise."""
         scene, black = SCENES / self.photographed, np.zeros((2, 2, 3))
-        bright = {name: str(_bitmap(folder / f"{name}.exr", each)) for name, each in truth.items()}
-        dark = {name: str(_bitmap(folder / "black.exr", black)) for name in truth}
-        signals = light(scene, seed, **bright)
-        ambient = light(scene, seed + PASSES, **dark, room_light="1").mean(axis=0)
+        bright = {name: bitmap(folder / f"{name}.exr", each) for name, each in truth.items()}
+        dark = {name: bitmap(folder / "black.exr", black) for name in truth}
+        signals = renderings(scene, seed, **bright)
+        ambient = renderings(scene, seed + PASSES, **dark, room_light="1").mean(axis=0)
         signal = signals.mean(axis=0)
         whole = ps.composite(signal, ambient, SBR)
         noisy = ps.add_noise(whole, SNR, seed)
@@ -75,16 +73,50 @@ class World:
         return noisy, float(error / (noisy - whole).std())
 
 
-def light(scene: Path, seed: int, *, sensor: str = "camera", **parameters: str) -> Array:
-    """Return renderings by `mi.render`, (`PASSES`, rows, columns, 3), as a sensor sees them."""
+SCREEN = (18, 24)
+
+WORLDS = {
+    "two cards, 0.1 m apart in depth": World(
+        "cards.xml",
+        "cards.xml",
+        {"rear": ("mushroom", (15, 10)), "front": ("still_life", (15, 10))},
+    ),
+    "a curved screen": World("curved.xml", "curved.xml", {"screen": ("mushroom", SCREEN)}),
+    "a card that a lamp lights": World(
+        "glow.xml", "lit.xml", {"card": ("still_life", SCREEN)}, {"spot_light": "1"}
+    ),
+    "a scene outside a window": World("window.xml", "window.xml", {"outside": ("sunset", SCREEN)}),
+    "a frosted window": World("pane.xml", "pane.xml", {"outside": ("sunset", SCREEN)}),
+    "the scene outside, taken for a frosted window": World(
+        "window.xml", "pane.xml", {"outside": ("sunset", SCREEN)}
+    ),
+    "two cards, 0.5 and 1 m behind a door": World(
+        "doorway.xml",
+        "doorway.xml",
+        {"near": ("mushroom", (15, 10)), "far": ("still_life", (15, 10))},
+    ),
+}
+
+
+def renderings(
+    scene: Path,
+    seed: int,
+    *,
+    sensor: str = "camera",
+    passes: int = PASSES,
+    samples: int = SAMPLES,
+    **parameters: str,
+) -> Array:
+    """Return renderings by `mi.render`, (passes, rows, columns, 3), as a sensor sees them."""
+    ps.use_variant()
     world = mi.load_file(str(scene), **parameters)
     (camera,) = (each for each in world.sensors() if each.id() == sensor)
-    seeds = range(seed, seed + PASSES)
-    renderings = (mi.render(world, sensor=camera, spp=SAMPLES, seed=each) for each in seeds)
-    return np.stack([np.array(each, np.float64) for each in renderings])
+    each = (mi.render(world, sensor=camera, spp=samples, seed=seed + k) for k in range(passes))
+    return np.stack([np.array(picture, np.float64) for picture in each])
 
 
-def _bitmap(file: Path, image: Array) -> Path:
-    """Write an image as a bitmap, whose first row Mitsuba takes for v = 0; return the file."""
+def bitmap(file: Path, image: Array) -> str:
+    """Write an image as a bitmap, whose first row Mitsuba takes for v = 0; return its path."""
+    file.parent.mkdir(parents=True, exist_ok=True)
     write_exr(file, np.ascontiguousarray(image[::-1]), {})
-    return file.resolve()
+    return str(file.resolve())

@@ -248,8 +248,7 @@ def _coverage(boxes: int, pixels: int) -> Array:
     edges = np.linspace(0, pixels, boxes + 1)
     upper = np.minimum(edges[1:, None], np.arange(1, pixels + 1))
     lower = np.maximum(edges[:-1, None], np.arange(pixels))
-    weights: Array = np.maximum(upper - lower, 0) * boxes / pixels
-    return weights
+    return np.asarray(np.maximum(upper - lower, 0) * boxes / pixels)
 
 
 def _digest(laboratory: Laboratory) -> str:

@@ -3,8 +3,6 @@
 Nobody tuned the calibration on these six scenes. Their photographs are independent of the package's
 transport matrices: `mi.load_file` reads the scene file, and `mi.render` renders it, once with the
 picture as a bitmap on the monitor, and once with a black monitor and three far lamps.
-
-The mesh ``scenes/body.ply`` is `irregular_body`.
 """
 
 from __future__ import annotations
@@ -12,17 +10,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.setting import kept
 from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
-from periscopy_sim.rendering.variant import mi
-from periscopy_sim.storage.formats.exr import write_exr
+from experiments.worlds.making import bitmap, renderings
+from periscopy_sim.numerics import Array
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
-
-Array = NDArray[np.float64]
 
 SCENES = Path(__file__).with_name("scenes")
 
@@ -72,10 +66,7 @@ def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
         }
 
         def render(file: Path = file, shown: Array = shown, lamps: str = lamps) -> Array:
-            bitmap = file.with_stem(f"{file.stem}_shown")
-            bitmap.parent.mkdir(parents=True, exist_ok=True)
-            write_exr(bitmap, np.ascontiguousarray(shown[::-1]), {})  # its first row has v = 0
-            passes = renderings(subject, bitmap, lamps)
+            passes = plain_renderings(subject, file, shown, lamps)
             grain = np.sqrt(passes.var(axis=0, ddof=1).mean() / PASSES) / passes.mean()
             print(f"{subject.name}, {file.stem}: a grain of {100 * grain:.3f} %", flush=True)
             return np.asarray(passes.mean(axis=0))
@@ -85,22 +76,9 @@ def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
     return Photographed(subject, truth, light[image], light[place], files[image], files[place])
 
 
-def renderings(subject: Subject, bitmap: Path, lamps: str) -> Array:
-    """Return `PASSES` renderings of a subject whose monitor shows a bitmap, (.., h, w, 3)."""
-    ps.use_variant()
-    parameters = {**subject.parameters, "shown": str(bitmap.resolve()), "lamps": lamps}
-    scene = mi.load_file(str(subject.lit), **parameters)
+def plain_renderings(subject: Subject, file: Path, shown: Array, lamps: str) -> Array:
+    """Return `PASSES` renderings of a subject whose monitor shows a picture, (.., h, w, 3)."""
+    picture = bitmap(file.with_stem(f"{file.stem}_shown"), shown)
     samples = subject.samples if lamps == "0" else subject.samples // 16
-    passes = (mi.render(scene, spp=samples, seed=SEED + each) for each in range(PASSES))
-    return np.stack([np.array(each, np.float64) for each in passes])
-
-
-def irregular_body() -> trimesh.Trimesh:
-    """Return a bent closed body of 320 triangles and 12 cm."""
-    body = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
-    rng = np.random.default_rng(7)
-    waves, phases = 1.8 * rng.standard_normal((6, 3)), rng.uniform(0, 6.28, 6)
-    swollen = 1 + 0.16 * np.cos(body.vertices / 0.05 @ waves.T + phases).sum(axis=1, keepdims=True)
-    body.vertices = body.vertices * swollen * [1.2, 0.8, 1.0]
-    body.vertices[:, 0] += 6 * body.vertices[:, 2] ** 2
-    return body
+    given = {**subject.parameters, "shown": picture, "lamps": lamps}
+    return renderings(subject.lit, SEED, passes=PASSES, samples=samples, **given)

@@ -17,19 +17,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.laboratories.making.laboratory import SCENES, SHELF
-from experiments.setting import SNR, kept
+from experiments.setting import kept
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.outputs.provenance import array_sha256, as_text, provenance
+from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_folder
-
-Array = NDArray[np.float64]
 
 NAMES = "chair", "plate", "shelf", "sign"
 
@@ -102,70 +100,63 @@ class Photographed:
     signal_file: Path
     ambient_file: Path
 
-    def photograph(self, sbr: float, draw: int) -> tuple[Array, float]:
-        """Return a photograph at an SBR and 60 dB, of mean 1, and the truth's light in its unit."""
-        seed = zlib.crc32(f"{self.subject.name} {sbr:g} {draw}".encode())
-        clean = ps.composite(self.signal, self.ambient, sbr)
-        return ps.add_noise(clean, SNR, seed), sbr / (1 + sbr) / float(self.signal.mean())
-
 
 def subjects(folder: Path) -> dict[str, Subject]:
     """Return the scenes by name; the shelf's files are written to a folder."""
-    chair, plate, shelf = ps.find_scene("chair"), ps.find_scene("plate"), folder / "shelf"
-    sign = SCENES / "sign.xml"
-    with staged_folder(shelf) as staged:
+    chair, plate, sign = ps.find_scene("chair"), ps.find_scene("plate"), SCENES / "sign.xml"
+    with staged_folder(folder / "shelf") as staged:
         (staged / "meshes").mkdir()
         for name, build in SHELF.meshes.items():
             build().export(staged / "meshes" / f"{name}.ply")
-        parts = f"{SHELF.name}.xml", f"{SHELF.name}_room.xml"
-        for part in parts:
+        for part in ("shelf.xml", "shelf_room.xml"):
             shutil.copyfile(SCENES / part, staged / part)
-        includes = "".join(f'\n    <include filename="{part}"/>' for part in parts)
-        (staged / "furnished.xml").write_text(
-            f'<scene version="3.0.0">{includes}\n</scene>\n', "utf-8"
-        )
+        parts = '<include filename="shelf.xml"/><include filename="shelf_room.xml"/>'
+        furnished = f'<scene version="3.0.0">{parts}</scene>'
+        (staged / "furnished.xml").write_text(furnished, "utf-8")
     known = (
         Subject("chair", chair, chair, (29, 36), "mushroom", "overcast"),
         Subject("plate", plate, plate, (29, 36), "still_life", "window_left"),
         Subject(
-            "shelf",
-            shelf / parts[0],
-            shelf / "furnished.xml",
-            SHELF.hidden,
-            SHELF.hidden_image,
-            "ceiling_panels",
+            "shelf", folder / "shelf" / "shelf.xml", folder / "shelf" / "furnished.xml",
+            SHELF.hidden, SHELF.hidden_image, "ceiling_panels",
         ),
         Subject("sign", sign, sign, (15, 20), "letters", "overcast"),
-    )
+    )  # fmt: skip
     return {subject.name: subject for subject in known}
 
 
 def photographed(subject: Subject, folder: Path) -> Photographed:
-    """Path trace a subject, all bounces, or read what a folder holds of it."""
+    """Path trace a subject and its ambient light, or read what a folder holds of them."""
+    places = folder / subject.name
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
+    signal = path_traced(subject, subject.image, folder)
+    light = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
+    files = folder / f"{subject.name}_{subject.image}.exr", places / f"{subject.place}.exr"
+    return Photographed(subject, truth, signal, light, *files)
+
+
+def path_traced(subject: Subject, image: str, folder: Path, seed: int = SEED) -> Array:
+    """Path trace the monitor's light of a picture, all bounces, or read what a folder holds."""
+    shown = ps.read_hidden_image(ps.find_image(image), subject.hidden)
     scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
-    made = as_text(provenance(scene.document, SEED))
     depends = {
-        "scene_sha256": made["scene_sha256"],
+        "scene_sha256": scene_sha256(subject.lit),
         "parameters": str(dict(subject.parameters)),
         # How its last bits are rounded, other threads or processors do not say alike.
-        "truth_sha256": array_sha256(np.round(truth, 6)),
+        "truth_sha256": array_sha256(np.round(shown, 6)),
         "samples": str(subject.samples),
-        "seed": str(SEED),
+        "seed": str(seed),
     }
 
     def render() -> Array:
         halves = [
             ps.render_photograph(
-                scene, truth, samples=subject.samples, only_monitor=True, seed=SEED + half
+                scene, shown, samples=subject.samples, only_monitor=True, seed=seed + half
             )
             for half in range(2)
         ]
         grain = np.std(halves[1] - halves[0]) / 2 / np.sqrt(np.mean(halves[0] ** 2))
-        print(f"{subject.name}: path traced to a grain of {100 * grain:.3f} %", flush=True)
+        print(f"{subject.name}: {image} path traced to a grain of {100 * grain:.3f} %", flush=True)
         return np.asarray(np.mean(halves, axis=0))
 
-    file, places = folder / f"{subject.name}.exr", folder / subject.name
-    signal = kept(file, depends, render, made)
-    light = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
-    return Photographed(subject, truth, signal, light, file, places / f"{subject.place}.exr")
+    return kept(folder / f"{subject.name}_{image}.exr", depends, render)
