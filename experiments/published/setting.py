@@ -154,9 +154,12 @@ class PublishedSetting:
 
     def not_read(self, *names: str) -> list[Table]:
         """Return a table of the captures of sets that could not be read, if there are any."""
-        files = [file for name in names for file in self.sets[name].files if file in self.problems]
-        rows = [(file, self.problems[file]) for file in files]
-        return [Table("Not read.", ("capture", "why"), rows)] if rows else []
+        by_reason: dict[str, list[str]] = {}
+        for file in (file for name in names for file in self.sets[name].files):
+            if file in self.problems:
+                by_reason.setdefault(self.problems[file], []).append(file)
+        rows = [(", ".join(files), why) for why, files in by_reason.items()]
+        return [Table("Not read.", ("captures", "why"), rows)] if rows else []
 
 
 def sets_of_captures() -> dict[str, PublishedSet]:
