@@ -26,7 +26,7 @@ LEVELS = {
 WITHOUT_AMBIENT = {AMBIENT: "mush0", CHAIR: "mushroom"}
 """The mushroom without ambient light."""
 
-OURS_WITH, PAPER_WITH = (f"{method}, background photograph" for method in (OURS, PAPER))
+OURS_WITH, PAPER_WITH = (f"{method}, monitor off" for method in (OURS, PAPER))
 PUBLISHED = "[15], as published"
 
 LOWEST = (0.9, 1.2)

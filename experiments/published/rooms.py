@@ -56,7 +56,7 @@ def run(setting: PublishedSetting) -> Section:
         rows.append((name, *(f"{percent:.3f}" for percent in percents)))
     file = setting.out / "rooms.png"
     panels = {
-        name: [(name, displayable(light)), ("", displayable(images[name]))]
+        name: [("photograph", displayable(light)), ("image", displayable(images[name]))]
         for name, light in photographs.items()
     }
     file.parent.mkdir(parents=True, exist_ok=True)
