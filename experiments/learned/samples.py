@@ -69,7 +69,7 @@ class Samples:
     def read(cls, file: Path) -> Samples:
         """Read what `write` wrote."""
         with np.load(file) as held:
-            return cls(**held)
+            return cls(**{**held, "split": str(held["split"])})
 
 
 def as_displaced(truth: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
