@@ -50,30 +50,29 @@ def plain_subjects() -> dict[str, Subject]:
 def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
     """Render a subject by plain Mitsuba, or read the renderings that a folder holds."""
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
-    light, files = {}, {}
-    for name, shown, lamps in (
-        (subject.image, truth, "0"),
-        (subject.place, np.zeros_like(truth), "1"),
-    ):
-        files[name] = file = folder / subject.name / f"{name}.exr"
-        depends = {
-            "scene_sha256": scene_sha256(subject.lit),
-            "parameters": str(dict(subject.parameters)),
-            "truth_sha256": array_sha256(np.round(shown, 6)),
-            "samples": str(subject.samples),
-            "passes": str(PASSES),
-            "seed": str(SEED),
-        }
+    files = [folder / subject.name / f"{name}.exr" for name in (subject.image, subject.place)]
+    signal = _rendered(subject, files[0], truth, "0")
+    ambient = _rendered(subject, files[1], np.zeros_like(truth), "1")
+    return Photographed(subject, truth, signal, ambient, *files)
 
-        def render(file: Path = file, shown: Array = shown, lamps: str = lamps) -> Array:
-            passes = plain_renderings(subject, file, shown, lamps)
-            grain = np.sqrt(passes.var(axis=0, ddof=1).mean() / PASSES) / passes.mean()
-            print(f"{subject.name}, {file.stem}: a grain of {100 * grain:.3f} %", flush=True)
-            return np.asarray(passes.mean(axis=0))
 
-        light[name] = kept(file, depends, render)
-    image, place = subject.image, subject.place
-    return Photographed(subject, truth, light[image], light[place], files[image], files[place])
+def _rendered(subject: Subject, file: Path, shown: Array, lamps: str) -> Array:
+    depends = {
+        "scene_sha256": scene_sha256(subject.lit),
+        "parameters": str(dict(subject.parameters)),
+        "truth_sha256": array_sha256(np.round(shown, 6)),
+        "samples": str(subject.samples),
+        "passes": str(PASSES),
+        "seed": str(SEED),
+    }
+
+    def render() -> Array:
+        passes = plain_renderings(subject, file, shown, lamps)
+        grain = np.sqrt(passes.var(axis=0, ddof=1).mean() / PASSES) / passes.mean()
+        print(f"{subject.name}, {file.stem}: a grain of {100 * grain:.3f} %", flush=True)
+        return np.asarray(passes.mean(axis=0))
+
+    return kept(file, depends, render)
 
 
 def plain_renderings(subject: Subject, file: Path, shown: Array, lamps: str) -> Array:
