@@ -76,7 +76,7 @@ def draw(photograph: Array, angles: dict[str, Array], file: Path) -> None:
         (f"angles, {title}", displayable(angles[name][None, :, None]))
         for title, name in shown.items()
     ]
-    draw_panels(file, [("photograph of the floor", displayable(photograph[..., None])), *stripes])
+    draw_panels(file, [("photograph", displayable(photograph[..., None])), *stripes])
 
 
 if __name__ == "__main__":
