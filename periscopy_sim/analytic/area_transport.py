@@ -151,9 +151,15 @@ class Way(ABC):
     def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
         """Return the surface's columns of A, (M, R C)."""
         A = np.empty((len(self.points), self.patches), dtype)
-        in_parallel(lambda rows: self.fill(slice(*rows), A[slice(*rows)]), ranges(len(A)))
-        A *= self.scale
-        return np.maximum(A, 0, out=A)  # of a patch in full shadow rounding is left
+
+        def part(rows: tuple[int, int]) -> None:
+            own = A[slice(*rows)]
+            self.fill(slice(*rows), own)
+            own *= self.scale
+            np.maximum(own, 0, out=own)  # of a patch in full shadow rounding is left
+
+        in_parallel(part, ranges(len(A)))
+        return A
 
     @property
     @abstractmethod

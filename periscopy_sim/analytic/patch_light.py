@@ -93,32 +93,36 @@ def add_light(
     """Add each cell's light, but for what is in shadow, by two Gauss points along either axis."""
     rows, columns = out.shape
     height = p[2]
-    x, across, light = np.empty(2 * columns), np.empty(2 * columns), np.empty(2 * columns)
-    for k in range(2 * columns):
-        x[k] = (k // 2 + 0.5 + (GAUSS if k % 2 else -GAUSS) - p[0]) * cells[0]
-        across[k] = falloff(x[k], height, exponents[1])
+    x, across, light = np.empty((3, 2, columns))  # of each cell's left and right Gauss point
+    for h in range(2):
+        for c in range(columns):
+            x[h, c] = (c + 0.5 + (GAUSS if h else -GAUSS) - p[0]) * cells[0]
+            across[h, c] = falloff(x[h, c], height, exponents[1])
+    left, right = light
     for k in range(2 * rows):
         side = GAUSS if k % 2 else -GAUSS
         y = (k // 2 + 0.5 + side - p[1]) * cells[1]
         strength = falloff(y, height, exponents[0]) * height / 4
         ahead = normal[1] * y - normal[2] * height
         squared = y * y + height * height
-        for g in range(2 * columns):
-            distance = x[g] * x[g] + squared
-            towards = max(normal[0] * x[g] + ahead, 0.0)
-            light[g] = strength * across[g] * towards / (distance * distance)
+        for h in range(2):
+            for c in range(columns):
+                distance = x[h, c] * x[h, c] + squared
+                towards = max(normal[0] * x[h, c] + ahead, 0.0)
+                light[h, c] = strength * across[h, c] * towards / (distance * distance)
         area, aside, down = shadow[:, k // 2]
         row = out[k // 2]
         for c in range(columns):
             # What the line through the Gauss points' values has as its integral over the shadow.
             lit, tilt = 1 - area[c] - 12 * side * down[c], 12 * GAUSS * aside[c]
-            row[c] += light[2 * c] * (lit + tilt) + light[2 * c + 1] * (lit - tilt)
+            row[c] += left[c] * (lit + tilt) + right[c] * (lit - tilt)
 
 
 @compiled
 def falloff(aside: float, height: float, exponent: float) -> float:
     """Return a power of the cosine of an angle of the monitor."""
-    return float((height / np.sqrt(height * height + aside * aside)) ** exponent)
+    cosine, whole = height / np.sqrt(height * height + aside * aside), int(exponent)
+    return float(cosine**whole if whole == exponent else cosine**exponent)  # whole: half the time
 
 
 @compiled
@@ -126,9 +130,9 @@ def gather(light: Array, cut: Indices, scale: float, out: NDArray[np.float32]) -
     """Add the mean of each patch's cells, of (R, C, P), times a number, to `out`, (P, N)."""
     columns = light.shape[1] // cut[1]
     scale /= cut[0] * cut[1]
-    for j in range(out.shape[1]):
-        row, column = j // columns * cut[0], j % columns * cut[1]
-        for r in range(row, row + cut[0]):
-            for c in range(column, column + cut[1]):
-                for q in range(len(out)):
-                    out[q, j] += scale * light[r, c, q]
+    for q in range(len(out)):
+        for r in range(light.shape[0]):
+            row = out[q, r // cut[0] * columns : (r // cut[0] + 1) * columns]
+            for c in range(cut[1]):
+                for j in range(columns):
+                    row[j] += scale * light[r, j * cut[1] + c, q]
