@@ -84,15 +84,18 @@ class TransportPlan:
             "transport_error": self.error,
         }
 
-    def transport(self, scenario: Scenario, **of_rays: Any) -> NDArray[np.float32]:
-        """Compute A of direct light, (M, N); `render_transport` has the keywords, for rays.
+    def transport(
+        self, scenario: Scenario, made: NDArray[np.float32] | None = None, **of_rays: Any
+    ) -> NDArray[np.float32]:
+        """Compute A of direct light, (M, N), unless `planned` has made it.
 
-        A SceneError says that no light of the monitor reaches the wall.
+        `render_transport` has the keywords, for rays. A SceneError says that no light of the
+        monitor reaches the wall.
         """
         scenario = scenario.averaged(self.across)
         if self.samples is not None:
             return render_transport(scenario, samples=self.samples, **of_rays)
-        A = area_transport(scenario)
+        A = area_transport(scenario) if made is None else made
         require_light(A, scenario)
         return A
 
@@ -115,6 +118,19 @@ def plan_transport(
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
     error.
     """
+    return planned(scenario, noise, by=by, samples=samples, seed=seed, budget=budget)[0]
+
+
+def planned(
+    scenario: Scenario,
+    noise: float = NOISE,
+    *,
+    by: By | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+    budget: int | None = None,
+) -> tuple[TransportPlan, NDArray[np.float32] | None]:
+    """Return the plan of `plan_transport`, and its A if the choice took all of it."""
     if not noise >= 0:
         raise InputError(f"the noise is {noise}; give a number from 0 on")
     noise = max(noise, PRECISION)
@@ -128,7 +144,7 @@ def plan_transport(
             if by == "areas":
                 raise
     if samples is not None:
-        return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
+        return TransportPlan(transport_error(scenario, samples, seed=seed), samples), None
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
     most = (BUDGET if budget is None else budget) / rays
     while (error := transport_error(scenario, samples, across, seed=seed)) > SMALL * noise:
@@ -137,32 +153,33 @@ def plan_transport(
         samples, fewer = 2 ** int(np.log2(max(min(2 * wanted - 1, most), samples))), samples
         if samples == fewer:
             break
-    return TransportPlan(error, samples, across)
+    return TransportPlan(error, samples, across), None
 
 
-def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
+def _plan_areas(
+    scenario: Scenario, across: int, noise: float
+) -> tuple[TransportPlan, NDArray[np.float32] | None]:
     """Return the fewest wall points in a pixel by which A by areas errs little.
 
     A of twice the points along each side errs by a fourth, or a third at edges of shadows. Pixels
     are drawn as often as light bends there, and weighted for that: few may hold all of the error.
     """
 
-    def white(
-        across: int, rows: NDArray[np.intp] | None = None, hidden: Hidden = scenario.hidden
-    ) -> Array:
-        """Return a white image's light in some rows, or in all."""
+    def white(across: int, hidden: Hidden = scenario.hidden) -> Array:
+        """Return a white image's light in the drawn rows."""
         view = scenario.averaged(across).view
-        if rows is not None:
-            used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
-            view = view.of_pixels(used.reshape(view.shape))
-        return np.asarray(area_transport(Scenario(view, hidden)).sum(axis=1, dtype=np.float64))
+        used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
+        some = Scenario(view.of_pixels(used.reshape(view.shape)), hidden)
+        return np.asarray(area_transport(some).sum(axis=1, dtype=np.float64))
 
     shapes = scenario.hidden.shapes
     few = {name: (min(R, ROUGH), min(C, ROUGH)) for name, (R, C) in shapes.items()}
     is_curved = any(surface.curved is not None for surface in scenario.hidden.values())
     # Where white light bends, large patches show as well as small ones.
     rough = Hidden.of_scene(scenario.scene, few) if is_curved else scenario.hidden
-    light, most = white(across, None, rough), FINEST * across
+    first, most = across, FINEST * across
+    A = area_transport(Scenario(scenario.averaged(across).view, rough))
+    light = A.sum(axis=1, dtype=np.float64)
     mean = float(light.mean()) or 1.0
     bends = _bends(light, scenario.view)
     chances = (1 + bends / (bends.mean() or 1.0)) / 2 / len(light)
@@ -176,10 +193,10 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
 
     coarse, bent = light[rows], 0.0
     if is_curved:
-        coarse = white(across, rows)
+        coarse = white(across)
         # A curved patch counts as flat where it is cut; a quarter of it errs by a fourth.
         whole, halved = (
-            white(across, rows, Hidden.of_scene(scenario.scene, sizes))
+            white(across, Hidden.of_scene(scenario.scene, sizes))
             for sizes in (scenario.hidden.shapes, _halved(scenario.hidden.shapes))
         )
         bent = deviation((whole - halved) ** 2)
@@ -189,14 +206,15 @@ def _plan_areas(scenario: Scenario, across: int, noise: float) -> TransportPlan:
         if len(light) * 4 * across**2 > MOST_POINTS:
             break
         try:
-            fine = white(2 * across, rows)
+            fine = white(2 * across)
         except SceneError:  # a pixel's edge misses the wall
             break
         error = deviation((fine - coarse) ** 2)
         if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > most:
             break
         across, coarse = 2 * across, fine
-    return TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across)
+    plan = TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across)
+    return plan, None if is_curved or across > first else A
 
 
 def _halved(sizes: dict[str, Size]) -> dict[str, Size]:
@@ -279,7 +297,7 @@ def transport(
     if isinstance(seen, View):
         assert hidden is not None
         seen = Scenario(seen, hidden)
-    plan = plan_transport(seen, noise, by=by, seed=seed)
+    plan, A = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"
         if plan.by == "areas":
@@ -290,5 +308,5 @@ def transport(
             RuntimeWarning,
             stacklevel=2,
         )
-    A = plan.transport(seen, seed=seed, progress=progress)
+    A = plan.transport(seen, A, seed=seed, progress=progress)
     return A if bounces == DIRECT else add_bounces(seen, A, bounces, seed=seed)
