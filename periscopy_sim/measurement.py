@@ -50,8 +50,10 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
         Seed of the noise.
     """
     photograph = np.asarray(photograph)
-    σ = noise_level(photograph, snr)
-    return np.asarray(photograph + np.random.default_rng(seed).normal(0, σ, photograph.shape))
+    noise = np.random.default_rng(seed).standard_normal(photograph.shape)
+    noise *= noise_level(photograph, snr)
+    noise += photograph
+    return noise
 
 
 def noise_level(photograph: Image, snr: float) -> float:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.compilation import compiled_reordered
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
@@ -33,18 +34,30 @@ def point_light_response(lights: Array, points: Array, normals: Array) -> Array:
     ValueError
         If a light lies on a wall point.
     """
-    normals = np.broadcast_to(normals, points.shape)
-    # ‖α − c‖² and (α − c)·n from three matrix products, relative to the wall's centre so that
-    # nothing cancels.
-    center = points.mean(axis=0)
-    c, α = points - center, np.asarray(lights, np.float64) - center
-    c_squared, α_squared = np.sum(c**2, axis=1), np.sum(α**2, axis=1)
-    squared = c_squared[:, None] + α_squared - 2 * c @ α.T
-    # Within a millionth of the size of the whole, a distance is all rounding error.
-    if (squared.min(axis=0) <= 1e-12 * (c_squared.max() + α_squared)).any():
-        raise InputError("a point light lies on the wall; move it away")
-    height = normals @ α.T - np.sum(normals * c, axis=1)[:, None]
-    return np.asarray(np.maximum(height, 0) / (squared * np.sqrt(squared)))  # a power is slow
+    return np.ascontiguousarray(responses(lights, points, normals).T)
+
+
+def responses(lights: Array, points: Array, normals: Array) -> Array:
+    """Return the transpose, (L, M), of `point_light_response`."""
+    ψ, normals = np.empty((len(lights), len(points))), np.broadcast_to(normals, points.shape)
+    for α, row in zip(np.asarray(lights, np.float64), ψ, strict=True):
+        # Within a millionth of the size of the whole, a distance is all rounding error.
+        if _respond(α, points, normals, row) <= 1e-12:
+            raise InputError("a point light lies on the wall; move it away")
+    return ψ
+
+
+@compiled_reordered
+def _respond(α: Array, c: Array, n: Array, ψ: Array) -> float:
+    """Fill ψ, (M,), with one light's response; return its least squared distance over its most."""
+    nearest, farthest = np.inf, 0.0
+    for i in range(len(ψ)):
+        x, y, z = α[0] - c[i, 0], α[1] - c[i, 1], α[2] - c[i, 2]
+        squared = x * x + y * y + z * z
+        height = x * n[i, 0] + y * n[i, 1] + z * n[i, 2]
+        nearest, farthest = min(nearest, squared), max(farthest, squared)
+        ψ[i] = max(height, 0.0) / (squared * np.sqrt(squared))  # a power is slow
+    return nearest / farthest
 
 
 def paper_grid(step: float = 0.75) -> Array:
