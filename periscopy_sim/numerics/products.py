@@ -13,8 +13,8 @@ from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.compilation import compiled_reordered
 from periscopy_sim.numerics.machine import in_parallel, ranges
 
-CHUNK = 1024
-"""Columns at a time: those of all vectors and of a few rows then stay in the cache."""
+CHUNK, TILE = 1024, 48
+"""Columns, about, and rows at a time, which stay in the cache for all vectors."""
 
 LARGE = 2**20
 """Entries of a matrix above which a second thread for its other half is worth while."""
@@ -43,15 +43,19 @@ def _multiply(vectors: Image, matrix: Image, start: int, stop: int, product: Ima
     last row that row stands in for those that are missing.
     """
     count, columns = matrix.shape
-    for first in range(0, columns, CHUNK):
+    end = min(4 * stop, count)
+    tiles = [
+        (first, top) for first in range(0, columns, CHUNK) for top in range(4 * start, end, TILE)
+    ]
+    for first, top in tiles:
         last = min(first + CHUNK, columns)
-        for row in range(4 * start, min(4 * stop, count), 4):
-            a, b = matrix[row, first:last], matrix[min(row + 1, count - 1), first:last]
-            c = matrix[min(row + 2, count - 1), first:last]
-            d = matrix[min(row + 3, count - 1), first:last]
-            for k in range(0, len(vectors), 3):
-                u, v = vectors[k, first:last], vectors[k + 1, first:last]
-                w = vectors[k + 2, first:last]
+        for k in range(0, len(vectors), 3):
+            u, v = vectors[k, first:last], vectors[k + 1, first:last]
+            w = vectors[k + 2, first:last]
+            for row in range(top, min(top + TILE, end), 4):
+                a, b = matrix[row, first:last], matrix[min(row + 1, count - 1), first:last]
+                c = matrix[min(row + 2, count - 1), first:last]
+                d = matrix[min(row + 3, count - 1), first:last]
                 au = av = aw = bu = bv = bw = product.dtype.type(0)
                 cu = cv = cw = du = dv = dw = product.dtype.type(0)
                 for m in range(last - first):
