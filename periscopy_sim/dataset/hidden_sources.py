@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
@@ -96,12 +97,14 @@ class Gratings(Source):
         rows, columns = (OVERSAMPLING * size for size in shape)
         y, x = (np.arange(rows)[:, None] + 0.5) / rows, (np.arange(columns) + 0.5) / rows
         direction, phase = rng.uniform(0, 2 * np.pi, 2)
-        across = np.cos(direction) * x + np.sin(direction) * y
-        wave = np.sin(2 * np.pi * self.periods.draw(rng) * across + phase)
+        turns = 2 * np.pi * self.periods.draw(rng)
+        down, along = turns * np.sin(direction) * y + phase, turns * np.cos(direction) * x
+        # The sine of the sum, of so many fewer angles.
+        wave = np.sin(down) * np.cos(along) + np.cos(down) * np.sin(along)
         if rng.random() < self.square:
             wave = np.where(wave > 0, 1.0, -1.0)
         ground, ink = _contrasting(rng)
-        return ground + _patch_means((1 + wave[..., None]) / 2, shape) * (ink - ground)
+        return ground + _patch_means((1 + wave) / 2, shape) * (ink - ground)
 
 
 class Smooth(Source):
@@ -199,11 +202,13 @@ def _contrasting(rng: Rng) -> tuple[Array, Array]:
     return (dark, bright) if rng.random() < 0.7 else (bright, dark)
 
 
+_CORNERS = {"ellipse": 48, "rectangle": 4, "triangle": 3, "star": 10}
+
+
 def _outline(rng: Rng) -> Array:
     """Return (n, 2) corners (x, y) of a shape of radius about 1, turned by a random angle."""
-    kind = rng.choice(["ellipse", "rectangle", "triangle", "star"])
+    kind, corners = list(_CORNERS.items())[rng.integers(len(_CORNERS))]
     turn = rng.uniform(0, 2 * np.pi)
-    corners = {"ellipse": 48, "rectangle": 4, "triangle": 3, "star": 10}[str(kind)]
     angle = 2 * np.pi * np.arange(corners) / corners + np.pi / corners
     radius = np.where(np.arange(corners) % 2, 0.45, 1.0) if kind == "star" else np.ones(corners)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -213,10 +218,11 @@ def _outline(rng: Rng) -> Array:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _patch_means(image: Array, shape: tuple[int, int]) -> Array:
-    """Return the mean of an oversampled image over each patch: (R, C, channels)."""
+def _patch_means(image: NDArray[Any], shape: tuple[int, int]) -> Array:
+    """Return the mean of an oversampled image over each patch: (R, C, 1)."""
     k = OVERSAMPLING
-    return np.asarray(image.reshape(shape[0], k, shape[1], k, -1).mean(axis=(1, 3)))
+    rows = image.reshape(shape[0], k, -1).sum(axis=1)  # both axes at once take 20 times as long
+    return np.asarray(rows.reshape(*shape, k, 1).sum(axis=2) / k**2)
 
 
 def _coverage(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
@@ -225,7 +231,7 @@ def _coverage(shape: tuple[int, int], draw: Callable[[Any], None]) -> Array:
 
     mask = Image.new("L", (OVERSAMPLING * shape[1], OVERSAMPLING * shape[0]))
     draw(ImageDraw.Draw(mask))
-    return _patch_means(np.asarray(mask, np.float64)[..., None] / 255, shape)
+    return _patch_means(np.asarray(mask), shape) / 255
 
 
 def _polygon(corners: Array, shape: tuple[int, int]) -> Array:
