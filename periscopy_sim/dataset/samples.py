@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.analytic.point_light import point_light_response
+from periscopy_sim.analytic.point_light import responses
 from periscopy_sim.dataset.configuration import (
     SPLITS,
     Bounced,
@@ -29,13 +29,13 @@ from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.hidden import named
-from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.measurement import add_noise
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
-from periscopy_sim.numerics.products import times_rows
+from periscopy_sim.numerics.products import combine_rows, times_rows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.plan import plan_transport
+from periscopy_sim.rendering.transport.plan import planned
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
 from periscopy_sim.storage.photographs import read_photograph
@@ -150,8 +150,8 @@ def _draw_ambient(configuration: Configuration, rng: np.random.Generator) -> Amb
 
 
 def _weighted(rng: np.random.Generator, sources: Sequence[Source]) -> int:
-    weights = np.array([source.weight for source in sources])
-    return int(rng.choice(len(sources), p=weights / weights.sum()))
+    edges = np.cumsum([source.weight for source in sources])
+    return int(np.searchsorted(edges / edges[-1], rng.random(), side="right"))
 
 
 Block = dict[str, NDArray[Any]]
@@ -183,7 +183,7 @@ def make_samples(
         """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
         clip, frames = clips[number], slice(number * length, (number + 1) * length)
         light = _background(clip.ambient, scenario, backgrounds)
-        signal, mean = signals[frames], signals[frames].mean()  # of the clip: frames may differ
+        mean = signals[frames].mean(dtype=np.float64)  # of the clip: frames may differ
         if not mean > 0:
             raise ConfigurationError(
                 f"sample {start + frames.start}: no light of the monitor reaches the wall; move "
@@ -193,15 +193,19 @@ def make_samples(
         # light of unit mean, so that exposure and SBR vary independently.
         share = 1.0 if light is None else clip.sbr / (1 + clip.sbr)
         scales[frames] = clip.exposure * share / mean  # y = scale A f + background + noise
-        exposed = signal / mean
+        exposed = signals[frames] * scales[frames, None, None, None]
         if light is not None:
-            exposed = composite(signal, np.stack([light] * length), clip.sbr)
+            if not (level := light.mean()) > 0:
+                place = f"sample {start + frames.start}"
+                raise ConfigurationError(f"{place}: no ambient light reaches the wall; move it")
+            light *= clip.exposure * (1 - share) / level
+            exposed += light
             if configuration.keep_background:
-                ambient[frames] = mixed(light * (clip.exposure * (1 - share) / light.mean()))
+                ambient[frames] = mixed(light)
         for k, picture in enumerate(mixed(exposed), frames.start):
             # A stream for each sample: the same noise in whichever block it is made.
             noise = int(generator(configuration, NOISE, start + k).integers(2**31))
-            photographs[k] = add_noise(clip.exposure * picture, clip.snr, noise)
+            photographs[k] = add_noise(picture, clip.snr, noise)
 
     in_parallel(expose, range(len(clips)))
     if configuration.saturation is not None:  # after the noise, as in a sensor
@@ -245,8 +249,9 @@ def _background(
     if ambient.lamps is not None:
         (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
+        powers = powers * scenario.channel_gain
         light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
-        return (light * scenario.channel_gain).reshape(*scenario.photograph_shape, -1)
+        return light.reshape(*scenario.photograph_shape, -1)
     if not ambient.mixture:
         return None
     total = 0.0
@@ -264,9 +269,10 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     (L, 3) in metres, off the wall; powers p (L, 3) by channel; wall points (M, 3) in metres and
     their unit normals. A lamp behind the whole wall gives nothing.
     """
-    response = point_light_response(lamps, points, normals)
-    mean = response.mean(axis=0)
-    return response @ (powers / np.where(mean > 0, mean, 1)[:, None])
+    ψ = responses(lamps, points, normals)
+    mean = ψ.mean(axis=1)
+    weights = powers / np.where(mean > 0, mean, 1)[:, None]
+    return np.asarray(combine_rows(np.ascontiguousarray(weights.T), ψ).T, np.float64)
 
 
 def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
@@ -326,8 +332,8 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
     with _rendering:
         # The seed is the data set's own: samples of A are no random draw of a sample.
         noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
-        plan = plan_transport(scenario, noise, samples=light.samples, seed=settings.seed)
-        A = plan.transport(scenario, seed=settings.seed)
+        plan, made = planned(scenario, noise, samples=light.samples, seed=settings.seed)
+        A = plan.transport(scenario, made, seed=settings.seed)
         if isinstance(light, Bounced):
             bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
             return Geometry(draw, scenario, bounced)
