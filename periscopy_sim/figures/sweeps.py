@@ -1,5 +1,6 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -87,6 +88,9 @@ def draw_sweep(
         raise PeriscopyError(f"axis '{over}' has the panels already; draw over another one")
     if results[over].dtype.kind in "fiu":
         results = results.sortby(over)
+    if results[over].attrs.get("units") == "m" and float(abs(results[over]).max()) < 0.1:
+        millimetres = results[over].copy(data=1e3 * results[over].values)
+        results = results.assign_coords({over: millimetres.assign_attrs(units="mm")})
     fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
     parts = [
         (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
@@ -108,14 +112,14 @@ def draw_sweep(
         least = min(float(found["mean"].min()) for _, found in parts)
         if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
-            grid[0, 0].set_ylim(
-                bottom=max(least / 3, grid[0, 0].dataLim.y0)
-            )  # intervals may hold 0
+            lowest = grid[0, 0].dataLim.y0  # of an interval, which may hold 0
+            grid[0, 0].set_ylim(bottom=max(least / 3, lowest))
             plain_ticks(grid[0, 0].yaxis)
         for ax in grid[:, 0]:
-            ax.set_ylabel(fill(words_of(results[surfaces[0]], metric), 24))
+            ax.set_ylabel(fill(words_of(results[surfaces[0]], metric), 24, break_long_words=False))
         for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
-            ax.set_xlabel(words_of(results[over], over))
+            of_panel = int(11 * width / columns)
+            ax.set_xlabel(fill(words_of(results[over], over), of_panel, break_long_words=False))
         figure.supxlabel(caption, fontsize=6)
         handles = grid[0, 0].get_legend_handles_labels()
         legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
@@ -171,10 +175,11 @@ def latex_of(results: "xr.Dataset", metric: str) -> str:
     cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
     caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces], {})
+    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}"
     return str(
         cells.rename(columns=words).to_latex(
             index=False, na_rep="", float_format="%g", escape=True,
-            caption=f"{words_of(results[surfaces[0]], metric)}: {caption}".replace("%", "\\%"),
+            caption=re.sub("([%_&#$])", r"\\\1", caption),
         )
     )  # fmt: skip
 
