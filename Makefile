@@ -43,7 +43,7 @@ paper: $(VENV)/installed-experiments
 beyond: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.beyond --out out/beyond --rendered out/paper/rendered
 
-# How fast it is, beside other libraries: out/benchmark/index.html.
+# How fast it is, beside another library: out/benchmark/index.html.
 benchmark: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.report import Picture
 from periscopy_sim.figures import style
-from periscopy_sim.figures.panels import displayable
+from periscopy_sim.figures.panels import Rows, displayable, draw_panels
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.view import wall_frame
@@ -34,48 +35,23 @@ COLORS = {
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Draw in the style of all; matplotlib takes sizes when a thing is drawn, not when saved."""
-    with style.mpl.rc_context(style.STYLE):
-        yield
-
-
-@contextmanager
 def drawn(out: Path, name: str, width: float, height: float) -> Iterator[Any]:
-    """Yield a matplotlib figure of a size in inches, in the style of all; save it as `save`."""
-    with styled():
-        figure = new_figure(width, height)
-        yield figure
-        save(figure, out, name)
-
-
-def new_figure(width: float, height: float) -> Any:
-    """Make a matplotlib figure of a size in inches; what is drawn in it follows `styled`."""
-    with styled():
-        return style.mpl.figure.Figure(figsize=(width, height), layout="constrained")
-
-
-def save(figure: Any, out: Path, name: str) -> Path:
-    """Save a figure as PNG and PDF; return the PNG's path."""
+    """Yield a matplotlib figure of a size in inches; save it as PNG and PDF."""
     out.mkdir(parents=True, exist_ok=True)
-    with styled():
+    with style.drawn(out / f"{name}.png") as figure:
+        figure.set_size_inches(width, height)
+        yield figure
         figure.savefig(out / f"{name}.pdf", metadata={"CreationDate": None})
-        figure.savefig(out / f"{name}.png")
-    return out / f"{name}.png"
+
+
+def draw_rows(out: Path, name: str, rows: Rows, caption: str) -> Picture:
+    """Draw linear pictures in [0, 1], each under its title, in rows by their names."""
+    draw_panels(out / f"{name}.png", rows)
+    return Picture(out / f"{name}.png", caption)
 
 
 def show_light(ax: Any, image: NDArray[np.floating[Any]], white: float | None = None) -> None:
-    """Show linear light as it would look, without axes.
-
-    Parameters
-    ----------
-    ax
-        Matplotlib axes.
-    image
-        (rows, columns, 3) linear; negatives are black.
-    white
-        Value shown as white; None for the 99.5th percentile.
-    """
+    """Show linear light, (rows, columns, 3), as it would look, without axes; see `displayable`."""
     ax.imshow(np.clip(srgb_encode(displayable(image, white)), 0, 1), interpolation="nearest")
     ax.set_axis_off()
 
@@ -91,16 +67,7 @@ def label_row(ax: Any, text: str) -> None:
 def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **look: Any) -> None:
     """Draw means over the first axis, with a band of their standard errors, from 1 on.
 
-    Parameters
-    ----------
-    ax
-        Matplotlib axes.
-    values
-        (repetitions, places).
-    line
-        Matplotlib's name of the line.
-    **look
-        Of the line; its ``color`` is the band's, too.
+    The values are (repetitions, places); the ``color`` of the line's `look` is the band's, too.
     """
     number, mean = np.arange(1, values.shape[1] + 1), values.mean(axis=0)
     error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
@@ -118,9 +85,5 @@ def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
     offsets = 1e3 * (scenario.view.centers - frame.center)
     x, z = offsets @ frame.across, offsets @ frame.up
     half_x, half_z = np.ptp(x) / (columns - 1) / 2, np.ptp(z) / (rows - 1) / 2
-    return (
-        float(x.min() - half_x),
-        float(x.max() + half_x),
-        float(z.min() - half_z),
-        float(z.max() + half_z),
-    )
+    left, right = float(x.min() - half_x), float(x.max() + half_x)
+    return left, right, float(z.min() - half_z), float(z.max() + half_z)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import base64
 import html
-import json
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
-from periscopy_sim.errors import OutputError
+from pydantic import TypeAdapter
+
 from periscopy_sim.storage.outputs.staging import staged_file
 
 
@@ -33,25 +33,13 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement and what was found.
-
-    Attributes
-    ----------
-    what
-        What is stated.
-    stated, measured
-        The two values, with their units.
-    verdict
-        How they stand to each other.
-    reason
-        Why they differ, or how it was measured.
-    """
+    """One statement beside its measurement."""
 
     what: str
-    stated: str
+    stated: str  # with its unit, as the next
     measured: str
     verdict: Verdict
-    reason: str = ""
+    reason: str = ""  # why the two differ, or how it was measured
 
 
 @dataclass(frozen=True)
@@ -64,100 +52,49 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under a header.
+    """Rows of text under a header."""
 
-    Attributes
-    ----------
-    caption
-        What the table shows, with the units.
-    header
-        Names of the columns.
-    rows
-        As many cells each.
-    """
-
-    caption: str
+    caption: str  # with the units
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 @dataclass(frozen=True)
 class Section:
-    """One figure, table or passage of a paper, reproduced.
+    """One figure, table or passage of a paper, reproduced."""
 
-    Attributes
-    ----------
-    name
-        Short, such as ``fig4``; the anchor in the page.
-    title
-        Its heading.
-    text
-        What was done, in a few sentences.
-    claims, pictures, tables
-        What is shown below it.
-    seconds, processor_seconds
-        Time it took, and that of all processors together; None if not measured.
-    failure
-        Why there is nothing to show, if so.
-    made_from
-        Digest of the code and the inputs.
-    """
-
-    name: str
+    name: str  # short, such as ``fig4``; the anchor in the page
     title: str
-    text: str = ""
+    text: str = ""  # what was done, in a few sentences
     claims: Sequence[Claim] = ()
     pictures: Sequence[Picture] = ()
     tables: Sequence[Table] = ()
-    seconds: float | None = field(default=None, compare=False)
-    processor_seconds: float | None = field(default=None, compare=False)
-    failure: str = ""
-    made_from: str = field(default="", compare=False)
+    took: str = field(default="", compare=False)  # its time, in words
+    failure: str = ""  # why there is nothing to show, if so
+    made_from: str = field(default="", compare=False)  # digest of the code and the inputs
+
+
+_SECTION = TypeAdapter(Section)
 
 
 def write_section(path: Path, section: Section) -> None:
-    """Keep a section as JSON; its pictures are named relative to the file's folder.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    record = asdict(section)
-    for picture in record["pictures"]:
-        picture["file"] = Path(os.path.relpath(picture["file"], path.parent)).as_posix()
+    """Keep a section as JSON, its pictures by their places from the file's folder."""
+    pictures = [
+        replace(p, file=Path(os.path.relpath(p.file, path.parent))) for p in section.pictures
+    ]
     with staged_file(path) as file:
-        file.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n", "utf-8")
+        file.write_bytes(_SECTION.dump_json(replace(section, pictures=pictures), indent=2))
 
 
-def read_section(path: Path) -> Section:
-    """Read what `write_section` kept.
-
-    Raises
-    ------
-    OutputError
-        If the file is damaged, or a picture is missing.
-    """
+def read_section(path: Path) -> Section | None:
+    """Return what `write_section` kept; None if it, or a picture, is missing or damaged."""
     try:
-        record = json.loads(path.read_text("utf-8"))
-        pictures = [
-            Picture(path.parent / picture["file"], picture["caption"])
-            for picture in record.pop("pictures")
-        ]
-        claims = [
-            Claim(**{**claim, "verdict": Verdict(claim["verdict"])})
-            for claim in record.pop("claims")
-        ]
-        tables = [Table(**table) for table in record.pop("tables")]
-        section = Section(pictures=pictures, claims=claims, tables=tables, **record)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(f"{path}: is damaged ({error}); delete it and run it again") from error
-    missing = [str(picture.file) for picture in pictures if not picture.file.is_file()]
-    if missing:
-        raise OutputError(
-            f"{path}: its picture {missing[0]} is missing; delete it and run it again"
-        )
-    return section
+        section = _SECTION.validate_json(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+    pictures = [replace(p, file=path.parent / p.file) for p in section.pictures]
+    is_whole = all(picture.file.is_file() for picture in pictures)
+    return replace(section, pictures=pictures) if is_whole else None
 
 
 def write_page(
@@ -171,27 +108,8 @@ def write_page(
 ) -> None:
     """Write sections as one HTML page that holds its pictures and needs nothing outside.
 
-    Links to the sections and a table of every claim stand first.
-
-    Parameters
-    ----------
-    path
-        The HTML file.
-    title
-        Heading of the page.
-    sections
-        In the order shown.
-    introduction
-        A paragraph above.
-    provenance
-        Versions, seed and command, listed at the end.
-    stated
-        Heading of the claims' first values: who states them.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Links to the sections and a table of every claim stand first, the provenance last. `stated` is
+    the heading of the claims' first values: who states them.
     """
     with staged_file(path) as file:
         lines = _page(title, sections, introduction, provenance or {}, stated)
@@ -205,83 +123,66 @@ def _page(
     provenance: Mapping[str, str],
     stated: str,
 ) -> Iterator[str]:
+    heading, columns = html.escape(title), ("what", stated, "here", "verdict", "why")
     yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-    yield f"<title>{_text(title)}</title>"
+    yield f"<title>{heading}</title>"
     yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    yield f"<style>{_STYLE}</style></head><body><main><h1>{_text(title)}</h1>"
-    yield f"<p>{_text(introduction)}</p>" if introduction else ""
-    yield "<nav>" + " · ".join(_link(section) for section in sections) + "</nav>"
-    claims = [(section, claim) for section in sections for claim in section.claims]
-    if claims:
-        count = Counter(claim.verdict for _, claim in claims)
+    yield f"<style>{_STYLE}</style></head><body><main><h1>{heading}</h1>"
+    yield f"<p>{html.escape(introduction)}</p>"
+    yield "<nav>" + " · ".join(map(_cell, sections)) + "</nav>"
+    count = Counter(claim.verdict for section in sections for claim in section.claims)
+    if count:
         verdicts = ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
-        yield f"<h2>{len(claims)} claims: {verdicts}</h2>"
-        yield from _claims(claims, stated)
+        yield f"<h2>{count.total()} claims: {verdicts}</h2>"
+        rows = [(each, *_cells(claim)) for each in sections for claim in each.claims]
+        yield from _table("", ("where", *columns), rows)
     for section in sections:
-        yield f'<section id="{_text(section.name)}"><h2>{_text(section.title)}</h2>'
-        yield f'<p class="failure">Failed: {_text(section.failure)}</p>' if section.failure else ""
-        yield f"<p>{_text(section.text)}</p>" if section.text else ""
+        yield f'<section id="{html.escape(section.name)}"><h2>{html.escape(section.title)}</h2>'
+        if section.failure:
+            yield f'<p class="failure">Failed: {html.escape(section.failure)}</p>'
+        yield f"<p>{html.escape(section.text)}</p>"
         for picture in section.pictures:
-            yield from _figure(picture)
+            png = base64.b64encode(picture.file.read_bytes()).decode("ascii")
+            caption = html.escape(picture.caption)
+            yield f'<figure><img alt="{caption}" src="data:image/png;base64,{png}">'
+            yield f"<figcaption>{caption}</figcaption></figure>"
         for table in section.tables:
-            yield from _table(table)
+            yield from _table(table.caption, table.header, table.rows)
         if section.claims:
-            yield from _claims([(None, claim) for claim in section.claims], stated)
-        if section.seconds is not None:
-            work = section.processor_seconds
-            processors = "" if work is None else f", {work:.1f} s of processors' time"
-            yield f'<p class="time">{section.seconds:.1f} s{processors}</p>'
-        yield "</section>"
+            yield from _table("", columns, [_cells(claim) for claim in section.claims])
+        yield f'<p class="time">{html.escape(section.took)}</p></section>'
     if provenance:
         yield '<section id="provenance"><h2>Provenance</h2>'
-        yield from _table(Table("", (), [(name, value) for name, value in provenance.items()]))
+        yield from _table("", (), [*provenance.items()])
         yield "</section>"
     yield "</main></body></html>\n"
 
 
-def _claims(claims: Sequence[tuple[Section | None, Claim]], stated: str) -> Iterator[str]:
-    linked = any(section for section, _ in claims)
-    columns = [*(["where"] if linked else []), "what", stated, "here", "verdict", "why"]
-    yield '<div class="scroll"><table class="claims"><thead><tr>'
-    yield "".join(f"<th>{_text(name)}</th>" for name in columns)
-    yield "</tr></thead><tbody>"
-    for section, claim in claims:
-        where = f"<td>{_link(section)}</td>" if section else ""
-        yield (
-            f"<tr>{where}<td>{_text(claim.what)}</td><td>{_text(claim.stated)}</td>"
-            f"<td>{_text(claim.measured)}</td>"
-            f'<td><span class="{claim.verdict}">{claim.verdict}</span></td>'
-            f"<td>{_text(claim.reason)}</td></tr>"
-        )
-    yield "</tbody></table></div>"
+def _cells(claim: Claim) -> tuple[str, ...]:
+    return claim.what, claim.stated, claim.measured, claim.verdict, claim.reason
 
 
-def _table(table: Table) -> Iterator[str]:
+def _table(
+    caption: str, header: Sequence[str], rows: Sequence[Sequence[str | Section]]
+) -> Iterator[str]:
     yield '<div class="scroll"><table>'
-    yield f"<caption>{_text(table.caption)}</caption>" if table.caption else ""
-    if table.header:
-        yield "<thead><tr>" + "".join(f"<th>{_text(name)}</th>" for name in table.header)
+    yield f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    if header:
+        yield "<thead><tr>" + "".join(f"<th>{_cell(name)}</th>" for name in header)
         yield "</tr></thead>"
     yield "<tbody>"
-    for row in table.rows:
-        yield "<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>"
+    for row in rows:
+        yield "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>"
     yield "</tbody></table></div>"
 
 
-def _figure(picture: Picture) -> Iterator[str]:
-    encoded = base64.b64encode(picture.file.read_bytes()).decode("ascii")
-    yield (
-        f'<figure><img alt="{_text(picture.caption)}" src="data:image/png;base64,{encoded}">'
-        f"<figcaption>{_text(picture.caption)}</figcaption></figure>"
-    )
-
-
-def _link(section: Section) -> str:
-    return f'<a href="#{_text(section.name)}">{_text(section.name)}</a>'
-
-
-def _text(text: str) -> str:
-    return html.escape(text)
+def _cell(cell: str | Section) -> str:
+    """Return a text, a verdict with its colour, or the link to a section."""
+    if isinstance(cell, Section):
+        return f'<a href="#{html.escape(cell.name)}">{html.escape(cell.name)}</a>'
+    if isinstance(cell, Verdict):
+        return f'<span class="{cell}">{cell}</span>'
+    return html.escape(cell)
 
 
 _STYLE = """
@@ -297,7 +198,6 @@ table { border-collapse: collapse; margin: 1rem 0; font-size: .92rem;
   font-variant-numeric: tabular-nums; }
 th { text-align: left; border-bottom: 2px solid #888; } td { border-bottom: 1px solid #e4e4e4; }
 th, td { padding: .3rem .7rem .3rem 0; vertical-align: top; }
-.claims td:nth-last-child(1) { min-width: 16rem; }
 span.agrees, span.better, span.differs { padding: 0 .5em; border-radius: .8em; }
 span.agrees { background: #d5ecf8; } span.better { background: #cdeadf; }
 span.differs { background: #fbe3c0; }

@@ -11,11 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -35,8 +37,10 @@ AMBIENT_ERROR = 1e-3
 that at SBR 0.05 it reaches at most 6 % of the sensor's noise, and adds 0.3 % to its variance (two
 renderings of each of the windows, the corridor and the desk lamps compared)."""
 
+FREE_OF_NOISE: Any = {"samples": 64, "strata": "midpoint"}
+"""Of A: jittered rays' noise lifts its smallest singular values and speckles the rows of P."""
+
 GLASS = "stained_glass"
-GLASS_SCENE = f"ambient/{GLASS}"
 NO_BEAM = f"{GLASS}_no_beam"
 """The stained glass seen from the wall, without the sun through it that falls on the wall."""
 
@@ -45,53 +49,22 @@ WITHOUT_BEAM = {"sunbeam": "0"}
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A photograph without ambient light and what the monitor showed.
+    """A photograph without ambient light and what the monitor showed."""
 
-    Attributes
-    ----------
-    signal
-        (rows, columns, 3), linear.
-    truth
-        (R, C, 3) in [0, 1], linear.
-    real
-        Whether a camera took it.
-    """
-
-    signal: Array
-    truth: Array
-    real: bool
+    signal: Array  # (rows, columns, 3), linear
+    truth: Array  # (R, C, 3) in [0, 1], linear
+    kind: str  # how it was made, in a word
 
 
+@dataclass(eq=False)
 class FittedScene:
-    """A scene at one resolution, and what is made from it, each when first asked.
+    """A scene at one resolution, and what is made from it, each when first asked."""
 
-    Parameters
-    ----------
-    scene
-        Its file, or a shipped one's name.
-    hidden
-        (R, C) of the hidden image.
-    seed
-        Of the shadow rays.
-    parameters
-        Values of the scene's ``<default>``s.
-    photograph
-        (rows, columns) of the photograph; None for the film's own.
-    """
-
-    def __init__(
-        self,
-        scene: str | Path,
-        hidden: tuple[int, int],
-        seed: int = 0,
-        parameters: Mapping[str, str | float] | None = None,
-        photograph: tuple[int, int] | None = None,
-    ) -> None:
-        self.scene = scene
-        self.hidden = hidden
-        self.seed = seed
-        self.parameters = parameters
-        self.photograph_shape = photograph
+    scene: str | Path  # its file, or a shipped one's name
+    hidden: tuple[int, int]  # (R, C) of the hidden image
+    seed: int = 0  # of the shadow rays
+    parameters: Mapping[str, str | float] | None = None  # values of the scene's ``<default>``s
+    photograph_shape: tuple[int, int] | None = None  # of the photograph; None for the film's own
 
     @cached_property
     def scenario(self) -> Scenario:
@@ -121,24 +94,17 @@ class FittedScene:
         return ps.NoiseAware.for_scene(self.scenario, self.A, self.B)
 
     @cached_property
-    def differencing(self) -> ps.Differencing:
+    def differencing(self) -> Any:
         """The method of [15], run to convergence, fitted."""
-        return ps.Differencing(
-            self.A,
-            photograph_shape=self.scenario.photograph_shape,
-            hidden=self.hidden,
-            channel_gain=self.scenario.channel_gain,
-        )
+        return METHODS["differencing"](self.scenario, self.A, self.B)
 
 
-class Chair(FittedScene):
-    """The chair scene at one resolution; see `FittedScene`."""
-
-    def __init__(self, hidden: tuple[int, int], seed: int = 0) -> None:
-        super().__init__("chair", hidden, seed)
+def chair(hidden: tuple[int, int], seed: int = 0) -> FittedScene:
+    """Return the chair scene at one resolution."""
+    return FittedScene("chair", hidden, seed)
 
 
-class Setting(Chair):
+class Setting(FittedScene):
     """The chair scene with 36 x 29 hidden patches, its photographs and its ambient light.
 
     Parameters
@@ -154,28 +120,23 @@ class Setting(Chair):
     image = "mushroom"
 
     def __init__(self, out: Path, real: Path | None = None, rendered: Path | None = None) -> None:
-        super().__init__((29, 36))
+        super().__init__("chair", (29, 36))
         self.out = out
         self.real = real
         self.rendered = rendered or out / "rendered"
 
     @cached_property
-    def synthetic(self) -> Measured:
-        """The photograph as path traced, light bouncing about the scene included."""
+    def measured(self) -> Measured:
+        """The real photograph where there is one, else one path traced, all bounces."""
+        if self.real is not None:
+            signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
+            return Measured(signal, ps.read_hidden_image(self.real, self.hidden), "real")
         truth = ps.read_hidden_image(ps.find_image(self.image), self.hidden)
 
         def render() -> Array:
             return ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
 
-        return Measured(self.kept(self.image, "chair", render), truth, real=False)
-
-    @cached_property
-    def measured(self) -> Measured:
-        """The real photograph where there is one, else the path-traced one."""
-        if self.real is None:
-            return self.synthetic
-        signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
-        return Measured(signal, ps.read_hidden_image(self.real, self.hidden), real=True)
+        return Measured(self.kept(self.image, "chair", render), truth, "path-traced")
 
     def identity(self) -> bytes:
         """Return the real photograph's bytes; one that cannot be read is a PhotographError."""
@@ -190,74 +151,42 @@ class Setting(Chair):
             names, self.scenario, self.rendered, self.seed, target=AMBIENT_ERROR
         )
 
-    def photograph(self, background: Array | None, sbr: float, name: str) -> Array:
-        """Photograph at an SBR and `SNR` (Sec. 4.1); the noise follows from the name and the SBR.
+    @property
+    def adversarial(self) -> dict[str, Array]:
+        """The two adversarial conditions (Fig. 5), the window also without its sunbeam."""
+        scene, lit = f"ambient/{GLASS}", self.backgrounds(ADVERSARIAL)
 
-        Parameters
-        ----------
-        background
-            (rows, columns, 3) ambient light; None for none.
-        sbr
-            Signal-to-background ratio.
-        name
-            Of the background.
+        def render() -> Array:
+            return ps.render_background(
+                scene, self.scenario, WITHOUT_BEAM, target=AMBIENT_ERROR, seed=self.seed
+            ).photograph
 
-        Returns
-        -------
-        ndarray
-            (rows, columns, 3) of mean 1, plus noise.
+        return {GLASS: lit.pop(GLASS), NO_BEAM: self.kept(NO_BEAM, scene, render), **lit}
+
+    def photograph(self, background: Array, sbr: float, name: str) -> Array:
+        """Photograph at an SBR and `SNR` (Sec. 4.1): (rows, columns, 3) of mean 1, plus noise.
+
+        The noise follows from the background's name and the SBR.
         """
-        signal = self.measured.signal
-        exposed = (
-            signal / signal.mean() if background is None else ps.composite(signal, background, sbr)
-        )
+        exposed = ps.composite(self.measured.signal, background, sbr)
         identity = hashlib.sha256(json.dumps([self.seed, name, sbr]).encode()).digest()
         return ps.add_noise(exposed, SNR, int.from_bytes(identity[:16]))
 
-    def kept(self, name: str, scene: str, render: Callable[[], Array]) -> Array:
-        """Render a picture, or read it if the same was rendered in this folder before.
+    def place(self, name: str) -> Array:
+        """Picture of the place of an ambient condition, to look at: (225, 300, 3)."""
+        scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
+        path = f"ambient/{scene}"
+        return self.kept(f"{name}_wide", path, lambda: render_place(path, parameters))
 
-        Parameters
-        ----------
-        name
-            Of the file.
-        scene
-            What is rendered.
-        render
-            Renders it, by this package and from this scene and the chair's alone.
-        """
-        file = self.rendered / f"{name}.exr"
+    def kept(self, name: str, scene: str, render: Callable[[], Array]) -> Array:
+        """Return the picture of a name: read, if this package rendered it of the same scenes."""
         record = {
             "scene_sha256": scene_sha256(ps.find_scene(scene)),
             "chair_sha256": scene_sha256(ps.find_scene("chair")),
             "package_sha256": package_sha256(),
             "seed": str(self.seed),
         }
-        return kept(file, record, render)
-
-    @property
-    def adversarial(self) -> dict[str, Array]:
-        """The two adversarial conditions (Fig. 5), the window also without its sunbeam."""
-        lit = self.backgrounds(ADVERSARIAL)
-        return {
-            GLASS: lit.pop(GLASS),
-            NO_BEAM: self.kept(NO_BEAM, GLASS_SCENE, self._no_beam),
-            **lit,
-        }
-
-    def place(self, name: str) -> Array:
-        """Picture of the place of an ambient condition, to look at: (225, 300, 3)."""
-        scene, parameters = (GLASS, WITHOUT_BEAM) if name == NO_BEAM else (name, {})
-
-        def render() -> Array:
-            return render_place(f"ambient/{scene}", parameters)
-
-        return self.kept(f"{name}_wide", f"ambient/{scene}", render)
-
-    def _no_beam(self) -> Array:
-        return ps.render_background(
-            GLASS_SCENE, self.scenario, WITHOUT_BEAM, target=AMBIENT_ERROR, seed=self.seed
-        ).photograph
+        return kept(self.rendered / f"{name}.exr", record, render)
 
 
 def kept(

@@ -1,16 +1,21 @@
-"""Sweeps of the page: methods over ambient light, signal-to-background ratios and noise draws."""
+"""Studies of the page: what `periscopy sweep` varies, as a YAML file beside the figure says."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.setting import SNR, Measured, Setting, package_sha256
-from periscopy_sim.storage.outputs.provenance import array_sha256
+from experiments.report import Picture
+from experiments.setting import SNR, Setting, package_sha256
+from periscopy_sim.cli import app
+from periscopy_sim.evaluation.sweep_store import read_sweep
+from periscopy_sim.figures.sweeps import PAGE, draw_sweep
+from periscopy_sim.storage.formats.exr import write_exr
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,70 +23,48 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def swept(
-    setting: Setting,
-    name: str,
-    measured: Measured,
-    methods: Mapping[str, Any],
-    backgrounds: Mapping[str, Array],
-    sbrs: Sequence[float],
-    draws: int = 1,
-    **fitted: float,
-) -> xr.Dataset:
-    """Reconstruct composites by several methods, or read what an earlier run left.
+def swept(setting: Setting, figure: str, light: Mapping[str, Array]) -> xr.Dataset:
+    """Run the study beside a figure's file on the setting's photograph, or read what it left.
 
-    Parameters
-    ----------
-    setting
-        Folder, seed and matrices that the methods were fitted to.
-    name
-        Of the sweep's folder.
-    measured
-        The photograph without ambient light.
-    methods, backgrounds, sbrs
-        What is varied.
-    draws
-        Of the noise, for each background and SBR.
-    **fitted
-        Settings of the methods that are not their defaults: with others the folder is not taken up.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `periscopy_sim.run_sweep`.
+    The photographs of ambient light are (rows, columns, 3), by name. See `periscopy_sim.run_sweep`;
+    axes of a single value are dropped, but the methods'.
     """
-    code = package_sha256()
-    sweep = ps.Sweep(
-        ps.World({name: measured.signal}, {name: measured.truth}, backgrounds, methods),
-        sbrs=sbrs,
-        snrs=[SNR],
-        seeds=range(draws),
-        seed=setting.seed,
-        conditions={
-            "A_sha256": array_sha256(setting.A),
-            "B_sha256": array_sha256(setting.B),
-            "package_sha256": code,
-            **fitted,
-        },
-    )
-    folder = setting.out / "sweeps" / f"{name.replace(' ', '')}-{code[:8]}"
-    return ps.run_sweep(sweep, folder).squeeze(["image", "snr"], drop=True)
+    study, measured = Path(figure).with_suffix(".yaml"), setting.measured
+    folder = setting.out / "sweeps" / f"{study.stem}-{measured.kind}-{package_sha256()[:8]}"
+    given = folder.with_name(f"{study.stem}-given")
+    (given / "light").mkdir(parents=True, exist_ok=True)
+    write_exr(given / "photograph.exr", measured.signal, {})
+    np.save(given / "truth.npy", measured.truth)
+    files = [given / "light" / f"{name}.exr" for name in light]
+    for file, photograph in zip(files, light.values(), strict=True):
+        write_exr(file, photograph, {})
+    define = [f"-D{name}={value}" for name, value in (setting.parameters or {}).items()]
+    app(
+        [
+            "sweep", str(setting.scene), *define, "--study", str(study),
+            "--hidden", "{}x{}".format(*setting.hidden), "--seed", str(setting.seed),
+            "--photograph", str(given / "photograph.exr"), "--truth", str(given / "truth.npy"),
+            "--ambient", ",".join(map(str, files)), "--snr", str(SNR), "--out", str(folder),
+        ],
+        standalone_mode=False,
+    )  # fmt: skip
+    results = read_sweep(folder / "sweep.zarr")
+    sizes = results["failure"].sizes
+    return results.squeeze([n for n in sizes if sizes[n] == 1 and n != "algorithm"], drop=True)
 
 
-def of_method(results: xr.Dataset, method: str) -> xr.Dataset:
-    """Return one method's part of a sweep's results."""
-    return results.sel(algorithm=method)
+def recovered(results: xr.Dataset, truth: Array, **at: Any) -> list[tuple[str, Array]]:
+    """Return each method's image, gain-matched, at values of the other axes, under its error."""
+    panels = []
+    for method in results["algorithm"].values.tolist():
+        cell = results.sel(algorithm=method, **at)
+        image = ps.gain_matched(cell["reconstruction"].values, truth)
+        panels.append((f"{method}\nMSE {cell['mean_squared_error']:.3f}", image))
+    return panels
 
 
-def errors_of(results: xr.Dataset, method: str, *, registered: bool = False) -> Array:
-    """Return a method's mean squared errors, unshifted or after the best shift.
-
-    Returns
-    -------
-    ndarray
-        (SBRs, backgrounds, draws).
-    """
-    found = of_method(results, method).transpose("sbr", "background", "seed", ...)
-    if registered:
-        return np.asarray(10 ** (-found["psnr_registered"] / 10))
-    return np.asarray(found["mean_squared_error"])
+def drawn_sweep(setting: Setting, name: str, results: xr.Dataset, caption: str) -> Picture:
+    """Draw the mean squared errors of a sweep, as `periscopy plot` does."""
+    file = setting.out / f"{name}.png"
+    draw_sweep(file, results, metric="mean_squared_error", width=PAGE)
+    return Picture(file, caption)

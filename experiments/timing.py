@@ -23,8 +23,7 @@ def clocked(task: Callable[[], Result], runs: int = 1) -> tuple[float, Result]:
     return float(np.median(seconds)), result
 
 
-def median_seconds(task: Callable[[], object], runs: int, *, warm: bool = True) -> float:
+def median_seconds(task: Callable[[], object], runs: int) -> float:
     """Return the median of a task's seconds, after one run that compiles and warms."""
-    if warm:
-        task()
+    task()
     return clocked(task, runs)[0]

@@ -1,9 +1,10 @@
-"""Measure how fast the package is, beside other libraries.
+"""Measure how fast the package is, beside another library.
 
-`python -m experiments.benchmarks --out DIR [--only stills,video]` writes `index.html` and
-`claims.json`. Absolute times belong to one machine; the ratios,
-measured in one run, carry over. Two run only when named: `--only live` needs a browser,
-`--only scale` takes minutes on worker processes.
+`python -m experiments.benchmarks --out DIR [--only stills,denoising]` writes `index.html` and
+`claims.json`. Absolute times belong to one machine; the ratios, measured in one run, carry over.
+Two run only when named: `--only live` needs a browser, `--only scale` takes minutes on worker
+processes. Videos are timed by `python -m experiments.paper --only fig7` and
+`python -m experiments.beyond --only noise_aware_video`.
 """
 
 import typer
@@ -11,13 +12,12 @@ import typer
 from experiments.benchmarks.fine_grids import fine_grids
 from experiments.benchmarks.live import live
 from experiments.benchmarks.scale import scale
-from experiments.benchmarks.stills import denoising, stills, video
+from experiments.benchmarks.stills import denoising, stills
 from experiments.page import Experiment, Page
 
 BENCHMARKS: dict[str, Experiment] = {
     "stills": stills,
     "denoising": denoising,
-    "video": video,
     "fine-grids": fine_grids,
     "live": live,
     "scale": scale,

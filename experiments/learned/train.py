@@ -23,7 +23,7 @@ import torch
 import typer
 from torch.nn.utils import clip_grad_norm_
 
-from experiments.drawing import PAGE, drawn, styled
+from experiments.drawing import PAGE, drawn
 from experiments.learned.samples import HIDDEN, Samples
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import laplacian
@@ -199,7 +199,7 @@ def main(
 
 def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
     """Draw the errors beside those of the images that the network starts from."""
-    with styled(), drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
+    with drawn(file.parent, file.stem, PAGE, 0.36 * PAGE) as figure:
         titles = "Scene as it is", "Scene with a ruler's errors"
         axes, series = figure.subplots(1, 2), (curves.right, curves.ruler)
         for ax, title, errors, start in zip(axes, titles, series, starts.values(), strict=True):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import PAGE, drawn, label_row, show_light
-from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.drawing import draw_rows
+from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import SNR, Setting
 from experiments.timing import clocked
+from periscopy_sim.figures.panels import displayable
+from periscopy_sim.reconstruction.registry import METHODS
 
 Array = NDArray[np.float64]
 
@@ -22,66 +22,47 @@ SBRS = (20.0, 4.0, 2.0, 0.95)
 """The paper names 4, where [15] begins to struggle, and 0.95, its lowest."""
 
 CONDITION = "ceiling_panels"
+NAMES = {
+    "differencing-published": "[15], as published",
+    "differencing": "[15], converged",
+    "preconditioned": "proposed",
+}
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
-    """A method's four images.
+class Timed:
+    """A method's images, and the seconds that it took."""
 
-    Attributes
-    ----------
-    name
-        Of the method.
-    images
-        (4, R, C, 3) gain-matched.
-    errors
-        Mean squared errors.
-    fit, each
-        Seconds to fit the method, and for one photograph (median).
-    """
-
-    name: str
-    images: Array
-    errors: list[float]
+    images: Array  # (SBRs, R, C, 3) gain-matched
+    errors: list[float]  # their mean squared errors
     fit: float
-    each: float
+    each: float  # for one photograph, median
 
 
 def run(setting: Setting) -> Section:
     """Reconstruct four photographs by the three methods, timed."""
-    measured = setting.measured
-    background = setting.backgrounds([CONDITION])[CONDITION]
+    kind, background = setting.measured.kind, setting.backgrounds([CONDITION])[CONDITION]
     photographs = [setting.photograph(background, sbr, CONDITION) for sbr in SBRS]
-    scenario, A, B = setting.scenario, setting.A, setting.B
-
-    def differencing(stop: Literal["converged", "published"]) -> ps.Differencing:
-        return ps.Differencing(
-            A,
-            photograph_shape=scenario.photograph_shape,
-            hidden=scenario.hidden,
-            channel_gain=scenario.channel_gain,
-            stop=stop,
-        )
-
-    rows = [
-        _timed(name, fit, photographs, measured.truth)
-        for name, fit in {
-            "[15], as published": lambda: differencing("published"),
-            "[15], converged": lambda: differencing("converged"),
-            "proposed": lambda: ps.Periscope.for_scene(scenario, A, B),
-        }.items()
-    ]
-    _draw(setting, photographs, rows)
-    published, _, proposed = rows
+    found = {name: _timed(setting, name, photographs) for name in NAMES}
+    titles = [f"SBR {sbr:g}" for sbr in SBRS]
+    rows = {"photograph": list(zip(titles, map(displayable, photographs), strict=True))}
+    for name, of_method in found.items():
+        titles = [f"MSE {error:.3f}" for error in of_method.errors]
+        rows[NAMES[name]] = list(zip(titles, of_method.images, strict=True))
+    picture = draw_rows(
+        setting.out, "fig6", rows,
+        "Photographs (white: the 99.5th percentile) and reconstructions, gain-matched, with mean "
+        "squared errors.",
+    )  # fmt: skip
+    published, converged, proposed = found.values()
     whole = proposed.fit + len(SBRS) * proposed.each
     ratio = published.each / proposed.each
-    losses = [row.errors[-1] / row.errors[0] for row in rows]
+    losses = [each.errors[-1] / each.errors[0] for each in (published, converged, proposed)]
     return Section(
         name="fig6",
         title="Fig. 6: one scene under more and more ambient light",
-        text=f"The {'real' if measured.real else 'path-traced'} photograph with light of "
-        f"'{CONDITION.replace('_', ' ')}' at falling SBR, {SNR:.0f} dB. The paper's photographs "
-        "were taken so; ours are composites.",
+        text=f"The {kind} photograph with light of '{CONDITION.replace('_', ' ')}' at falling SBR, "
+        f"{SNR:.0f} dB. The paper's photographs were taken so; ours are composites.",
         claims=[
             Claim(
                 "proposed: minimal degradation down to SBR 0.95",
@@ -112,53 +93,30 @@ def run(setting: Setting) -> Section:
                 "stopping rule: its iterations, not its idea, took the paper's 75 s.",
             ),
         ],
-        pictures=[
-            Picture(
-                setting.out / "fig6.png",
-                "Photographs (white: the 99.5th percentile) and reconstructions, gain-matched, "
-                "with mean squared errors.",
-            )
-        ],
+        pictures=[picture],
         tables=[
             Table(
                 "Mean squared error at each SBR; seconds to fit and for one photograph (median).",
                 ("method", *(f"SBR {sbr:g}" for sbr in SBRS), "fit", "one photograph"),
                 [
-                    (row.name, *(f"{e:.4f}" for e in row.errors), f"{row.fit:.2f} s",
-                     f"{1e3 * row.each:.1f} ms")
-                    for row in rows
+                    (NAMES[name], *(f"{e:.4f}" for e in each.errors), f"{each.fit:.2f} s",
+                     f"{1e3 * each.each:.1f} ms")
+                    for name, each in found.items()
                 ],
             )
         ],
     )  # fmt: skip
 
 
-def _timed(
-    name: str, fit: Callable[[], ps.Periscope | ps.Differencing], photographs: list[Array],
-    truth: Array,
-) -> Row:  # fmt: skip
-    fitted, method = clocked(lambda: fit().fitted_to(photographs[0]))
+def _timed(setting: Setting, name: str, photographs: list[Array]) -> Timed:
+    scene, truth = (setting.scenario, setting.A, setting.B), setting.measured.truth
+    fit, method = clocked(lambda: METHODS[name](*scene).fitted_to(photographs[0]))
     method.reconstruct(photographs[0])  # compiles
     each = [clocked(partial(method.reconstruct, photograph)) for photograph in photographs]
     seconds, images = zip(*each, strict=True)
-    return Row(
-        name,
+    return Timed(
         np.stack([ps.gain_matched(image, truth) for image in images]),
         [ps.mean_squared_error(image, truth) for image in images],
-        fitted,
+        fit,
         float(np.median(seconds)),
     )
-
-
-def _draw(setting: Setting, photographs: list[Array], rows: list[Row]) -> None:
-    with drawn(setting.out, "fig6", PAGE, 6.2) as figure:
-        axes = figure.subplots(len(rows) + 1, len(SBRS))
-        for ax, photograph, sbr in zip(axes[0], photographs, SBRS, strict=True):
-            show_light(ax, photograph)
-            ax.set_title(f"SBR {sbr:g}")
-        for line, row in zip(axes[1:], rows, strict=True):
-            for ax, image, error in zip(line, row.images, row.errors, strict=True):
-                show_light(ax, image, 1)
-                ax.set_title(f"MSE {error:.3f}")
-        for line, name in zip(axes, ("photograph", *(row.name for row in rows)), strict=True):
-            label_row(line[0], name)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.report import Claim, Section, Table, Verdict
-from experiments.setting import Setting
+from experiments.report import Claim, Section, Verdict
+from experiments.setting import FREE_OF_NOISE, Setting
 from periscopy_sim.evaluation.diagnostics import (
     Diagnostics,
     condition_number,
@@ -17,13 +17,9 @@ from periscopy_sim.evaluation.diagnostics import (
 )
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]
-
-SAMPLES = 64
-"""Shadow rays for each entry of A."""
 
 FINE_STEP = 0.375
 """Metres between the lights of a finer grid: half the paper's."""
@@ -32,35 +28,26 @@ COMBINATIONS = 256
 """Of the finer grid's responses, several times the dimension of their numerical range."""
 
 SBR = 0.5
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 
 
 def run(setting: Setting) -> Section:
     """Diagnose the chair scene and compare."""
     scenario, B = setting.scenario, setting.B
-    # Monte Carlo noise in A lifts its smallest singular values.
-    A = ps.render_transport(scenario, samples=SAMPLES, strata="midpoint", seed=setting.seed)
+    A = ps.render_transport(scenario, seed=setting.seed, **FREE_OF_NOISE)
     found = ps.diagnose(A, B, scenario.photograph_shape, scenario.hidden_shape)
     return Section(
         name="numbers",
         title="Numbers of Sec. 2, 3.1 and 3.3",
         text=f"Of range(B), {found.background_rank} dimensions are kept: singular values above "
-        f"{RANK_TOLERANCE:.0e} of the largest, B's columns scaled to norm 1. A has {SAMPLES} "
-        "shadow rays an entry at the midpoints of their strata: it is free of Monte Carlo noise.",
+        f"{RANK_TOLERANCE:.0e} of the largest, B's columns scaled to norm 1. A has "
+        f"{FREE_OF_NOISE['samples']} shadow rays an entry at the midpoints of their strata: it is "
+        "free of Monte Carlo noise.",
         claims=[
             *_conditioning(setting, A, found),
-            Claim(
-                "columns of B",
-                "512",
-                str(B.shape[1]),
-                Verdict.of(B.shape[1] == 512),
-                "75 cm steps from -3 to 3 m, the upper ends left out.",
-            ),
             *_subspaces(found),
             _residual(A, B, found),
             _finer_grid(setting),
         ],
-        tables=[_ranks(A, B)],
     )
 
 
@@ -133,21 +120,18 @@ def _residual(A: Matrix, B: Array, found: Diagnostics) -> Claim:
 
 
 def _finer_grid(setting: Setting) -> Claim:
-    scenario, measured = setting.scenario, setting.measured
+    scenario, truth = setting.scenario, setting.measured.truth
     B = ps.point_light_backgrounds(scenario, ps.paper_grid(FINE_STEP))
-    P = setting.preconditioned.preconditioner
-    outside = np.linalg.norm(P.project_out(B), axis=0) / np.linalg.norm(B, axis=0)
+    B /= np.linalg.norm(B, axis=0)
+    outside = np.linalg.norm(setting.preconditioned.preconditioner.project_out(B), axis=0)
     # Random combinations span the same range, which has far fewer dimensions (Halko et al. 2011).
     rng = np.random.default_rng(setting.seed)
-    combined = (B / np.linalg.norm(B, axis=0)) @ rng.normal(size=(B.shape[1], COMBINATIONS))
+    combined = B @ rng.normal(size=(B.shape[1], COMBINATIONS))
     finer = ps.Periscope.for_scene(scenario, setting.A, combined)
-    photographs = [
-        setting.photograph(background, SBR, name)
-        for name, background in setting.backgrounds().items()
-    ]
+    photographs = [setting.photograph(b, SBR, n) for n, b in setting.backgrounds().items()]
     coarse_error, fine_error = (
-        np.mean([ps.mean_squared_error(m.reconstruct(y), measured.truth) for y in photographs])
-        for m in (setting.preconditioned, finer)
+        np.mean([ps.mean_squared_error(method.reconstruct(y), truth) for y in photographs])
+        for method in (setting.preconditioned, finer)
     )
     return Claim(
         f"a grid of {100 * FINE_STEP:g} cm: mean squared error",
@@ -157,36 +141,4 @@ def _finer_grid(setting: Setting) -> Claim:
         f"Mean over {len(photographs)} realistic backgrounds at SBR {SBR}. At most "
         f"{outside.max():.0e} of the response of any of the {B.shape[1]} lights lies outside the "
         "range kept of the paper's B.",
-    )
-
-
-def rank_row(A: Matrix, B: Array, rank_tolerance: float) -> dict[str, float]:
-    """Return the rank, largest residual background and noise gain of one rank tolerance of B.
-
-    By name: ``tolerance``; ``rank``; ``residual_background``, the largest ‖P B_i‖ / (‖P‖ ‖B_i‖);
-    ``noise_gain``, trace(P Pᵀ).
-    """
-    P = form_preconditioner(A, B, rank_tolerance=rank_tolerance)
-    return {
-        "tolerance": rank_tolerance,
-        "rank": P.Q.shape[1],
-        "residual_background": float(residual_background(P, B).max(initial=0)),
-        "noise_gain": float(P.noise_gain.sum()),
-    }
-
-
-def _ranks(A: Matrix, B: Array) -> Table:
-    rows = [rank_row(A, B, tolerance) for tolerance in TOLERANCES]
-    return Table(
-        "What the tolerance on B's singular values leaves of the background and costs in noise.",
-        ("tolerance", "rank", "largest ‖P B_i‖ / (‖P‖ ‖B_i‖)", "trace(P Pᵀ)"),
-        [
-            (
-                f"{row['tolerance']:.0e}",
-                f"{row['rank']:.0f}",
-                f"{row['residual_background']:.1e}",
-                f"{row['noise_gain']:.5e}",
-            )
-            for row in rows
-        ],
     )

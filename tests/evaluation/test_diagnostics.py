@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from experiments.paper.numbers import rank_row
 from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
@@ -128,18 +127,6 @@ def test_residual_background_is_that_of_the_explicit_matrix(tolerance):
     assert result.residual_background == pytest.approx(100 * expected.mean(), rel=1e-6)
 
 
-@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])
-def test_rank_row_tells_rank_residual_and_noise(tolerance):
-    A, B = transport(), backgrounds()
-    P, rank = projected_pseudoinverse(A, B, tolerance)
-    row = rank_row(A, B, tolerance)
-    assert list(row) == ["tolerance", "rank", "residual_background", "noise_gain"]
-    assert row["tolerance"] == tolerance
-    assert row["rank"] == rank
-    assert row["residual_background"] == pytest.approx(residuals(P, B).max(), rel=1e-6)
-    assert row["noise_gain"] == pytest.approx(np.trace(P @ P.T), rel=1e-9)
-
-
 @pytest.mark.parametrize("B", [np.zeros((M, 0)), np.zeros((M, 2))])
 def test_no_background_leaves_nothing_and_costs_nothing(B):
     result = diagnose(transport(), B, FILM, HIDDEN)
@@ -147,8 +134,6 @@ def test_no_background_leaves_nothing_and_costs_nothing(B):
     assert result.residual_background == 0
     assert result.smallest_angle == result.largest_angle == 90
     assert result.bound_ratio == 1
-    row = rank_row(transport(), B, 1e-6)
-    assert row["rank"] == row["residual_background"] == 0
 
 
 def test_a_that_the_background_hides_is_refused():
@@ -156,5 +141,3 @@ def test_a_that_the_background_hides_is_refused():
     A[:, 2] = B[:, 3]
     with pytest.raises(ValueError, match="not full column rank"):
         diagnose(A, B, FILM, HIDDEN)
-    with pytest.raises(ValueError, match="not full column rank"):
-        rank_row(A, B, 1e-10)

@@ -65,7 +65,7 @@ def test_a_section_comes_back_from_its_file_also_where_its_folder_moved(tmp_path
     picture.write_bytes(PIXEL)
     claims = [Claim("cond(A)", "7960", "13000", Verdict.DIFFERS, "the right way up")]
     table = Table("times", ("size", "s"), [("1 x 2", "3.5")])
-    section = Section("first", "First", "Text.", claims, [Picture(picture, "A")], [table], 1.25)
+    section = Section("first", "First", "Text.", claims, [Picture(picture, "A")], [table])
     write_section(tmp_path / "kept" / "first.json", section)
     new = tmp_path / "new"
     new.mkdir()
