@@ -64,17 +64,6 @@ def label_row(ax: Any, text: str) -> None:
     )  # fmt: skip
 
 
-def draw_means(ax: Any, values: NDArray[np.floating[Any]], line: str = "-", **look: Any) -> None:
-    """Draw means over the first axis, with a band of their standard errors, from 1 on.
-
-    The values are (repetitions, places); the ``color`` of the line's `look` is the band's, too.
-    """
-    number, mean = np.arange(1, values.shape[1] + 1), values.mean(axis=0)
-    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-    ax.fill_between(number, mean - error, mean + error, color=look["color"], alpha=0.15, lw=0)
-    ax.plot(number, mean, line, **look)
-
-
 def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
     """Return the field of view on the wall for imshow: left, right, bottom, top, in millimetres.
 

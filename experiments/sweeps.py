@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.report import Picture
+from experiments.report import Picture, Table
 from experiments.setting import SNR, Setting, package_sha256
 from periscopy_sim.cli import app
 from periscopy_sim.evaluation.sweep_store import read_sweep
@@ -63,8 +63,31 @@ def recovered(results: xr.Dataset, truth: Array, **at: Any) -> list[tuple[str, A
     return panels
 
 
-def drawn_sweep(setting: Setting, name: str, results: xr.Dataset, caption: str) -> Picture:
-    """Draw the mean squared errors of a sweep, as `periscopy plot` does."""
+def tabulated(caption: str, values: xr.DataArray, digits: str = ".4f") -> Table:
+    """Tabulate values over two axes, the second one across."""
+    down, across = values.dims
+    return Table(
+        caption,
+        (f"{down}, {across}", *map(str, values[across].values.tolist())),
+        [
+            (
+                str(each[down].values).replace("_", " "),
+                *(f"{cell:{digits}}" for cell in each.values),
+            )
+            for each in values
+        ],
+    )
+
+
+def drawn_sweep(
+    setting: Setting, name: str, errors: xr.DataArray, caption: str, **axes: str
+) -> Picture:
+    """Draw mean squared errors as `periscopy plot` does; see `draw_sweep` for the axes."""
+    import xarray as xr
+
+    failure = xr.where(errors.isnull(), "no image", "")
+    results = xr.Dataset({"mean_squared_error": errors, "failure": failure})
     file = setting.out / f"{name}.png"
-    draw_sweep(file, results, metric="mean_squared_error", width=PAGE)
-    return Picture(file, caption)
+    draw_sweep(file, results, metric="mean_squared_error", width=PAGE, **axes)
+    bands = "Lines: means; bands: their 95 % confidence intervals."
+    return Picture(file, f"{caption} {bands}")

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.benchmarks.scene import SMALL, compare, photographs_of, seconds_text
-from experiments.report import Claim, Section, Table, Verdict
+from experiments.benchmarks.scene import SMALL, compare, photographs_of
+from experiments.report import Section
 from experiments.setting import Setting, chair
 from experiments.timing import median_seconds
-from periscopy_sim.reconstruction.preconditioned.still import repaired
-from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
 
 Array = NDArray[np.float64]
 
@@ -24,21 +22,8 @@ def stills(_: Setting) -> Section:
     scene = chair(SMALL)
     periscope, photographs = scene.preconditioned, photographs_of(scene, 32)
     P = periscope.preconditioner.matrix().astype(np.float32)
-    y = photographs[0]
-    once = median_seconds(partial(periscope.reconstruct, y), 51)
+    once = median_seconds(partial(periscope.reconstruct, photographs[0]), 51)
     many = ps.Video(periscope, coupling="none").frames
-    estimate = periscope.estimate(y[None])
-    denoise = partial(
-        solve_total_variation, estimate.preconditioned[0], estimate.weight[0], periscope.hidden
-    )
-    stages = {
-        "P y and the noise": partial(periscope.estimate, y[None]),
-        "total variation": denoise,
-        "repair": partial(repaired, periscope.hidden, denoise().image, 0.1),
-    }
-    seconds = {name: median_seconds(stage, 51) for name, stage in stages.items()} | {"all": once}
-    exact = ps.Periscope.for_scene(scene.scenario, scene.A, scene.B, explicit=False)
-    differences = [relative(periscope.reconstruct(y), exact.reconstruct(y)) for y in photographs]
     return Section(
         "stills",
         "One photograph, 36 x 29 patches, 126 x 126 pixels",
@@ -55,19 +40,6 @@ def stills(_: Setting) -> Section:
                 median_seconds(partial(many, photographs), 7) / 32,
                 once,
             ),
-            Claim(
-                "single precision against double, images of 32 photographs",
-                "",
-                f"largest relative difference {max(differences):.1e}",
-                Verdict.MEASURED,
-            ),
-        ],
-        tables=[
-            Table(
-                "Where the time goes",
-                ("stage", "time"),
-                [(name, seconds_text(took)) for name, took in seconds.items()],
-            )
         ],
     )
 

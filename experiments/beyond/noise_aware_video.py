@@ -5,18 +5,21 @@ The clips, the ambient light and the noise are those of Fig. 7, at two signal-to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import periscopy_sim as ps
-from experiments.drawing import COLORS
 from experiments.paper import fig7
-from experiments.paper.fig7 import FILM, FRAMES, MOTION, REST, STARTS, STEADY, in_words
+from experiments.paper.fig7 import FILM, FRAMES, MOTION, REST, STARTS, in_words
 from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import SNR, FittedScene, Setting, chair
+from experiments.sweeps import tabulated
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SBRS = (0.5, 0.05)
-PAPER, OURS = METHODS = "preconditioned", "noise-aware"
-LINES = {"video": "-", "stills": "--"}
+PAPER, OURS = METHODS = "preconditioned, video", "noise-aware, video"
+STILLS = "noise-aware, stills"
 
 LIVE = 60
 """Frames a second that are asked for."""
@@ -24,44 +27,28 @@ LIVE = 60
 ROUNDS = 5
 """Runs of which the median time is shown."""
 
-Videos = dict[tuple[str, str], ps.Video | ps.NoiseAwareVideo]
-"""By method, and ``video`` or ``stills``."""
-
 
 def run(setting: Setting) -> Section:
     """Reconstruct every clip by both methods, coupled and not."""
     background = setting.backgrounds([fig7.CONDITION])[fig7.CONDITION]
-    videos, errors = _videos(setting), {}
-    for kind, (motion, truths) in enumerate(fig7.clips(setting.hidden).items()):
+    taken, truths = {}, {}
+    for kind, (motion, shown) in enumerate(fig7.clips(setting.hidden).items()):
         for sbr in SBRS:
-            taken = fig7.photographs_of(setting, truths, background, (setting.seed, kind), sbr)
-            for name, video in videos.items():
-                errors[motion, sbr, *name] = fig7.errors_of(video, taken, truths)
+            name, seed = f"{motion}, SBR {sbr}", (setting.seed, kind)
+            taken[name] = fig7.photographs_of(setting, shown, background, seed, sbr)
+            truths[name] = shown
+    errors = fig7.errors_of(_videos(setting), taken, truths)
+    later = fig7.steady(errors)
+    over_stills, over_paper = (
+        later.sel(algorithm=OURS) / later.sel(algorithm=n) for n in (STILLS, PAPER)
+    )
     rates = {}
     for scene in (setting, chair(FILM, setting.seed)):
         first = fig7.clips(scene.hidden)[MOTION][:1]
-        taken = ROUNDS * fig7.photographs_of(scene, first, background, (setting.seed, 2))
-        for (method, kind), video in _videos(scene).items():
-            if kind == "video":
-                rates[scene.hidden, method] = fig7.rates(video, taken)
-    cases = [(motion, sbr) for motion in (MOTION, REST) for sbr in SBRS]
-    steady = {each: float(values[:, STEADY].mean()) for each, values in errors.items()}
-    over_stills = [steady[*c, OURS, "video"] / steady[*c, OURS, "stills"] for c in cases]
-    over_paper = [steady[*c, OURS, "video"] / steady[*c, PAPER, "video"] for c in cases]
+        photographs = ROUNDS * fig7.photographs_of(scene, first, background, (setting.seed, 2))
+        for method in METHODS:
+            rates[scene.hidden, method] = fig7.rates(_videos(scene)[method], photographs)
     live = rates[setting.hidden, OURS][0]
-    panels = {
-        f"{letter}  {motion}, SBR {sbr}": {
-            f"{method}, {kind}": (
-                errors[motion, sbr, method, kind],
-                {"color": COLORS[method], "line": line},
-            )
-            for method in METHODS
-            for kind, line in LINES.items()
-        }
-        for letter, (sbr, motion) in zip(
-            "abcd", ((sbr, motion) for sbr in SBRS for motion in (MOTION, REST)), strict=True
-        )
-    }
     return Section(
         name="noise_aware_video",
         title="Video by the noise-aware method",
@@ -80,7 +67,7 @@ def run(setting: Setting) -> Section:
                 "mean squared error from frame 7 on over that of stills, at both SBRs",
                 "below 1",
                 _in_words(over_stills),
-                Verdict.of(max(over_stills) < 1),
+                Verdict.of(bool(over_stills.max() < 1)),
                 "Drawn towards the frame before by the distance of its colours, a patch stays as "
                 "it was until the photograph has reason enough against it.",
             ),
@@ -91,17 +78,9 @@ def run(setting: Setting) -> Section:
                 Verdict.MEASURED,
             ),
         ],
-        pictures=[fig7.draw_errors(setting, "noise_aware_video", panels)],
+        pictures=[fig7.drawn_errors(setting, "noise_aware_video", errors)],
         tables=[
-            Table(
-                "Mean squared error from frame 7 on, mean over the clips.",
-                ("method", *(f"{motion}, SBR {sbr}" for motion, sbr in cases)),
-                [
-                    (f"{method}, {kind}", *(f"{steady[*case, method, kind]:.1e}" for case in cases))
-                    for method in METHODS
-                    for kind in LINES
-                ],
-            ),
+            tabulated("Mean squared error from frame 7 on, mean over the clips.", later, ".1e"),
             Table(
                 "Frames a second.",
                 ("patches", "method", "one at a time", "many at once"),
@@ -114,15 +93,15 @@ def run(setting: Setting) -> Section:
     )
 
 
-def _videos(scene: FittedScene) -> Videos:
+def _videos(scene: FittedScene) -> dict[str, ps.Video | ps.NoiseAwareVideo]:
     return {
-        (PAPER, "video"): ps.Video(scene.preconditioned),
-        (PAPER, "stills"): ps.Video(scene.preconditioned, coupling="none"),
-        (OURS, "video"): ps.NoiseAwareVideo(scene.noise_aware),
-        (OURS, "stills"): ps.NoiseAwareVideo(scene.noise_aware, coupling="none"),
+        PAPER: ps.Video(scene.preconditioned),
+        "preconditioned, stills": ps.Video(scene.preconditioned, coupling="none"),
+        OURS: ps.NoiseAwareVideo(scene.noise_aware),
+        STILLS: ps.NoiseAwareVideo(scene.noise_aware, coupling="none"),
     }
 
 
-def _in_words(ratios: Sequence[float]) -> str:
+def _in_words(ratios: xr.DataArray) -> str:
     texts = [f"{ratio:.2f}" for ratio in ratios]
     return f"{MOTION} {texts[0]} and {texts[1]}, {REST} {texts[2]} and {texts[3]}"

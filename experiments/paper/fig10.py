@@ -37,25 +37,13 @@ def autocorrelation(rows: Array) -> float:
     return float(np.median(lags / np.sum(rows**2, axis=(1, 2))))
 
 
-def peak_frequency(rows: Array, pitch: float) -> float:
-    """Spatial frequency in 1/m of the ring with most mean power, of (N, n, n) of energy 1 each."""
-    n = rows.shape[1]
-    power = sum(np.abs(np.fft.fft2(row)) ** 2 / np.sum(row**2) for row in rows)
-    steps = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(n) * n]))
-    rings = np.rint(steps).astype(int).ravel()
-    means = np.bincount(rings, np.ravel(power)) / np.bincount(rings)
-    return float(np.argmax(means[: n // 2]) / (n * pitch))
-
-
 def run(setting: Setting) -> Section:
     """Draw P and some of its rows, and describe them."""
     shape = setting.scenario.photograph_shape
-    left, right, _, _ = wall_extent(setting.scenario)
-    pitch = (right - left) / 1e3 / shape[1]
     A = ps.render_transport(setting.scenario, seed=setting.seed, **FREE_OF_NOISE)
     alone = imbalance(form_preconditioner(A).matrix().reshape(-1, *shape))
     rows = form_preconditioner(A, setting.B).matrix().reshape(-1, *shape)
-    total, lag, peak = imbalance(rows), autocorrelation(rows), peak_frequency(rows, pitch)
+    total, lag = imbalance(rows), autocorrelation(rows)
     with drawn(setting.out, "fig10", PAGE, 4.4) as figure:
         _draw(figure, rows, setting)
     return Section(
@@ -78,9 +66,7 @@ def run(setting: Setting) -> Section:
                 "reminiscent of D",
                 f"{lag:.2f}",
                 Verdict.of(lag < 0),
-                f"The rows take differences across the edges of shadows, not between neighbours: "
-                f"their spectrum peaks at {peak:.0f}/m, a change of sign every "
-                f"{500 / peak:.1f} mm or {0.5 / peak / pitch:.1f} pixels.",
+                "The rows take differences across the edges of shadows, not between neighbours.",
             ),
         ],
         pictures=[

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.drawing import PAGE, draw_rows, drawn, show_light
 from experiments.page import described
-from experiments.report import Claim, Picture, Section, Table, Verdict
+from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import SNR, Setting
-from experiments.sweeps import drawn_sweep, recovered, swept
+from experiments.sweeps import drawn_sweep, recovered, swept, tabulated
 from periscopy_sim.figures.panels import displayable
 
 if TYPE_CHECKING:
@@ -41,17 +41,16 @@ def run(setting: Setting) -> Section:
 
     kind, light = setting.measured.kind, setting.backgrounds()
     results = swept(setting, __file__, light)
-    limits = _limits(setting, light[EXAMPLE], results["sbr"].values)
-    curves = xr.concat([results[["mean_squared_error", "failure"]], limits], "algorithm")
     errors = results["mean_squared_error"]
+    limits = _limits(setting, light[EXAMPLE], errors["sbr"].values)
     return Section(
         name="fig4",
         title="Fig. 4: error against the signal-to-background ratio",
         text=described(__doc__),
-        claims=_claims(kind, errors, limits["mean_squared_error"]),
+        claims=_claims(kind, errors, limits),
         pictures=[
             drawn_sweep(
-                setting, "fig4", curves,
+                setting, "fig4", xr.concat([errors, limits], "algorithm"),
                 f"Mean squared error (gain-matched) of the {kind} photograph against SBR, "
                 f"{errors.sizes['background']} backgrounds, {SNR:.0f} dB; the noise-aware method "
                 "is not of the paper. Beside it the Cramér-Rao bound of an unbiased estimate, and "
@@ -60,11 +59,16 @@ def run(setting: Setting) -> Section:
             _draw_examples(setting, results, light[EXAMPLE]),
             _draw_places(setting, light),
         ],
-        tables=[_table(errors)],
+        tables=[
+            tabulated(
+                "Mean squared error, mean over the backgrounds.",
+                errors.mean("background").transpose("algorithm", "sbr"),
+            )
+        ],
     )  # fmt: skip
 
 
-def _limits(setting: Setting, background: Array, sbrs: Array) -> xr.Dataset:
+def _limits(setting: Setting, background: Array, sbrs: Array) -> xr.DataArray:
     """Return the Cramér-Rao bound and the error of P y, of photographs A f, as of two methods."""
     import xarray as xr
 
@@ -79,8 +83,7 @@ def _limits(setting: Setting, background: Array, sbrs: Array) -> xr.Dataset:
         bound.append(P.preconditioner.noise_gain.mean() * σ**2 / gain**2)
         noisy = ps.add_noise(y, SNR, setting.seed + number)
         error.append(np.mean((P.solve(noisy).preconditioned.reshape(f.shape) / gain - f) ** 2))
-    found = xr.DataArray([bound, error], {"algorithm": [BOUND, ESTIMATE], "sbr": sbrs})
-    return xr.Dataset({"mean_squared_error": found, "failure": xr.full_like(found, "", object)})
+    return xr.DataArray([bound, error], {"algorithm": [BOUND, ESTIMATE], "sbr": sbrs})
 
 
 def _growth(error: xr.DataArray, method: str, low: float) -> xr.DataArray:
@@ -138,15 +141,6 @@ def _claims(kind: str, errors: xr.DataArray, limits: xr.DataArray) -> list[Claim
             "It is not of the paper: more of it on the page of `make beyond`.",
         ),
     ]
-
-
-def _table(errors: xr.DataArray) -> Table:
-    means = errors.mean("background")
-    return Table(
-        f"Mean squared error, mean over {errors.sizes['background']} backgrounds.",
-        ("method", *(f"SBR {sbr:g}" for sbr in errors["sbr"].values)),
-        [(name, *(f"{e:.4f}" for e in means.sel(algorithm=name).values)) for name in METHODS],
-    )
 
 
 def _draw_examples(setting: Setting, results: xr.Dataset, light: Array) -> Picture:

@@ -7,21 +7,24 @@ Eq. 12 as written and beside stills, for a scene that moves and for the same sce
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import COLORS, PAGE, draw_means, draw_rows, drawn
+from experiments.drawing import draw_rows
 from experiments.paper.moving_scene import clip
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import SNR, FittedScene, Setting, chair
+from experiments.sweeps import drawn_sweep
 from experiments.timing import clocked
 from periscopy_sim.figures.panels import common_white, displayable
-from periscopy_sim.figures.style import plain_ticks
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -34,42 +37,22 @@ STARTS = 8
 
 MOTION, REST = "in motion", "at rest"
 SHOWN = (0, 1, 2, 5, 11, 17, 23)
-PAPER, STILLS = "total-variation", "none"
-COUPLINGS = {
-    PAPER: "3-D total variation",
-    "l1": "Eq. 12 as written (l1)",
-    STILLS: "stills",
-}
-COLOR = dict(zip(COUPLINGS, ("preconditioned", "differencing", "bound"), strict=True))
-STEADY = slice(6, None)
-"""Frames after the burn-in."""
-
-Errors = dict[tuple[str, str], Array]
-"""(clips, F) mean squared errors by motion and coupling."""
+PAPER, AS_WRITTEN, STILLS = "3-D total variation", "Eq. 12 as written (l1)", "stills"
+COUPLINGS = {PAPER: "total-variation", AS_WRITTEN: "l1", STILLS: "none"}
+BURN_IN = 6
+"""Frames."""
 
 
 def run(setting: Setting) -> Section:
     """Reconstruct every clip with every coupling."""
     scene, background = chair(FILM, setting.seed), setting.backgrounds([CONDITION])[CONDITION]
-    videos = {name: ps.Video(scene.preconditioned, coupling=name) for name in COUPLINGS}
+    videos = {n: ps.Video(scene.preconditioned, coupling=each) for n, each in COUPLINGS.items()}
+    truths = clips(FILM)
     taken = {
-        motion: photographs_of(scene, truths, background, (setting.seed, kind))
-        for kind, (motion, truths) in enumerate(clips(FILM).items())
+        motion: photographs_of(scene, truths[motion], background, (setting.seed, kind))
+        for kind, motion in enumerate(truths)
     }
-    errors: Errors = {
-        (motion, name): errors_of(video, photographs, clips(FILM)[motion])
-        for motion, photographs in taken.items()
-        for name, video in videos.items()
-    }
-    speed = rates(videos[PAPER], taken[MOTION])
-    first = clips(FILM)[MOTION][0], taken[MOTION][0]
-    curves = {
-        f"{letter}  {motion}": {
-            COUPLINGS[name]: (errors[motion, name], {"color": COLORS[COLOR[name]], "marker": mark})
-            for name, mark in zip(COUPLINGS, "osx", strict=True)
-        }
-        for letter, motion in zip("ab", taken, strict=True)
-    }
+    errors = errors_of(videos, taken, truths)
     return Section(
         name="fig7",
         title="Fig. 7: video",
@@ -77,10 +60,10 @@ def run(setting: Setting) -> Section:
         f"{SNR:.0f} dB, {STARTS} clips of {FRAMES} frames of a scene of our own, in which a ball "
         "moves by one to two patches a frame. One fixed rule for the weights, the same for stills "
         "and video: the rule that suits stills.",
-        claims=_claims(errors, *speed),
+        claims=_claims(errors, *rates(videos[PAPER], taken[MOTION])),
         pictures=[
-            _draw_frames(setting, *first, videos),
-            draw_errors(setting, "fig7_burn_in", curves),
+            _draw_frames(setting, truths[MOTION][0], taken[MOTION][0], videos),
+            drawn_errors(setting, "fig7_burn_in", errors),
         ],
     )
 
@@ -111,14 +94,34 @@ def photographs_of(
     return photographs
 
 
-def errors_of(video: Any, photographs: Sequence[Array], truths: Sequence[Array]) -> Array:
-    """Return the mean squared error of each frame: (clips, F)."""
-    errors = []
-    for taken, truth in zip(photographs, truths, strict=True):
+def errors_of(
+    videos: Mapping[str, Any],
+    taken: Mapping[str, Sequence[Array]],
+    truths: Mapping[str, Sequence[Array]],
+) -> xr.DataArray:
+    """Return mean squared errors by video, kind of clips, clip and frame."""
+    import xarray as xr
+
+    def of(video: Any, photographs: Array, truth: Array) -> list[float]:
         video.restart()
-        frames = video.frames(taken)
-        errors.append([ps.mean_squared_error(f, t) for f, t in zip(frames, truth, strict=True)])
-    return np.array(errors)
+        frames = video.frames(photographs)
+        return [ps.mean_squared_error(f, t) for f, t in zip(frames, truth, strict=True)]
+
+    values = [
+        [
+            [of(video, *each) for each in zip(taken[kind], truths[kind], strict=True)]
+            for kind in taken
+        ]
+        for video in videos.values()
+    ]
+    frames = np.arange(1, FRAMES + 1)
+    axes = {"algorithm": [*videos], "clips": [*taken], "seed": range(STARTS), "frame": frames}
+    return xr.DataArray(values, axes, [*axes])
+
+
+def steady(errors: xr.DataArray) -> xr.DataArray:
+    """Return mean errors of the frames after the burn-in."""
+    return errors.sel(frame=slice(BURN_IN + 1, None)).mean(["seed", "frame"])
 
 
 def rates(video: Any, photographs: Sequence[Array]) -> tuple[float, float]:
@@ -128,7 +131,7 @@ def rates(video: Any, photographs: Sequence[Array]) -> tuple[float, float]:
         for photograph in taken:
             video.next_frame(photograph)
 
-    def rate(task: Any) -> float:
+    def rate(task: Callable[[Array], object]) -> float:
         seconds = []
         for taken in photographs:
             video.restart()
@@ -144,44 +147,27 @@ def in_words(hidden: tuple[int, int]) -> str:
     return f"{hidden[1]} x {hidden[0]}"
 
 
-def draw_errors(
-    setting: Setting, name: str, panels: Mapping[str, Mapping[str, tuple[Array, dict[str, Any]]]]
-) -> Picture:
-    """Draw the errors of frames: panels by title, in them (clips, F) and a look by label."""
-    rows = (len(panels) + 1) // 2
-    with drawn(setting.out, name, PAGE, 0.5 + 1.8 * rows) as figure:
-        grid = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
-        for ax, (title, curves) in zip(grid.flat, panels.items(), strict=True):
-            for label, (errors, look) in curves.items():
-                draw_means(ax, errors, label=label, markersize=3, **look)
-            ax.set(title=title, yscale="log", xticks=[1, 6, 12, 18, 24], xlim=(1, FRAMES))
-        for row in grid:
-            row[0].set(ylabel="mean squared error")
-        for ax in grid[-1]:
-            ax.set(xlabel="frame")
-        plain_ticks(grid[0, 0].yaxis)
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return Picture(
-        setting.out / f"{name}.png",
-        f"Mean squared error of each frame; lines: means over {STARTS} clips, bands: their "
-        "standard errors.",
-    )
+def drawn_errors(setting: Setting, name: str, errors: xr.DataArray) -> Picture:
+    """Draw the mean errors of frames, each kind of clips in a panel."""
+    caption = f"Mean squared error of each frame, over {STARTS} clips."
+    return drawn_sweep(setting, name, errors, caption, over="frame", panels="clips")
 
 
-def _claims(errors: Errors, live: float, batch: float) -> list[Claim]:
+def _claims(errors: xr.DataArray, live: float, batch: float) -> list[Claim]:
+    later = steady(errors)
+    ratios = later / later.sel(algorithm=STILLS)
 
-    def over_stills(motion: str, name: str) -> float:
-        return float(
-            errors[motion, name][:, STEADY].mean() / errors[motion, STILLS][:, STEADY].mean()
-        )
+    def over_stills(motion: str) -> str:
+        paper, as_written = (ratios.sel(algorithm=n, clips=motion) for n in (PAPER, AS_WRITTEN))
+        return f"{motion} {paper:.2f} (Eq. 12 as written {as_written:.2f})"
 
     def fall(motion: str) -> tuple[str, Verdict]:
-        of_motion = errors[motion, PAPER]
-        falls = of_motion[:, 0] - of_motion[:, STEADY].mean(axis=1)
-        text = ", ".join(f"{of_motion[:, k].mean():.4f}" for k in range(3))
+        of_motion = errors.sel(algorithm=PAPER, clips=motion)
+        after = of_motion.sel(frame=slice(BURN_IN + 1, None)).mean("frame")
+        falls = of_motion.sel(frame=1) - after
         is_fall = falls.mean() > 2 * falls.std(ddof=1) / np.sqrt(STARTS)
-        steady = of_motion[:, STEADY].mean()
-        return f"frames 1, 2, 3: {text}; from 7 on {steady:.4f}", Verdict.of(bool(is_fall))
+        first = ", ".join(f"{each:.4f}" for each in of_motion.mean("seed").values[:3])
+        return f"frames 1, 2, 3: {first}; from 7 on {after.mean():.4f}", Verdict.of(bool(is_fall))
 
     return [
         Claim(
@@ -203,10 +189,8 @@ def _claims(errors: Errors, live: float, batch: float) -> list[Claim]:
         Claim(
             "temporal regularization helps",
             "later frames improve by it",
-            "MSE from frame 7 on over that of stills: in motion "
-            f"{over_stills(MOTION, PAPER):.2f} (Eq. 12 as written {over_stills(MOTION, 'l1'):.2f}),"
-            f" at rest {over_stills(REST, PAPER):.2f} ({over_stills(REST, 'l1'):.2f})",
-            Verdict.of(over_stills(MOTION, PAPER) < 1),
+            f"MSE from frame 7 on over that of stills: {over_stills(MOTION)}, {over_stills(REST)}",
+            Verdict.of(bool(ratios.sel(algorithm=PAPER, clips=MOTION) < 1)),
             "The l1 term lets go of what has changed by more than its weight; total variation "
             "on the pair pulls every change back in proportion.",
         ),
@@ -214,7 +198,7 @@ def _claims(errors: Errors, live: float, batch: float) -> list[Claim]:
 
 
 def _draw_frames(
-    setting: Setting, truth: Array, photographs: Array, videos: dict[str, ps.Video]
+    setting: Setting, truth: Array, photographs: Array, videos: Mapping[str, ps.Video]
 ) -> Picture:
     white = common_white(photographs)
     rows = {
@@ -224,12 +208,10 @@ def _draw_frames(
     for name, video in videos.items():
         video.restart()
         frames = video.frames(photographs)
-        rows[COUPLINGS[name].replace(" (", "\n(")] = [
-            (
-                f"MSE {ps.mean_squared_error(frames[k], truth[k]):.4f}",
-                ps.gain_matched(frames[k], truth[k]),
-            )
-            for k in SHOWN
+        errors = [ps.mean_squared_error(frames[k], truth[k]) for k in SHOWN]
+        rows[name.replace(" (", "\n(")] = [
+            (f"MSE {error:.4f}", ps.gain_matched(frames[k], truth[k]))
+            for k, error in zip(SHOWN, errors, strict=True)
         ]
     return draw_rows(
         setting.out, "fig7", rows,
