@@ -89,5 +89,4 @@ def drawn_sweep(
     results = xr.Dataset({"mean_squared_error": errors, "failure": failure})
     file = setting.out / f"{name}.png"
     draw_sweep(file, results, metric="mean_squared_error", width=PAGE, **axes)
-    bands = "Lines: means; bands: their 95 % confidence intervals."
-    return Picture(file, f"{caption} {bands}")
+    return Picture(file, caption)

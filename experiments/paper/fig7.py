@@ -99,7 +99,7 @@ def errors_of(
     taken: Mapping[str, Sequence[Array]],
     truths: Mapping[str, Sequence[Array]],
 ) -> xr.DataArray:
-    """Return mean squared errors by video, kind of clips, clip and frame."""
+    """Return mean squared errors by video, kind of scene, clip and frame."""
     import xarray as xr
 
     def of(video: Any, photographs: Array, truth: Array) -> list[float]:
@@ -115,7 +115,7 @@ def errors_of(
         for video in videos.values()
     ]
     frames = np.arange(1, FRAMES + 1)
-    axes = {"algorithm": [*videos], "clips": [*taken], "seed": range(STARTS), "frame": frames}
+    axes = {"algorithm": [*videos], "scene": [*taken], "seed": range(STARTS), "frame": frames}
     return xr.DataArray(values, axes, [*axes])
 
 
@@ -148,9 +148,9 @@ def in_words(hidden: tuple[int, int]) -> str:
 
 
 def drawn_errors(setting: Setting, name: str, errors: xr.DataArray) -> Picture:
-    """Draw the mean errors of frames, each kind of clips in a panel."""
+    """Draw the mean errors of frames, each kind of scene in a panel."""
     caption = f"Mean squared error of each frame, over {STARTS} clips."
-    return drawn_sweep(setting, name, errors, caption, over="frame", panels="clips")
+    return drawn_sweep(setting, name, errors, caption, over="frame", panels="scene")
 
 
 def _claims(errors: xr.DataArray, live: float, batch: float) -> list[Claim]:
@@ -158,11 +158,11 @@ def _claims(errors: xr.DataArray, live: float, batch: float) -> list[Claim]:
     ratios = later / later.sel(algorithm=STILLS)
 
     def over_stills(motion: str) -> str:
-        paper, as_written = (ratios.sel(algorithm=n, clips=motion) for n in (PAPER, AS_WRITTEN))
+        paper, as_written = (ratios.sel(algorithm=n, scene=motion) for n in (PAPER, AS_WRITTEN))
         return f"{motion} {paper:.2f} (Eq. 12 as written {as_written:.2f})"
 
     def fall(motion: str) -> tuple[str, Verdict]:
-        of_motion = errors.sel(algorithm=PAPER, clips=motion)
+        of_motion = errors.sel(algorithm=PAPER, scene=motion)
         after = of_motion.sel(frame=slice(BURN_IN + 1, None)).mean("frame")
         falls = of_motion.sel(frame=1) - after
         is_fall = falls.mean() > 2 * falls.std(ddof=1) / np.sqrt(STARTS)
@@ -190,7 +190,7 @@ def _claims(errors: xr.DataArray, live: float, batch: float) -> list[Claim]:
             "temporal regularization helps",
             "later frames improve by it",
             f"MSE from frame 7 on over that of stills: {over_stills(MOTION)}, {over_stills(REST)}",
-            Verdict.of(bool(ratios.sel(algorithm=PAPER, clips=MOTION) < 1)),
+            Verdict.of(bool(ratios.sel(algorithm=PAPER, scene=MOTION) < 1)),
             "The l1 term lets go of what has changed by more than its weight; total variation "
             "on the pair pulls every change back in proportion.",
         ),
