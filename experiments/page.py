@@ -65,10 +65,9 @@ class Page:
 
     def load(self, name: str) -> Experiment:
         """Return one experiment; nothing of the others is imported."""
-        module = None if name in self.functions else f"{self.package}.{name}"
-        experiment: Experiment = (
-            importlib.import_module(module).run if module else self.functions[name]
-        )
+        if name in self.functions:
+            return self.functions[name]
+        experiment: Experiment = importlib.import_module(f"{self.package}.{name}").run
         return experiment
 
     def command(self) -> Callable[..., None]:

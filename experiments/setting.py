@@ -6,7 +6,6 @@ What takes long to render is kept in the folder of the run and read again by the
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -162,15 +161,6 @@ class Setting(FittedScene):
             ).photograph
 
         return {GLASS: lit.pop(GLASS), NO_BEAM: self.kept(NO_BEAM, scene, render), **lit}
-
-    def photograph(self, background: Array, sbr: float, name: str) -> Array:
-        """Photograph at an SBR and `SNR` (Sec. 4.1): (rows, columns, 3) of mean 1, plus noise.
-
-        The noise follows from the background's name and the SBR.
-        """
-        exposed = ps.composite(self.measured.signal, background, sbr)
-        identity = hashlib.sha256(json.dumps([self.seed, name, sbr]).encode()).digest()
-        return ps.add_noise(exposed, SNR, int.from_bytes(identity[:16]))
 
     def place(self, name: str) -> Array:
         """Picture of the place of an ambient condition, to look at: (225, 300, 3)."""

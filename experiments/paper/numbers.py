@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from experiments.report import Claim, Section, Verdict
-from experiments.setting import FREE_OF_NOISE, Setting
+from experiments.setting import FREE_OF_NOISE, SNR, Setting
 from periscopy_sim.evaluation.diagnostics import (
     Diagnostics,
     condition_number,
@@ -128,7 +128,11 @@ def _finer_grid(setting: Setting) -> Claim:
     rng = np.random.default_rng(setting.seed)
     combined = B @ rng.normal(size=(B.shape[1], COMBINATIONS))
     finer = ps.Periscope.for_scene(scenario, setting.A, combined)
-    photographs = [setting.photograph(b, SBR, n) for n, b in setting.backgrounds().items()]
+    composites = [
+        ps.composite(setting.measured.signal, background, SBR)
+        for background in setting.backgrounds().values()
+    ]
+    photographs = [ps.add_noise(y, SNR, setting.seed + k) for k, y in enumerate(composites)]
     coarse_error, fine_error = (
         np.mean([ps.mean_squared_error(method.reconstruct(y), truth) for y in photographs])
         for method in (setting.preconditioned, finer)

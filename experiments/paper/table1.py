@@ -25,8 +25,6 @@ from periscopy_sim.reconstruction.registry import METHODS
 Array = NDArray[np.float64]
 
 SBR = 0.5
-
-
 PAPER = {
     1.0: (68.755, 4.621, 0.019),
     1.5: (145.099, 19.357, 0.042),
@@ -37,7 +35,7 @@ PAPER = {
 columns over those of the least."""
 
 
-def measure(setting: Setting, finer: float, photograph: Array) -> dict[str, float]:
+def measure(setting: Setting, finer: float, photograph: Array) -> dict[str, Any]:
     """Time both methods on the setting's scene with finer patches.
 
     At the setting's own resolution tasks are repeated, and all channels of [15] are timed: 1100
@@ -70,6 +68,8 @@ def measure(setting: Setting, finer: float, photograph: Array) -> dict[str, floa
     channels = photograph if finer == 1 else photograph * [0, 1, 0]
     published, solution = clocked(partial(method.solve, channels))
     return {
+        "size": f"{hidden[1]} x {hidden[0]}",
+        "star": "" if finer == 1 else " *",
         "published": published * (1 if finer == 1 else 3),
         "iterations": int(solution.iterations[1]),
         "prepared": prepared,
@@ -83,32 +83,28 @@ def measure(setting: Setting, finer: float, photograph: Array) -> dict[str, floa
 
 def run(setting: Setting) -> Section:
     """Time both methods at the four resolutions of the table."""
-    name, background = next(iter(setting.backgrounds().items()))
-    photograph = setting.photograph(background, SBR, name)
-    measured = {finer: measure(setting, finer, photograph) for finer in PAPER}
-    sizes = {f: "{1} x {0}".format(*(int(f * each) for each in setting.hidden)) for f in PAPER}
-    iterations = ", ".join(str(here["iterations"]) for here in measured.values())
-    rows = []
-    for (finer, (published, forming, once)), here in zip(
-        PAPER.items(), measured.values(), strict=True
-    ):
-        star = "" if finer == 1 else " *"
-        rows.append(
-            (
-                sizes[finer], f"{published:.1f}", f"{here['published']:.1f}{star}",
-                f"{here['prepared']:.1f} + {here['converged']:.2f}", f"{forming:.1f}",
-                f"{here['factored']:.1f}", f"{here['explicit']:.1f}",
-                f"{once:.3f}", f"{here['reconstruction']:.4f}", f"{here['A']:.1f}",
-            )
-        )  # fmt: skip
+    background = next(iter(setting.backgrounds().values()))
+    composite = ps.composite(setting.measured.signal, background, SBR)
+    photograph = ps.add_noise(composite, SNR, setting.seed)
+    measured = [(*paper, measure(setting, finer, photograph)) for finer, paper in PAPER.items()]
+    iterations = ", ".join(str(here["iterations"]) for *_, here in measured)
+    rows = [
+        (
+            here["size"], f"{published:.1f}", f"{here['published']:.1f}{here['star']}",
+            f"{here['prepared']:.1f} + {here['converged']:.2f}", f"{forming:.1f}",
+            f"{here['factored']:.1f}", f"{here['explicit']:.1f}", f"{once:.3f}",
+            f"{here['reconstruction']:.4f}", f"{here['A']:.1f}",
+        )
+        for published, forming, once, here in measured
+    ]  # fmt: skip
     return Section(
         name="table1",
         title="Table 1: times",
         text="Seconds, on this machine here and on the authors' in the paper. A is not included, "
         f"as in the paper. The photograph has SBR {SBR} and {SNR:.0f} dB.",
         claims=[
-            *_of_four(measured[1.0]),
-            *(_claim(sizes[finer], *PAPER[finer], here) for finer, here in measured.items()),
+            *_of_four(measured[0][-1]),
+            *(_claim(published / once, here) for published, _, once, here in measured),
         ],
         tables=[
             Table(
@@ -128,7 +124,7 @@ def run(setting: Setting) -> Section:
     )  # fmt: skip
 
 
-def _of_four(here: Mapping[str, float]) -> tuple[Claim, Claim]:
+def _of_four(here: Mapping[str, Any]) -> tuple[Claim, Claim]:
     """Return what the paper says of the four photographs of Fig. 6."""
     each = here["reconstruction"]
     whole, ratio = here["explicit"] + 4 * each, here["published"] / each
@@ -151,14 +147,14 @@ def _of_four(here: Mapping[str, float]) -> tuple[Claim, Claim]:
     )
 
 
-def _claim(size: str, published: float, _: float, once: float, here: Mapping[str, float]) -> Claim:
-    stated, each = published / once, here["reconstruction"]
-    found = here["published"] / each
+def _claim(stated: float, here: Mapping[str, Any]) -> Claim:
+    published, each = here["published"], here["reconstruction"]
+    ratio = published / each
     return Claim(
-        f"time of [15] over one reconstruction, {size}",
+        f"time of [15] over one reconstruction, {here['size']}",
         f"{stated:.0f}",
-        f"{found:.0f} (published steps), {here['converged'] / each:.0f} (converged)",
-        Verdict.BETTER if found > 2 * stated else Verdict.of(found >= stated / 2),
-        f"Here [15] runs compiled on the N x N Gram matrix and takes {here['published']:.1f} s, "
-        f"not {published:.1f} s; the proposed method takes {each:.4f} s.",
+        f"{ratio:.0f} (published steps), {here['converged'] / each:.0f} (converged)",
+        Verdict.BETTER if ratio > 2 * stated else Verdict.of(ratio >= stated / 2),
+        f"Here [15] runs compiled on the N x N Gram matrix and takes {published:.1f} s; the "
+        f"proposed method takes {each:.4f} s.",
     )
