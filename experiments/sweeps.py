@@ -14,7 +14,7 @@ from experiments.report import Picture, Table
 from experiments.setting import SNR, Setting, package_sha256
 from periscopy_sim.cli import app
 from periscopy_sim.evaluation.sweep_store import read_sweep
-from periscopy_sim.figures.sweeps import PAGE, draw_sweep
+from periscopy_sim.figures.sweeps import COLUMN, PAGE, draw_sweep
 from periscopy_sim.storage.formats.exr import write_exr
 
 if TYPE_CHECKING:
@@ -54,12 +54,12 @@ def swept(setting: Setting, figure: str, light: Mapping[str, Array]) -> xr.Datas
 
 
 def recovered(results: xr.Dataset, truth: Array, **at: Any) -> list[tuple[str, Array]]:
-    """Return each method's image, gain-matched, at values of the other axes, under its error."""
+    """Return each method's image, gain-matched, at values of the other axes, titled by its error."""
     panels = []
     for method in results["algorithm"].values.tolist():
         cell = results.sel(algorithm=method, **at)
         image = ps.gain_matched(cell["reconstruction"].values, truth)
-        panels.append((f"{method}\nMSE {cell['mean_squared_error']:.3f}", image))
+        panels.append((f"{method}: {cell['mean_squared_error']:.3f}", image))
     return panels
 
 
@@ -88,5 +88,6 @@ def drawn_sweep(
     failure = xr.where(errors.isnull(), "no image", "")
     results = xr.Dataset({"mean_squared_error": errors, "failure": failure})
     file = setting.out / f"{name}.png"
-    draw_sweep(file, results, metric="mean_squared_error", width=PAGE, **axes)
+    width = PAGE if axes else COLUMN
+    draw_sweep(file, results, metric="mean_squared_error", width=width, **axes)
     return Picture(file, caption)

@@ -86,5 +86,5 @@ def _draw(setting: Setting, light: dict[str, Array], results: xr.Dataset) -> Pic
         setting.out, "fig5", rows,
         "The place, with the board; its light on the wall, each channel from its least to its "
         "greatest value; the composite (white: the 99.5th percentile); the images of both methods, "
-        "gain-matched.",
+        "gain-matched, with mean squared errors.",
     )  # fmt: skip

@@ -55,7 +55,7 @@ def run(setting: Setting) -> Section:
             draw_rows(
                 setting.out, "fig9", rows,
                 f"Photographs at SBR {SBR} (white: the 99.5th percentile), hidden image, and its "
-                "reconstructions, gain-matched as for the errors (MSE: mean squared error).",
+                "reconstructions, gain-matched, with mean squared errors.",
             )
         ],
         tables=[
