@@ -54,7 +54,7 @@ def swept(setting: Setting, figure: str, light: Mapping[str, Array]) -> xr.Datas
 
 
 def recovered(results: xr.Dataset, truth: Array, **at: Any) -> list[tuple[str, Array]]:
-    """Return each method's image, gain-matched, at values of the other axes, titled by its error."""
+    """Return each method's image, gain-matched, at values of the other axes, with its error."""
     panels = []
     for method in results["algorithm"].values.tolist():
         cell = results.sel(algorithm=method, **at)
