@@ -17,11 +17,8 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.view import wall_frame
 
-COLUMN = 3.5
-"""Width of a column, inches."""
-
-PAGE = 7.16
-"""Width of two columns and what is between them, inches."""
+COLUMN, PAGE = 3.5, 7.16
+"""Inches: a column, and two columns with what is between them."""
 
 COLORS = {
     # In one figure each colour stands for one thing.

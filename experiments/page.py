@@ -41,11 +41,8 @@ Rendered = Annotated[
 class Inputs(Protocol):
     """What every experiment of a page gets, as a `Setting` is."""
 
-    out: Path
-    """Folder of the run."""
-
-    seed: int
-    """Of all that is drawn."""
+    out: Path  # folder of the run
+    seed: int  # of all that is drawn
 
     def identity(self) -> bytes:
         """Return what tells these inputs from others; a PeriscopyError where they are no use."""

@@ -104,21 +104,16 @@ def chair(hidden: tuple[int, int], seed: int = 0) -> FittedScene:
 
 
 class Setting(FittedScene):
-    """The chair scene with 36 x 29 hidden patches, its photographs and its ambient light.
-
-    Parameters
-    ----------
-    out
-        Folder of the run.
-    real
-        NPZ file with a real photograph of the scene (``photograph``) and its ``hidden`` image.
-    rendered
-        Folder of what takes long to render, kept for later runs; `out`/rendered unless given.
-    """
+    """The chair scene with 36 x 29 hidden patches, its photographs and its ambient light."""
 
     image = "mushroom"
 
-    def __init__(self, out: Path, real: Path | None = None, rendered: Path | None = None) -> None:
+    def __init__(
+        self,
+        out: Path,  # folder of the run
+        real: Path | None = None,  # NPZ of a real ``photograph`` and its ``hidden`` image
+        rendered: Path | None = None,  # folder of what takes long to render; None: `out`/rendered
+    ) -> None:
         super().__init__("chair", (29, 36))
         self.out = out
         self.real = real
