@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 import periscopy_sim as ps
 from experiments.drawing import draw_rows
 from experiments.report import Claim, Section, Verdict
@@ -9,7 +12,11 @@ from experiments.setting import SNR, Setting
 from experiments.sweeps import recovered, swept
 from periscopy_sim.figures.panels import displayable
 
+Array = NDArray[np.float64]
+
 CONDITION = "ceiling_panels"
+DRAWS = 16
+"""Of noise: one alone tells the growth to 8 %."""
 
 
 def run(setting: Setting) -> Section:
@@ -23,7 +30,8 @@ def run(setting: Setting) -> Section:
         images = recovered(results, measured.truth, sbr=sbr)
         rows[f"SBR {sbr:g}"] = [("photograph", displayable(y)), *images]
     high, *_, low = (results["mean_squared_error"].sel(sbr=sbr) for sbr in sbrs)
-    published, converged, proposed = (float(each) for each in low / high)
+    published, converged, _ = (float(each) for each in low / high)
+    proposed = _growth(setting, light[CONDITION], sbrs[-1], sbrs[0])
     return Section(
         name="fig6",
         title="Fig. 6: one scene under more and more ambient light",
@@ -33,7 +41,7 @@ def run(setting: Setting) -> Section:
             Claim(
                 "proposed: minimal degradation down to SBR 0.95",
                 "similar at all four",
-                f"error at 0.95 over that at 20: {proposed:.2f}",
+                f"error at 0.95 over that at 20: {proposed:.2f}, mean of {DRAWS} draws of noise",
                 Verdict.of(proposed < 1.2),
             ),
             Claim(
@@ -52,3 +60,15 @@ def run(setting: Setting) -> Section:
             )
         ],
     )  # fmt: skip
+
+
+def _growth(setting: Setting, light: Array, low: float, high: float) -> float:
+    """Return the proposed method's mean error at a low SBR over that at a high one."""
+    method, measured = setting.preconditioned, setting.measured
+    errors = []
+    for sbr in (low, high):
+        clean = ps.composite(measured.signal, light, sbr)
+        noisy = (ps.add_noise(clean, SNR, setting.seed + draw) for draw in range(DRAWS))
+        images = [method.reconstruct(y) for y in noisy]
+        errors.append(np.mean([ps.mean_squared_error(f, measured.truth) for f in images]))
+    return float(errors[0] / errors[1])
