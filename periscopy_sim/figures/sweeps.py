@@ -240,7 +240,10 @@ def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
     if is_text:
         ax.set_xticks(places, values)
         ax.set_xlim(-0.5, len(values) - 0.5)
-    elif len(values) > 1 and values.min() > 0 and values.max() >= 10 * values.min():
+    elif (
+        values.min() > 0 and values.max() >= 10 * values.min()
+        and np.ptp(steps := np.diff(values)) > 1e-6 * np.max(steps)  # even ones are as they are
+    ):  # fmt: skip
         ax.set_xscale("log")
         plain_ticks(ax.xaxis)
     elif len(values) <= 5:
