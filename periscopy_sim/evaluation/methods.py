@@ -26,6 +26,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image
+from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
@@ -173,9 +174,11 @@ class Estimates(NamedTuple):
 def estimates_by(method: Method, photograph: Image, hidden: Hidden, channels: int) -> Estimates:
     """Reconstruct from a photograph as `images_by`, with standard errors by surface."""
     fitted: Any = method.fitted_by(photograph) if hasattr(method, "fitted_by") else method
-    started, knows_errors = thread_time(), isinstance(fitted, NoiseAware)
-    found = fitted.solve(photograph) if knows_errors else fitted.reconstruct(photograph)
-    seconds = thread_time() - started
+    knows_errors = isinstance(fitted, NoiseAware)
+    with one_thread():
+        started = thread_time()
+        found = fitted.solve(photograph) if knows_errors else fitted.reconstruct(photograph)
+        seconds = thread_time() - started
     images = _checked(found.image if knows_errors else found, hidden, channels)
     errors = fitted.standard_errors(found) if knows_errors else None
     return Estimates(images, {} if errors is None else hidden.images(errors), seconds)

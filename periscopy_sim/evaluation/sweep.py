@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.methods import MethodError, estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
@@ -24,6 +24,7 @@ from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -34,8 +35,8 @@ LIGHT = ("image", "background", "sbr", "snr", "seed")
 """Axes of a world's photographs. That of the methods is `algorithm`, not `method`: xarray's `sel`
 takes that for a keyword of its own, and selects nothing."""
 
-LONG = 24.0
-"""Hours; a sweep that takes more says so, once its first world is done."""
+LONG, FIRST = 24.0, 16
+"""Hours from which on a sweep says how long it takes, and the cells by which it knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,8 @@ def run_sweep(
     """Reconstruct every measurement by every method; resume where an earlier run stopped.
 
     A method that raises, or returns another shape or values that are not finite, fails alone; so do
-    values of `Sweep.vary` of which there is no world, unless there is none at all.
+    values of `Sweep.vary` of which there is no scene, or to which a method cannot be fitted, unless
+    all fail.
 
     Parameters
     ----------
@@ -158,19 +160,24 @@ def run_sweep(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
     )  # fmt: skip
-    missing, count, started = store.missing(), math.prod(map(len, axes.values())), time.monotonic()
+    missing, count, is_told = store.missing(), math.prod(map(len, axes.values())), False
     done, failed = count - len(missing), list[tuple[Values, str]]()
     groups = _by(sweep.vary, missing)
     for n, (values, cells) in enumerate(groups.items(), 1):
         at = dict(zip(sweep.vary, values, strict=True))
+        started = time.monotonic()
         try:
             world = worlds(**at)
         except PeriscopyError as error:
+            is_of_values = isinstance(error, SceneError) or isinstance(error.__cause__, InputError)
             failed += [(cell, str(error)) for cell in cells]
-            if not at or isinstance(error, OutputError) or len(failed) == count:
+            if not (at and is_of_values) or len(failed) == count:
                 raise
+            done += len(cells)
             continue
-        for cell, outcome in _outcomes(sweep, world, at, cells, scheduler):
+        begun = time.monotonic()
+        found = _outcomes(sweep, world, at, cells, scheduler)
+        for k, (cell, outcome) in enumerate(found, 1):
             seconds = outcome.pop("seconds", None)
             if timed is not None and seconds is not None:
                 timed(cell["algorithm"], seconds)
@@ -178,10 +185,9 @@ def run_sweep(
             done += 1
             if progress is not None:
                 progress(done / count)
-        hours = (time.monotonic() - started) / 3600 * (len(groups) - n)
-        if n == 1 and hours > LONG:
-            more = f"{hours:.0f} hours more; give its axes fewer values, or it more workers"
-            warnings.warn(f"the sweep takes about {more}", stacklevel=2)
+            if not is_told and k == min(FIRST, len(cells)):
+                is_told, of_cell = True, (time.monotonic() - begun) / k
+                _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
     for cell, why in failed:
         store.write(cell, {"failure": why})
     results = store.load()
@@ -192,6 +198,13 @@ def run_sweep(
     with staged_file(folder / "sweep.csv") as staged:
         table.rename(columns=columns).to_csv(staged, na_rep="nan", lineterminator="\n")
     return results
+
+
+def _warn_if_long(seconds: float) -> None:
+    """Warn of a sweep that takes more than a day."""
+    if seconds > 3600 * LONG:
+        more = f"{seconds / 3600:.0f} hours more; give its axes fewer values, or it more workers"
+        warnings.warn(f"the sweep takes about {more}", stacklevel=3)
 
 
 def _outcomes(
@@ -233,7 +246,7 @@ def _evaluate(
             found = estimates_by(world.methods[name], y.copy(), world.hidden, world.channels)
             measures = getattr(world.methods[name], "measures", None)
             if world.measures and measures:
-                values |= measures(y)
+                values |= {n: each for n, each in measures(y).items() if n in world.measures}
         except MemoryError:  # says more about the worker than about the method
             raise
         except MethodError as error:  # whatever a user's own method raises

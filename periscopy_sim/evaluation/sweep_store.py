@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import product
 from math import prod
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.metrics import METRICS
 from periscopy_sim.numerics import machine
 from periscopy_sim.numerics.limits import size_of
-from periscopy_sim.storage.outputs.places import address
+from periscopy_sim.storage.outputs.places import address, names_in
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
 from periscopy_sim.storage.outputs.store import (
@@ -78,7 +78,9 @@ class SweepStore:
         self.path, self._wanted, self._measures = path, axes, measures
         self._surfaces = [*images]
         with out_of_space_reported(path):
-            cells = [each.stem.split("-") for each in (path / MAKING / "finished").glob("*.json")]
+            names = names_in(path / MAKING / "finished")
+            named = [PurePath(name).stem.split("-") for name in names]
+            cells = [cell for cell in named if all(map(str.isdecimal, cell))]
         held = attributes_of(path) if cells else {}
         if cells and "axes" not in held:
             raise OutputError(f"{path} is damaged, or of an older version; name another folder")
@@ -196,7 +198,9 @@ def read_sweep(path: Path, at: Mapping[str, Sequence[Any]] | None = None) -> "xr
     ):
         results = dataset.sel(at).load()
     numbers = [name for name in results.sizes if results[name].dtype.kind in "if"]
-    results = results.sortby(numbers)  # those of a later run come last in the store
+    # Those of a later run come last in the store. To sort copies all.
+    if later := [name for name in numbers if (np.diff(results[name]) < 0).any()]:
+        results = results.sortby(later)
     # Strings of fixed width, which more of xarray and pandas take than NumPy's newer ones.
     texts = [results[name] for name in results.variables if results[name].dtype.kind == "T"]
     results = results.assign(

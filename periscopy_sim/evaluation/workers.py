@@ -67,7 +67,7 @@ def _silence() -> Iterator[None]:
 def check_scheduler(scheduler: str | None, out: Path | None = None) -> None:
     """Raise the errors of `connect`, before hours of work say; None is this process.
 
-    It is an error, too, if the workers cannot write to `out`.
+    It is an error, too, if workers lack the library that opens `out`.
     """
     if scheduler is None:
         return

@@ -112,7 +112,8 @@ def draw_sweep(
         least = min(float(found["mean"].min()) for _, found in parts)
         if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
-            lowest = grid[0, 0].dataLim.y0  # of an interval, which may hold 0
+            # Of an interval, which may hold 0.
+            lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
             grid[0, 0].set_ylim(bottom=max(least / 3, lowest))
             plain_ticks(grid[0, 0].yaxis)
         for ax in grid[:, 0]:

@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 import xarray as xr
 from scipy import ndimage
 
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
 from periscopy_sim.evaluation.sweep import Sweep, run_sweep
 from periscopy_sim.evaluation.world import World, flips
+from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 from tests.scenes.contents import contents
@@ -211,7 +213,7 @@ class Worlds:
 
     def __call__(self, place):
         if place in self.wrong:
-            raise PeriscopyError(f"no world at {place:g}")
+            raise SceneError(f"no world at {place:g}")
         return self.world
 
 
@@ -225,7 +227,36 @@ def test_value_without_a_world_fails_alone_and_values_of_a_later_run_take_their_
     failed = results["failure"] != ""
     assert failed.sel(place=2).all() and not failed.sel(place=3).any()
     assert np.isnan(results["psnr"].sel(place=2)).all()
-    assert swept(3.0, 1.0)["place"].values.tolist() == [1, 3]
+    left_over = tmp_path / "sweep.zarr/making/finished/.0123abcd-89abcdef.partial.json"
+    left_over.write_text("of a process that was killed")
+    assert swept(3.0, 1.0)["place"].values.tolist() == [1, 3] and not left_over.exists()
+
+
+def test_sweep_of_more_than_a_day_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("periscopy_sim.evaluation.sweep.LONG", 1e-9)
+    with pytest.warns(UserWarning, match="hours more"):
+        run_sweep(sweep_of(), tmp_path / "one world")
+    with pytest.warns(UserWarning, match="hours more"):
+        run_sweep(Sweep(Worlds([]), [1.0], vary={"place": [1.0, 2.0]}), tmp_path / "two")
+
+
+def test_seconds_count_the_work_of_all_threads(tmp_path):
+    class Busy:
+        def reconstruct(self, _):
+            in_parallel(lambda _: busy(0.05), range(8))
+            return np.zeros((3, 4, 3))
+
+    def busy(seconds):
+        end = time.thread_time() + seconds
+        while time.thread_time() < end:
+            sum(range(1000))
+
+    times = []
+    run_sweep(
+        sweep_of(methods={"busy": Busy()}, sbrs=[1], seeds=[0]), tmp_path,
+        timed=lambda name, seconds: times.append((name, seconds)),
+    )  # fmt: skip
+    assert {name for name, _ in times} == {"busy"} and min(each for _, each in times) >= 0.4
 
 
 def test_plain_psnr_needs_no_gain_of_what_has_the_unit_of_the_matrix(tmp_path):

@@ -2,6 +2,7 @@ import socket
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,6 +55,12 @@ def test_workers_without_what_opens_a_store_are_refused(monkeypatch):
         monkeypatch.setitem(sys.modules, "upath", None)
         with pytest.raises(PeriscopyError, match=r"a Dask worker .*pip install -e '\.\[s3\]'"):
             check_scheduler(cluster.scheduler_address, out)
+
+
+def test_a_url_of_another_machine_is_no_folder():
+    assert place("file://localhost/a/b") == place("file:///a/b") == Path("/a/b").absolute()
+    with pytest.raises(PeriscopyError, match="machine shared"):
+        place("file://shared/b")
 
 
 def sums(arrays, item):

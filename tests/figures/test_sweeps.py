@@ -54,6 +54,17 @@ def test_each_panel_shows_means_and_confidence_intervals_of_each_method(tmp_path
     assert "n = 5 places" in saved[0].get_supxlabel()
 
 
+def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):
+    given = results()
+    scale = xr.DataArray([1.0, 0.01], {"hidden": SIZES}, ["hidden"])
+    given["mean_squared_error"] = given["mean_squared_error"] * scale
+    draw_sweep(tmp_path / "a.png", given, metric="mean_squared_error", panels="hidden")
+    low, high = saved[0].axes[0].get_ylim()
+    means = np.concatenate([line.get_ydata() for ax in saved[0].axes for line in ax.lines])
+    means = means[np.isfinite(means)]
+    assert len(means) == 10 and low < means.min() < 2e-3 and high > means.max()
+
+
 def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
     metric = "mean_squared_error"
     draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")

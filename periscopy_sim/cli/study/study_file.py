@@ -43,6 +43,8 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     context.default_map = {}
     for each in (each for each in options if each.name in given):
         value = given[each.name]
+        if isinstance(value, dict) and not each.multiple:
+            raise ConfigurationError(f"{file}: {each.name}: give a value, or a list")
         context.default_map[each.name] = _entries(value) if each.multiple else _words(value)
         if isinstance(value, dict):
             each.callback = partial(_joined, context.default_map[each.name])
@@ -51,6 +53,8 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
 
 def _joined(study: list[str], _context: Any, _option: Any, given: list[str]) -> list[str]:
     """Return what the command line gives as ``NAME=VALUE``, and of other names what a study has."""
+    if not all("=" in entry for entry in given):
+        return given
     names = {entry.partition("=")[0] for entry in given}
     return [*(entry for entry in study if entry.partition("=")[0] not in names), *given]
 

@@ -189,7 +189,7 @@ def sweep(
     _say_means(results)
     for name, of_method in seconds.items():
         if of_method:
-            say(f"{name}: {np.median(of_method):.2g} s of a core for a photograph")
+            say(f"{name}: {np.mean(of_method):.2g} s of a core for a photograph")
     _check_transport(session, results, worlds.noise)
     say_written(*(out / name for name in RESULTS))
 
@@ -274,8 +274,10 @@ def _say_means(results: "xr.Dataset") -> None:
                         f"{surface}: {method and f'{method}, '}{first} minus {name}: "
                         f"{mean:.1f}{within} dB (95 %, n = {counted([one])})"
                     )
-    if "trusted" in results and (calibrated := results["trusted"].count().item()):
-        say(f"{results['trusted'].sum().item():g} of {calibrated} calibrations are trusted")
+    if "trusted" in results:  # each by one calibration for all methods
+        trusted = results["trusted"].max("algorithm")
+        if count := trusted.count().item():
+            say(f"{trusted.sum().item():g} of {count} calibrations are trusted")
     for name in names:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
         failed = messages[messages != ""]

@@ -39,7 +39,10 @@ def place(name: str | Path) -> Path:
     if not is_url or isinstance(name, Path):
         return Path(name) if isinstance(name, str) else name
     if (protocol := protocol.lower()) in ("file", "local"):
-        return cast(Path, SharedFolder(url2pathname(rest)).absolute())
+        host, _, below = rest.partition("/")
+        if host not in ("", "localhost"):
+            raise PeriscopyError(f"{name}: names the machine {host}; write file:///FOLDER")
+        return cast(Path, SharedFolder(url2pathname(f"/{below}")))
     upath = require("upath")
     try:
         # Other processes write, too: what a store lists is asked for again.

@@ -11,7 +11,9 @@ attributes give the same bytes, however often the work was stopped, and by whome
 import hashlib
 import json
 import math
+import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +31,7 @@ from periscopy_sim.storage.outputs.places import (
     content,
     document,
     is_remote,
+    is_shared,
     names_in,
     put,
 )
@@ -47,6 +50,9 @@ if TYPE_CHECKING:
 
 Block = tuple[int, ...]
 """Place of a block among the blocks, along each dimension that is cut."""
+
+DAY = 86400.0
+"""Seconds after which nobody writes a file any more that has its temporary name."""
 
 MAKING = "making"
 """Folder (and empty Zarr group) of what belongs to the making of a store alone."""
@@ -190,9 +196,11 @@ class BlockStore:
         blocks = self.records.blocks()
         self._check_held(blocks, attributes)
         with out_of_space_reported(path):
+            age = DAY if is_shared(path) else 0.0  # workers elsewhere may be at work
             for leftover in () if is_remote(path) else path.rglob("*.partial*"):
-                if leftover.is_file():  # of a process that was killed
-                    leftover.unlink()
+                with suppress(OSError):  # of a process that was killed
+                    if leftover.is_file() and time.time() - leftover.stat().st_mtime >= age:
+                        leftover.unlink()
             if blocks and not self.records.has(blocks[-1]):  # before the head lists more
                 clear(self.records.file(blocks.pop()))
             with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
@@ -200,6 +208,8 @@ class BlockStore:
                 others = () if blocks else path.glob("[!.]*/zarr.json")
                 for variable in others:  # begun with other axes, perhaps
                     laid_out = head / variable.parent.name / variable.name
+                    if variable.parent.name == MAKING:
+                        continue
                     if not laid_out.is_file() or content(variable) != laid_out.read_bytes():
                         remove(variable.parent)
 

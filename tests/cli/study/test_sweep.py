@@ -154,6 +154,8 @@ def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, r
     assert len(same) > 10 and all(file[name] == out[name] for name in same)
     (folder / "study.yaml").write_text(yaml.safe_dump({**study, "vary": {"snr": None}}))
     assert "vary: snr" in refused("sweep", "--study", "study.yaml")
+    (folder / "study.yaml").write_text(yaml.safe_dump({**study, "sbr": {"low": 1}}))
+    assert "sbr" in refused("sweep", "--study", "study.yaml")
 
 
 @pytest.mark.usefixtures("jit", "drawings")
