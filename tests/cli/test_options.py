@@ -42,7 +42,7 @@ def test_forms_are_read():
         (size_of, "29x36x3", "ROWSxCOLUMNS"),
         (size_of, "-1x5", "ROWSxCOLUMNS"),
         (size_of, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
-        (lambda text: parse_definitions([text]), "a=", "'a='"),
+        (lambda text: parse_definitions([text]), "a=", "'a'"),
         (lambda text: parse_definitions([text, text]), "a=1", "-D a"),
         (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
         (lambda text: parse_errors(text, "--free"), "a,a", "--free a"),

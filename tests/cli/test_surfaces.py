@@ -96,7 +96,7 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "3x4", "--hidden", "3x2"), "'monitor', 'hidden_card'; .* ID=ROWSxCOLUMNS"),
         (("--hidden", "monitor=3x4"), "'monitor', 'hidden_card'.*'hidden_card', too"),
         ((*HIDDEN, "--hidden", "card=1x1"), "'monitor', 'hidden_card', no 'card'"),
-        (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4='"),
+        (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4'"),
         ((*HIDDEN, "--hidden", "monitor=3x4"), "name each once"),
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
         ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
