@@ -44,7 +44,9 @@ METRICS = {
         "units": "dB",
         "note": f"{_NOTE}, to find the shift too",
     },
-    "ssim": {"long_name": "structural similarity", "units": "1", "note": _NOTE},
+    "ssim": {
+        "long_name": "structural similarity", "units": "1", "valid_range": [-1, 1], "note": _NOTE
+    },
     "covered_1": {
         "long_name": "share of patches within a standard error of the truth", "note": _NOTE,
         **_SHARE,

@@ -118,6 +118,8 @@ def differences(
         raise PeriscopyError(f"{axis} '{reference}' is alone; sweep another one to compare")
     base = results.sel({axis: values[0]}, drop=True)
     results = results.drop_sel({axis: values[0]})
+    if axis == "algorithm":  # so that each looks as before
+        results = results.assign_attrs(algorithms=labels)
     failure = results["failure"]
     more = {
         name: (results[name] - base[name]).assign_attrs(

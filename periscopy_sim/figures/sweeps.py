@@ -88,9 +88,10 @@ def draw_sweep(
         raise PeriscopyError(f"axis '{over}' has the panels already; draw over another one")
     if results[over].dtype.kind in "fiu":
         results = results.sortby(over)
-    if results[over].attrs.get("units") == "m" and float(abs(results[over]).max()) < 0.1:
-        millimetres = results[over].copy(data=1e3 * results[over].values)
-        results = results.assign_coords({over: millimetres.assign_attrs(units="mm")})
+    for axis in (each for each in dims if results[each].attrs.get("units") == "m"):
+        if float(abs(results[axis]).max()) < 0.1:
+            millimetres = results[axis].copy(data=1e3 * results[axis].values)
+            results = results.assign_coords({axis: millimetres.assign_attrs(units="mm")})
     fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
     parts = [
         (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
@@ -100,15 +101,22 @@ def draw_sweep(
     if len(parts) > len(ascii_lowercase):
         raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
     columns = min(len(parts), 2 if width < 2 * COLUMN else 4)
-    caption = _caption([found for _, found in parts], fixed)
+    if not any(found["mean"].notnull().any() for _, found in parts):
+        why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
+        raise PeriscopyError(f"nothing to draw, all failed: {why}")
+    held = "".join(f"; {_said(results[axis], axis, value)}" for axis, value in fixed.items())
+    is_long = len(SHORT.get(panels, panels)) > 8
+    held = f"; panels: {panels}{held}" if is_long else held
+    caption = _caption([found for _, found in parts]) + held
+    letters, methods = int(11 * width / columns), results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None) as figure:
         grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
             ax.remove()
         for ax, letter, (title, found) in zip(grid.flat, ascii_lowercase, parts, strict=False):
-            _draw(ax, found, over)
+            _draw(ax, found, over, methods or found["algorithm"].values.tolist(), letters)
             if len(parts) > 1:
-                ax.set_title(f"{letter}  {title}", loc="left")
+                ax.set_title(f"{letter}  {title}", loc="left", fontsize=8)
         least = min(float(found["mean"].min()) for _, found in parts)
         if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
@@ -116,18 +124,18 @@ def draw_sweep(
             lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
             grid[0, 0].set_ylim(bottom=max(least / 3, lowest))
             plain_ticks(grid[0, 0].yaxis)
-        for ax in grid[:, 0]:
-            ax.set_ylabel(fill(words_of(results[surfaces[0]], metric), 24, break_long_words=False))
         for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
-            of_panel = int(11 * width / columns)
-            ax.set_xlabel(fill(words_of(results[over], over), of_panel, break_long_words=False))
-        figure.supxlabel(caption, fontsize=6)
+            ax.set_xlabel(fill(words_of(results[over], over), letters, break_long_words=False))
+        figure.supxlabel(fill(caption, int(22 * width)), fontsize=6)
         handles = grid[0, 0].get_legend_handles_labels()
         legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
         legend = len(handles[1]) if width > 2 * COLUMN else legend
         figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
         height = 0.13 * -(-len(handles[1]) // legend) + 0.2
-        figure.set_size_inches(width, height + (0.3 + 0.65 * width / columns) * len(grid))
+        height += (0.45 + 0.6 * width / columns) * len(grid)
+        words = words_of(results[surfaces[0]], metric)
+        figure.supylabel(fill(words, int(11 * height), break_long_words=False))
+        figure.set_size_inches(width, height)
     return caption
 
 
@@ -175,7 +183,7 @@ def latex_of(results: "xr.Dataset", metric: str) -> str:
     cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
     cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
-    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces], {})
+    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
     caption = f"{words_of(results[surfaces[0]], metric)}: {caption}"
     return str(
         cells.rename(columns=words).to_latex(
@@ -209,26 +217,42 @@ def _parts(results: "xr.Dataset", panels: str, surface: str) -> "Iterator[tuple[
     if not panels:
         yield surface, results
         return
-    unit = results[panels].attrs.get("units", "")
     for value in results[panels].values.tolist():
-        text = f"{value:g} {unit if unit != '1' else ''}" if isinstance(value, float) else value
-        title = f"{SHORT.get(panels, panels)} = {str(text).strip()}"
+        title = _said(results[panels], panels, value)
+        if len(SHORT.get(panels, panels)) > 8:  # too long for each panel
+            title = title.partition(" = ")[2]
         yield f"{surface} {title}".strip(), results.sel({panels: value})
 
 
-def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
-    """Draw each method's mean and interval over the values of an axis."""
+def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
+    """Return an axis and its value in words."""
+    unit = axis.attrs.get("units", "1").replace("1", "")
+    is_number = isinstance(value, int | float | np.number)
+    text = f"{value:g} {unit}".strip() if is_number else str(value)
+    return f"{SHORT.get(name, name)} = {text}"
+
+
+def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], letters: int) -> None:
+    """Draw each method's mean and interval over the values of an axis, where there are some.
+
+    A method looks as its place among all of them says; as many letters fit below the panel.
+    """
+    all_looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
+    looks = dict(zip(methods, all_looks, strict=False))
+    found = found.dropna(over, how="all", subset=["mean"])
+    found = found.dropna("algorithm", how="all", subset=["mean"])
     values = found[over].values
+    if not values.size:
+        return
+    if "minus" in found["mean"].attrs:
+        ax.axhline(0, color="0.4", linewidth=0.8)
     is_text = values.dtype.kind not in "fiu"
     places = np.arange(len(values)) if is_text else values
     limits = found["mean"].attrs.get("valid_range") if "minus" not in found["mean"].attrs else None
-    looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     names = found["algorithm"].values.tolist()
-    for k, (name, (colour, marker, dashes)) in enumerate(zip(names, looks, strict=False)):
-        of_method = found.sel(algorithm=name)
+    for k, name in enumerate(names):
+        (colour, marker, dashes), of_method = looks[name], found.sel(algorithm=name)
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
-        if np.isnan(mean).all():
-            continue
         low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
         look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
         if is_text:  # nothing lies between two words
@@ -239,7 +263,8 @@ def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
         # The edge keeps the band of a single value in sight.
         ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
     if is_text:
-        ax.set_xticks(places, values)
+        is_wide = sum(map(len, values)) + 2 * len(values) > letters
+        ax.set_xticks(places, values, rotation=35 * is_wide, ha="right" if is_wide else "center")
         ax.set_xlim(-0.5, len(values) - 0.5)
     elif (
         values.min() > 0 and values.max() >= 10 * values.min()
@@ -254,14 +279,13 @@ def _draw(ax: Any, found: "xr.Dataset", over: str) -> None:
     ax.grid(True, which="major")
 
 
-def _caption(parts: "Sequence[xr.Dataset]", fixed: Mapping[str, Any]) -> str:
-    """Return what lines and bands are, how many samples there are, and what is held."""
+def _caption(parts: "Sequence[xr.Dataset]") -> str:
+    """Return what lines and bands are, how many samples there are, and how many failed."""
     from periscopy_sim.evaluation.statistics import counted
 
     left_out = int(sum(found["failed"].sum() for found in parts))
-    held = "".join(f"; {axis} = {value}" for axis, value in fixed.items())
     failed = f"; {left_out} failed" if left_out else ""
-    return f"means, 95 % confidence intervals, n = {counted(parts)}{held}{failed}"
+    return f"means, 95 % confidence intervals, n = {counted(parts)}{failed}"
 
 
 def words_of(variable: "xr.DataArray", name: str) -> str:

@@ -30,6 +30,7 @@ from periscopy_sim.storage.outputs.provenance import (
 )
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs.store import attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -191,6 +192,12 @@ def sweep(
         if of_method:
             say(f"{name}: {np.mean(of_method):.2g} s of a core for a photograph")
     _check_transport(session, results, worlds.noise)
+    held = attributes_of(out / "sweep.zarr")["axes"]
+    if more := [axis for axis, values in held.items() if len(values) > results.sizes[axis]]:
+        say(
+            f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
+            f"{', '.join(more)}, too, which 'periscopy plot' shows"
+        )
     say_written(*(out / name for name in RESULTS))
 
 
