@@ -14,7 +14,7 @@ from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
@@ -206,7 +206,10 @@ class Worlds:
 
     def _check_scene(self, axis: str, value: Any) -> None:
         """Load the true and the assumed scene; reject what no sweep can compare."""
-        true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
+        try:
+            true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
+        except SceneError as error:
+            raise SceneError(f"--vary {axis}={value}: {error}") from error
         if [*true.hidden] != [*self.hidden]:
             raise PeriscopyError(
                 f"--vary {axis}={value}: its hidden surfaces are {', '.join(true.hidden)}, not "

@@ -249,6 +249,7 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"vary": "resolution=21"}, "--vary resolution"),
         ({"vary": "assumed.resolution=42"}, "42"),
         ({"vary": "hidden=0x5"}, "0x5"),
+        ({"vary": "assumed.plate_width=-0.06,0.06"}, "--vary assumed.plate_width=-0.06"),
         ({"vary": "model=foo"}, "foo"),
         ({"vary": "truncated-svd.tv_weight=abc"}, "abc"),
         ({"vary": "scene=plate,plate.xml"}, "plate"),
