@@ -160,7 +160,7 @@ def run_sweep(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
     )  # fmt: skip
-    missing, count, is_told = store.missing(), math.prod(map(len, axes.values())), False
+    missing, count, is_estimated = store.missing(), math.prod(map(len, axes.values())), False
     done, failed = count - len(missing), list[tuple[Values, str]]()
     groups = _by(sweep.vary, missing)
     for n, (values, cells) in enumerate(groups.items(), 1):
@@ -185,8 +185,8 @@ def run_sweep(
             done += 1
             if progress is not None:
                 progress(done / count)
-            if not is_told and k == min(FIRST, len(cells)):
-                is_told, of_cell = True, (time.monotonic() - begun) / k
+            if not is_estimated and k == min(FIRST, len(cells)):
+                is_estimated, of_cell = True, (time.monotonic() - begun) / k
                 _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
     for cell, why in failed:
         store.write(cell, {"failure": why})
