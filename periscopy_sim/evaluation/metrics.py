@@ -194,13 +194,13 @@ def measured(
     `scale` is the image of a truth of 1.
     """
     truth = np.ascontiguousarray(truth)
-    plain = np.clip(np.asarray(image, np.float64) / scale, 0, 1) - _seen_by(image, truth)
+    plain = np.clip(np.asarray(image, np.float64) / scale, 0, 1)
     shares = {"covered_1": np.nan, "covered_2": np.nan}
     return {
         **(shares if errors is None else covered(image, errors, truth)),
         "mean_squared_error": mean_squared_error(image, truth),
         "psnr": psnr_gain_matched(image, truth),
-        "psnr_plain": _decibels(float(np.mean(plain**2))),
+        "psnr_plain": psnr(plain, _seen_by(image, truth)),
         "psnr_registered": registered(image, truth).psnr,
         "ssim": structural_similarity(image, truth),
     }

@@ -8,7 +8,8 @@ more values computes only their cells.
 import math
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -176,18 +177,18 @@ def run_sweep(
             done += len(cells)
             continue
         begun = time.monotonic()
-        found = _outcomes(sweep, world, at, cells, scheduler)
-        for k, (cell, outcome) in enumerate(found, 1):
-            seconds = outcome.pop("seconds", None)
-            if timed is not None and seconds is not None:
-                timed(cell["algorithm"], seconds)
-            store.write(cell, outcome)
-            done += 1
-            if progress is not None:
-                progress(done / count)
-            if not is_estimated and k == min(FIRST, len(cells)):
-                is_estimated, of_cell = True, (time.monotonic() - begun) / k
-                _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
+        with closing(_outcomes(sweep, world, at, cells, scheduler)) as found:
+            for k, (cell, outcome) in enumerate(found, 1):
+                seconds = outcome.pop("seconds", None)
+                if timed is not None and seconds is not None:
+                    timed(cell["algorithm"], seconds)
+                store.write(cell, outcome)
+                done += 1
+                if progress is not None:
+                    progress(done / count)
+                if not is_estimated and k == min(FIRST, len(cells)):
+                    is_estimated, of_cell = True, (time.monotonic() - begun) / k
+                    _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
     for cell, why in failed:
         store.write(cell, {"failure": why})
     results = store.load()
@@ -209,7 +210,7 @@ def _warn_if_long(seconds: float) -> None:
 
 def _outcomes(
     sweep: Sweep, world: World, at: Values, cells: Iterable[Values], scheduler: str | None
-) -> Iterator[tuple[Values, dict[str, Any]]]:
+) -> Generator[tuple[Values, dict[str, Any]], None, None]:
     """Yield cells of a world with the variables of each as they come, photograph by photograph."""
     shared = world, sweep.seed, f"_{at['hidden']}" if "hidden" in at else ""
     trials = {trial: _by(["algorithm"], of) for trial, of in _by(LIGHT, cells).items()}

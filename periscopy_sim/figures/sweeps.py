@@ -105,8 +105,7 @@ def draw_sweep(
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
     held = "".join(f"; {_said(results[axis], axis, value)}" for axis, value in fixed.items())
-    is_long = len(SHORT.get(panels, panels)) > 8
-    held = f"; panels: {panels}{held}" if is_long else held
+    held = f"; panels: {panels}{held}" if _is_long(panels) else held
     caption = _caption([found for _, found in parts]) + held
     letters, methods = int(11 * width / columns), results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None) as figure:
@@ -219,9 +218,13 @@ def _parts(results: "xr.Dataset", panels: str, surface: str) -> "Iterator[tuple[
         return
     for value in results[panels].values.tolist():
         title = _said(results[panels], panels, value)
-        if len(SHORT.get(panels, panels)) > 8:  # too long for each panel
-            title = title.partition(" = ")[2]
+        title = title.partition(" = ")[2] if _is_long(panels) else title
         yield f"{surface} {title}".strip(), results.sel({panels: value})
+
+
+def _is_long(axis: str) -> bool:
+    """Return whether an axis is too long for the title of each panel."""
+    return len(SHORT.get(axis, axis)) > 8
 
 
 def _said(axis: "xr.DataArray", name: str, value: Any) -> str:

@@ -90,6 +90,6 @@ ExampleOption = Annotated[
     bool,
     typer.Option(
         "--example", help="Print a commented study file and exit.", is_eager=True,
-        callback=_print_example, expose_value=True,
+        callback=_print_example,
     ),
 ]  # fmt: skip
