@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
+    Geometry,
     GeometryDraw,
     backgrounds_of,
     draw_geometry,
@@ -161,8 +163,10 @@ def _made(
     Workers write to a place that all reach themselves: such blocks are empty.
     """
     if scheduler is None or not shares:
-        for share in shares.items():
-            yield from _blocks(shared, share, ahead)
+        # A of a geometry is made here, beside the last photographs of the one before on threads.
+        ready = ((_geometry(shared, number), blocks) for number, blocks in shares.items())
+        work = ((geometry, block) for geometry, blocks in ready for block in blocks)
+        yield from ahead(partial(_block, shared), work)
         return
     shared_store = store if is_shared(store.path) else None
     with connect(scheduler) as client:
@@ -177,27 +181,27 @@ _Shared = tuple[Configuration, tuple[int, int], Backgrounds]
 def _make_share(
     given: tuple[_Shared, BlockStore | None], share: tuple[int, Any]
 ) -> list[tuple[int, Block]]:
-    shared, store = given
-    made = []
-    for block, values in _blocks(shared, share, map):
+    (shared, store), (number, blocks), made = given, share, []
+    geometry = _geometry(shared, number)
+    for block, values in (_block(shared, (geometry, each)) for each in blocks):
         if store is not None:
             store.write((block,), values)
         made.append((block, values if store is None else {}))
     return made
 
 
-def _blocks(
-    shared: _Shared, share: tuple[int, Sequence[int]], calls: Callable[..., Any]
-) -> Iterator[tuple[int, Block]]:
-    """Yield the numbered blocks of one geometry, each made when `calls`, like `map`, calls."""
-    (settings, shape, backgrounds), (geometry, blocks) = shared, share
-    ready, size = render_geometry(settings, geometry), settings.samples_per_shard
-    _check_shape(geometry, ready.scenario, shape)
+def _geometry(shared: _Shared, number: int) -> Geometry:
+    settings, shape, _ = shared
+    geometry = render_geometry(settings, number)
+    _check_shape(number, geometry.scenario, shape)
+    return geometry
 
-    def make(block: int) -> Block:
-        return make_samples(settings, ready, backgrounds, block * size, (block + 1) * size)
 
-    yield from zip(blocks, calls(make, blocks), strict=True)
+def _block(shared: _Shared, item: tuple[Geometry, int]) -> tuple[int, Block]:
+    """Return the number of a block, and the block."""
+    (settings, _, backgrounds), (geometry, number) = shared, item
+    start, stop = (n * settings.samples_per_shard for n in (number, number + 1))
+    return number, make_samples(settings, geometry, backgrounds, start, stop)
 
 
 def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str, Label]:
