@@ -1,7 +1,5 @@
 """How the figures look: sizes and colours that suit a paper's column and every reader's eyes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reports: claims beside what was measured, with figures and tables, as one HTML page."""
 
-from __future__ import annotations
-
 import os
 from base64 import b64encode
 from collections import Counter
@@ -26,7 +24,7 @@ class Verdict(StrEnum):
     """No value was stated."""
 
     @classmethod
-    def of(cls, agrees: bool) -> Verdict:
+    def of(cls, agrees: bool) -> "Verdict":
         """Return whether the two agree, as a verdict."""
         return cls.AGREES if agrees else cls.DIFFERS
 

@@ -3,8 +3,6 @@
 What takes long to render is kept in the folder of the run and read again by the next figure.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Times of tasks: medians of several runs."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import TypeVar

@@ -3,8 +3,6 @@
 Each grid has a process of its own, whose largest memory counts.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -4,8 +4,6 @@ It needs Playwright and a Chromium of the system's (Debian: chromium). On a mach
 the browser draws in software, and takes its part of the cores.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

@@ -7,8 +7,6 @@ workers are one process here. What it takes while nobody works is stated apart: 
 wall's seconds, not with blocks.
 """
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable

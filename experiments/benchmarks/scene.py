@@ -1,7 +1,5 @@
 """What the benchmarks share: photographs of a scene, ratios of times as claims."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

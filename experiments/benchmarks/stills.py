@@ -1,7 +1,5 @@
 """Speed of one photograph, of batches, and of total variation beside scikit-image's."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -12,8 +12,6 @@ off. The commands see what a user has; the truth is only compared with.
 [--rendered DIR]` prints a table and draws the pictures.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

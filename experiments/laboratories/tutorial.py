@@ -7,8 +7,6 @@ and what a ruler reads, for `periscopy lab`.
 `python -m experiments.laboratories.tutorial [--out DIR]`
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

@@ -10,8 +10,6 @@ cover each other, whose edges and spectra are those of photographs (A. Lee, D. M
 "Occlusion models for natural images", IJCV 2001).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -8,8 +8,6 @@ the photograph says by how much: the network is to learn the displaced one, the 
 where the noise-aware image has it.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -66,7 +64,7 @@ class Samples:
             np.savez(opened, **{each.name: getattr(self, each.name) for each in fields(self)})
 
     @classmethod
-    def read(cls, file: Path) -> Samples:
+    def read(cls, file: Path) -> "Samples":
         """Read what `write` wrote."""
         with np.load(file) as held:
             return cls(**{**held, "split": str(held["split"])})
@@ -101,7 +99,7 @@ def solved(
     split: str,
     displaced: bool,
     seed: int,
-) -> Samples:
+) -> "Samples":
     """Return photographs as the network sees them in a scene; see the module."""
     A = ps.render_transport(scene, samples=16, seed=seed)
     # In the scene as it is, the data set's lamps leave hardly a gain or light beyond range(B) to be

@@ -10,8 +10,6 @@ channel's best gain as in the metrics (`matched`). For photographs in the scene 
 brightness is known, half of the loss is without the gain.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import asdict, dataclass, field

@@ -5,8 +5,6 @@ image. A difference of neighbouring pixels sums to zero and gives neighbours opp
 things that the rows of P can be asked for.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Shows the wall, the camera's field of view, the 512 lights, and what two of them cast on the wall.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

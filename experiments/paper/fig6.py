@@ -1,7 +1,5 @@
 """Fig. 6: one scene under more and more ambient light, both methods; Table 1 has the times."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

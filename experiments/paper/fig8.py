@@ -4,8 +4,6 @@ A P y is what the recovered hidden image, neither denoised nor repaired, would c
 should look like the photograph without its background, and A (D A)^+ D y like a poor copy of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

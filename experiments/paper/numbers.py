@@ -1,7 +1,5 @@
 """The numbers that the paper states in Sec. 2, 3.1 and 3.3, beside what this package finds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ needs it. The published steps of [15] are timed on one colour channel where thre
 minutes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any

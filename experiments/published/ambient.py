@@ -5,8 +5,6 @@ signal-to-background ratio is measured, and the second photograph can serve as a
 photograph for the first.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import periscopy_sim as ps

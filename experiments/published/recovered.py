@@ -1,7 +1,5 @@
 """Hidden images by several methods, beside what the monitor showed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Repeats of one image: noise in time, drift, and the scatter of what is recovered."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

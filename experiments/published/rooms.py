@@ -1,7 +1,5 @@
 """Rooms behind a doorway, by another laboratory: how little ambient light and noise change them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """What every section gets: the captures of a chair and a plate, and the scenes that fit them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One lit block of the screen at a time: a column of A, measured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

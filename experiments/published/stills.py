@@ -1,7 +1,5 @@
 """Every still without ambient light, by three methods."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The videos behind the plate, frame by frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

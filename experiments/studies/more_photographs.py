@@ -10,8 +10,6 @@ more: in dB after the best shift, which uses the truth; by a known picture witho
 [--sbr 0.5] [--rendered DIR]`
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -10,8 +10,6 @@ and seeds: the best of them is shipped as `blocks`. An error is over the measure
 `python -m experiments.studies.picture_to_show --out DIR [--seeds 8]`
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

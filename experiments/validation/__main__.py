@@ -5,8 +5,6 @@ each check and writes `validation.json`. Where two sides must agree the block sa
 the command exits with 1 if any does not.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Standard errors of the noise-aware method beside its errors, over images of many kinds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

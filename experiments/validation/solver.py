@@ -1,7 +1,5 @@
 """Check of the preconditioner against pseudoinverses; run by `experiments.validation`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

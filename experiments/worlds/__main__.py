@@ -7,8 +7,6 @@ file, not the pictures. Images are gain-matched.
 stays in DIR: the next run goes on from there.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

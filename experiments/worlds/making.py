@@ -1,7 +1,5 @@
 """Photographs of hidden worlds by plain Mitsuba, which knows nothing of the package's matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ It is smooth, since it comes from everywhere. So it is traced at a coarse grid o
 polynomial of low degree takes out what noise is left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a camera makes of the wall's light: its lens, and its sensor's counts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

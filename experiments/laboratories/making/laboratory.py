@@ -1,7 +1,5 @@
 """The stand-in laboratories: scene, surroundings, wall and camera of each."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Plain Mitsuba and Dr.Jit, written apart from the package that is judged by it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Occluders of the stand-in laboratories, as closed meshes (metres, z up)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

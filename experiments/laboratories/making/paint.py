@@ -1,7 +1,5 @@
 """What a wall carries beside its colour: a roller's texture and seams, and posters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ tracing. Paint and posters multiply what the wall reflects. They do so for light
 the wall a second time as if it were even.
 """
 
-from __future__ import annotations
-
 import hashlib
 from functools import cached_property
 from pathlib import Path

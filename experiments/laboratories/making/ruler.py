@@ -1,7 +1,5 @@
 """What a person measures: the scene file's numbers, with a ruler's errors."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What each pixel of a camera sees of the wall."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ transport matrices: `mi.load_file` reads the scene file, and `mi.render` renders
 picture as a bitmap on the monitor, and once with a black monitor and three far lamps.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

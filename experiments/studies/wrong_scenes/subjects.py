@@ -8,8 +8,6 @@ another stranger's making: two boxes that make few shadows, and a camera turned 
 `plain_scenes` has six more, which plain Mitsuba renders without bounces.
 """
 
-from __future__ import annotations
-
 import shutil
 import zlib
 from collections.abc import Mapping
