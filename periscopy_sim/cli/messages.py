@@ -64,8 +64,8 @@ SENTENCES = {
         "{scene} has no closed form: the standard errors do not count the errors that it declares"
     ),
     "transport_error": (
-        "{name} by {model} has an error of {error:.2g} % of the light, more than the noise of "
-        "{noise:.2g} %"
+        "{name} by {model} has an error of {error:.3g} % of the light, more than the noise of "
+        "{noise:.3g} %"
     ),
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "

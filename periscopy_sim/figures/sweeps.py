@@ -186,8 +186,8 @@ def latex_of(results: "xr.Dataset", metric: str) -> str:
     caption = f"{words_of(results[surfaces[0]], metric)}: {caption}"
     return str(
         cells.rename(columns=words).to_latex(
-            index=False, na_rep="", float_format="%g", escape=True,
-            caption=re.sub("([%_&#$])", r"\\\1", caption),
+            index=False, na_rep="", float_format="%g", escape=True, position="tb",
+            caption=re.sub("([%_&#$])", r"\\\1", caption), label=f"tab:{metric}",
         )
     )  # fmt: skip
 

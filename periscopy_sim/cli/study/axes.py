@@ -26,7 +26,8 @@ def parse_values(text: str, flag: str) -> list[Any]:
         space: Any = np.geomspace if steps[3] == "log" else np.linspace
         values = [float(f"{each:.6g}") for each in space(*values, int(steps[4]))] if valid else []
     elif not np.isfinite(values).all():
-        values = [each.strip() for each in words]
+        is_range = ":" in text and np.isfinite([number_of(each) for each in text.split(":")]).all()
+        values = [] if is_range else [each.strip() for each in words]
     if not (in_range("count", len(values)) and all(map(str, values))):
         form = "1,2,5, or 0:1:5, or 0.1:10:log:9"
         raise PeriscopyError(f"{flag} '{text}': write values as {form}")

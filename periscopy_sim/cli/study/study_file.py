@@ -82,7 +82,7 @@ def _print_example(_: typer.Context, is_asked: bool) -> None:
 StudyOption = Annotated[
     Path | None,
     option(
-        "FILE", "YAML with these options; the command line's come first.", group=SCENE,
+        "FILE", "YAML with these, SCENE and --out too; the command line's count first.", group=SCENE,
         is_eager=True, callback=_read,
     ),
 ]  # fmt: skip

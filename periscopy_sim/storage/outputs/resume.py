@@ -37,8 +37,8 @@ def resumed_folder(
             recorded = dict(read_json(out / SETTINGS))
         except FileNotFoundError:
             for file in (file for pattern in files for file in out.glob(pattern)):
-                reason = "has no record of its settings; name another folder"
-                raise OutputError(f"{file}: {reason}") from None
+                reason = f"{file.relative_to(out)}, and no {SETTINGS} that says how it was made"
+                raise OutputError(f"{out}: holds {reason}; name another folder") from None
             return
         except (ValueError, TypeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "is damaged"
