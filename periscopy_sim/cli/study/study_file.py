@@ -82,8 +82,8 @@ def _print_example(_: typer.Context, is_asked: bool) -> None:
 StudyOption = Annotated[
     Path | None,
     option(
-        "FILE", "YAML with these, SCENE and --out too; the command line's count first.", group=SCENE,
-        is_eager=True, callback=_read,
+        "FILE", "YAML with these, SCENE and --out too; the command line's count first.",
+        group=SCENE, is_eager=True, callback=_read,
     ),
 ]  # fmt: skip
 ExampleOption = Annotated[
