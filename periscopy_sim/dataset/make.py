@@ -182,6 +182,8 @@ def _make_share(
     given: tuple[_Shared, BlockStore | None], share: tuple[int, Any]
 ) -> list[tuple[int, Block]]:
     (shared, store), (number, blocks), made = given, share, []
+    if store is not None:
+        store.check_seen()  # before an hour's work
     geometry = _geometry(shared, number)
     for block, values in (_block(shared, (geometry, each)) for each in blocks):
         if store is not None:

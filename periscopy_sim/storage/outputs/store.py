@@ -11,6 +11,7 @@ attributes give the same bytes, however often the work was stopped, and by whome
 import hashlib
 import json
 import math
+import platform
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -227,6 +228,14 @@ class BlockStore:
     def __getstate__(self) -> dict[str, Any]:
         """Leave the memory behind."""
         return {name: each for name, each in self.__dict__.items() if name != "_memory"}
+
+    def check_seen(self) -> None:
+        """Raise an `OutputError` if this machine, a worker perhaps, does not see the store."""
+        if not attributes_of(self.path):
+            raise OutputError(
+                f"{self.path}: {platform.node()} sees no {self.layout.what} there; give a folder "
+                "that all machines have there"
+            )
 
     def missing(self) -> Iterator[Block]:
         """Yield the blocks that are missing, smaller, or not what was written."""

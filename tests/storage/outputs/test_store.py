@@ -1,4 +1,5 @@
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -190,6 +191,14 @@ def test_a_second_writer_removes_nothing_of_the_first(tmp_path, monkeypatch):
     for number in blocks:
         second.write(number, block(number[0], layout().of_store().size(number)))
     assert len(whole) == len(blocks) * (len(block(0)) + 1) and np.all(whole)
+
+
+def test_a_machine_that_does_not_see_the_store_says_so(tmp_path):
+    made = pickle.loads(pickle.dumps(archive(tmp_path / "shared")))
+    made.check_seen()
+    (tmp_path / "shared").rename(tmp_path / "of another machine")
+    with pytest.raises(OutputError):
+        made.check_seen()
 
 
 def test_folder_is_free_again_after_an_error(tmp_path):
