@@ -13,9 +13,8 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from periscopy_sim.cli.options import RENAMED, with_options_of_groups
+from periscopy_sim.cli.options import HELP, RENAMED, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.output import interrupt, warn, warn_defect
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import EXTRA_OF, missing
@@ -37,7 +36,7 @@ GROUPS = {
 MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 
-class _Periscopy(TyperGroup):
+class _Periscopy(CommandGroup):
     """The group of all commands, each imported when it is first needed."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
@@ -51,8 +50,9 @@ class _Periscopy(TyperGroup):
         module = import_module(f"periscopy_sim.cli.{MODULES[cmd_name]}")
         commands = getattr(module, "app", None)
         if commands is None:
-            commands = typer.Typer(add_completion=False)
-            commands.command(cmd_name)(with_options_of_groups(getattr(module, cmd_name)))
+            commands = typer.Typer(add_completion=False, context_settings=HELP)
+            run = with_options_of_groups(getattr(module, cmd_name))
+            commands.command(cmd_name, cls=Command)(run)
         command: Any = typer.main.get_command(commands)
         command.rich_help_panel = next(group for group in GROUPS if cmd_name in GROUPS[group])
         return command
@@ -67,7 +67,7 @@ class _Periscopy(TyperGroup):
 app = typer.Typer(
     cls=_Periscopy,
     help="Computational periscopy: from a photograph of a wall to the image around the corner.",
-    context_settings={"token_normalize_func": lambda token: RENAMED.get(token, token)},
+    context_settings=HELP | {"token_normalize_func": lambda token: RENAMED.get(token, token)},
     invoke_without_command=True,
     pretty_exceptions_enable=False,
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
@@ -22,6 +23,9 @@ SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
 GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 """Titles of the groups of options, in the order of ``--help``; None: the command's own."""
+
+HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command's context."""
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
@@ -55,26 +59,50 @@ def in_range(kind: str, *values: float) -> bool:
     return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
-def _no_nan(value: float | None) -> float | None:
-    """Reject NaN, which lies beyond no bound."""
-    if value is not None and math.isnan(value):
-        raise typer.BadParameter("nan is no number.")
-    return value
-
-
 def option(
-    form: str, words: str, *names: str, group: str | None = None, kind: str = "", **more: Any
+    form: str,
+    words: str,
+    *names: str,
+    group: str | None = None,
+    limits: tuple[float, float] | None = None,
+    kind: str = "",
+    **more: Any,
 ) -> Any:
     """Return an option: the form of its value, its help in words, the rest as typer takes it.
 
-    `kind` is that of its number, of `RANGES`.
+    `limits` are of its number, or of its kind in `RANGES`.
     """
     words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
-    if kind:
-        more["min"], more["max"] = RANGES[kind]
-    if "max" in more:
-        more["callback"] = _no_nan
+    if limits := RANGES[kind] if kind else limits:
+        least, most = limits
+
+        def within(value: float | None) -> float | None:
+            if value is not None and not least <= value <= most:  # nor is NaN
+                raise typer.BadParameter(f"{value:.10g} is not from {least:.10g} to {most:.10g}.")
+            return value
+
+        more["callback"] = within
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
+
+
+class _WithoutTypes:
+    """A command, or a group, whose help gives no type to options without a value."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the command's arguments and options, that of its help last."""
+        parameters = super().get_params(ctx)  # type: ignore[misc]
+        for each in parameters:
+            if getattr(each, "is_flag", False):
+                each.metavar = ""
+        return parameters
+
+
+class Command(_WithoutTypes, TyperCommand):
+    """A command."""
+
+
+class CommandGroup(_WithoutTypes, TyperGroup):
+    """A group of commands."""
 
 
 class OptionGroup:
@@ -297,7 +325,7 @@ def _argument(taken: Mapping[str, Option]) -> Any:
     group = SOLVER if first.name.endswith("weight") else EXPERT
     least, most = min(e.least for e in taken.values()), max(e.most for e in taken.values())
     words = f"{first.help} Default: {listed}."
-    return Annotated[float | None, option("NUMBER", words, group=group, min=least, max=most)]
+    return Annotated[float | None, option("NUMBER", words, group=group, limits=(least, most))]
 
 
 class MethodNumbers(OptionGroup):

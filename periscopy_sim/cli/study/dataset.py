@@ -6,11 +6,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import OUTPUT, Out, Scheduler, option, parse_indices, place_of
+from periscopy_sim.cli.options import (
+    HELP,
+    OUTPUT,
+    Command,
+    CommandGroup,
+    Out,
+    Scheduler,
+    option,
+    parse_indices,
+    place_of,
+)
 from periscopy_sim.cli.output import progress, say, warn
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, PeriscopyError
@@ -25,11 +34,11 @@ Archive = Annotated[
 ]
 
 
-class _MakesByDefault(TyperGroup):
+class _MakesByDefault(CommandGroup):
     """A group whose default command is `make`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        if args and args[0] not in self.commands and args[0] != "--help":
+        if args and args[0] not in self.commands and args[0] not in HELP["help_option_names"]:
             args = ["make", *args]
         return super().parse_args(ctx, args or ["--help"])
 
@@ -37,12 +46,14 @@ class _MakesByDefault(TyperGroup):
 app = typer.Typer(
     name="dataset",
     cls=_MakesByDefault,
+    add_completion=False,
+    context_settings=HELP,
     help="Make, check and export a data set of photographs.",
     pretty_exceptions_enable=False,
 )
 
 
-@app.command("make")
+@app.command("make", cls=Command)
 def make(
     configuration: Annotated[
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
@@ -89,7 +100,7 @@ def make(
     )  # fmt: skip
 
 
-@app.command("info")
+@app.command("info", cls=Command)
 def info(
     data: Archive,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
@@ -103,7 +114,7 @@ def info(
         say(f"{name.replace('_', ' '):13} {value}")
 
 
-@app.command("verify")
+@app.command("verify", cls=Command)
 def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
     with progress("verifying", "blocks") as report:
@@ -115,7 +126,7 @@ def verify(data: Archive) -> None:
     say(f"{data}: all samples are whole")
 
 
-@app.command("export")
+@app.command("export", cls=Command)
 def export(
     data: Archive,
     out: Out,
