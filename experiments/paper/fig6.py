@@ -21,7 +21,7 @@ def run(setting: Setting) -> Section:
     """Reconstruct four photographs by the three methods."""
     measured, light = setting.measured, setting.backgrounds([CONDITION])
     results = swept(setting, __file__, light)
-    sbrs = results["sbr"].values.tolist()
+    sbrs = sorted(results["sbr"].values.tolist(), reverse=True)
     rows = {}
     for sbr in sbrs:
         y = ps.composite(measured.signal, light[CONDITION], sbr)
