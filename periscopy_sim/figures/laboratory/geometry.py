@@ -82,6 +82,18 @@ class RoomPlan:
         """Return the name of an axis, and its unit."""
         return f"{'xyz'[self.axes[k]]} / m"
 
+    def occluders(self) -> dict[str, Array]:
+        """Return the middle of each occluder that stands off the wall, (3,), by name."""
+        middles = {}
+        for name, points in groups_of(self.standing()).items():
+            if ((points - self.middle) @ self.normal).min() > TOUCHING:
+                middles[name] = (points.min(axis=0) + points.max(axis=0)) / 2
+        return middles
+
+    def distance(self, point: Array) -> float:
+        """Return how far a point, (3,), is from the wall's plane."""
+        return float((point - self.middle) @ self.normal)
+
     def standing(self, *panels: tuple[int, int]) -> list[Solid]:
         """Return the solids that cover little of every panel, unlike tables, floors and walls.
 
@@ -135,7 +147,7 @@ def facts(layout: RoomPlan) -> list[str]:
             continue
         wide = columns * np.linalg.norm(surface.across, axis=1).mean()
         high = rows * np.linalg.norm(surface.up, axis=1).mean()
-        before = float((surface.centers.mean(axis=0) - layout.middle) @ normal)
+        before = layout.distance(surface.centers.mean(axis=0))
         flat.append((before, wide, high))
         turned = turn_and_tilt(facing, -normal)
         if layout.lies:
@@ -150,10 +162,8 @@ def facts(layout: RoomPlan) -> list[str]:
         )
     distances = []
     before, wide, high = flat[0] if flat else (np.inf, 0, 0)
-    for name, points in groups_of(layout.standing()).items():
-        heights = (points - layout.middle) @ normal
-        distance = float(heights.min() + heights.max()) / 2
-        if heights.min() > TOUCHING and distance < before:
+    for name, middle in layout.occluders().items():
+        if (distance := layout.distance(middle)) < before:
             # By similar triangles an edge at d before the wall, of a monitor at D, casts a penumbra
             # d / (D - d) times as wide as the monitor.
             stretch = distance / (before - distance)

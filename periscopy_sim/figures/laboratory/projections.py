@@ -14,6 +14,7 @@ from periscopy_sim.figures.laboratory.geometry import (
     facts,
     groups_of,
     hull,
+    in_words,
 )
 from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
@@ -161,8 +162,6 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
     h, v = (layout.axes[k] for k in shown)
     labels = Labels(ax)
     middle, eye, normal = layout.middle, layout.eye, layout.normal
-    cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
-    ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
     _draw_wall_line(ax, labels, layout, (h, v))
     seen = extremes(survey.view_points[:4][:, [h, v]])
     ax.plot(*seen.T, color=VIEWED, linewidth=3, solid_capstyle="butt", zorder=4)
@@ -178,7 +177,15 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
         labels.add(name, points[:, [h, v]], "black")
     size = 0.05 * float(np.sum(labels.high - labels.low))
     shortened = min(1.0, size / float(np.linalg.norm(middle - eye))) * (middle - eye)
-    arrows = [(middle, size * normal, "0.45"), (eye, shortened, VIEWED)]
+    arrows = [(middle, size * normal, "0.45")]
+    if survey.parallel:  # a rectified picture has no place from which it was taken
+        labels.add("seen by the camera", seen, VIEWED)
+    else:
+        cone = np.concatenate([survey.view_origins[:4], survey.view_points[:4]])[:, [h, v]]
+        ax.add_patch(Polygon(hull(cone), facecolor=VIEWED, alpha=0.12, linewidth=0, zorder=1))
+        ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
+        labels.add("camera", eye[None, [h, v]], VIEWED)
+        arrows.append((eye, shortened, VIEWED))
     for name, surface in scenario.hidden.items():
         corners = survey.corners[name][..., [h, v]]
         a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
@@ -196,10 +203,22 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
         ax.annotate("", ends[1], ends[0], arrowprops=arrow, zorder=7, annotation_clip=False)
         labels.avoid_line(ends)
     labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
-    ax.plot(*eye[[h, v]], marker="o", markersize=5, color=VIEWED, zorder=7)
-    labels.add("camera", eye[None, [h, v]], VIEWED)
     labels.avoid_line(seen)
+    if shown == layout.others[-1]:
+        _draw_distances(ax, labels, layout, (h, v))
     labels.place()
+
+
+def _draw_distances(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
+    """Draw how far flat hidden surfaces and occluders are from the wall, each to its middle."""
+    surfaces = layout.scenario.hidden.values()
+    ends = [each.centers.mean(axis=0) for each in surfaces if each.curved is None]
+    for end in (*ends, *layout.occluders().values()):
+        distance = layout.distance(end)
+        line = np.stack([end, end - distance * layout.normal])[:, axes]
+        look = {"arrowstyle": "<->", "color": "0.45", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", *line, arrowprops=look, zorder=6, annotation_clip=False)
+        labels.add(in_words(distance), line.mean(axis=0)[None], "0.25")
 
 
 def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
@@ -269,8 +288,8 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
 
     Three views at one scale, after the third-angle projection: the front, the side view beside it,
     the plan below. The wall as the camera faces it is the front or, where it lies, the plan. Grey
-    is how much of the hidden surfaces a point of the wall sees. Where these are not one flat
-    surface, the fourth panel shows the scene in space.
+    is how much of the hidden surfaces a point of the wall sees. The fourth panel shows the scene in
+    space.
     """
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
@@ -294,10 +313,7 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
         for (h, v), ax in panels.items():
             ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
-        if scenario.hidden.is_flat:
-            rest.remove()
-        else:
-            _show_in_space(rest, scenario)
+        _show_in_space(rest, scenario)
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places

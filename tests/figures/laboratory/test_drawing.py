@@ -26,7 +26,7 @@ def figure(scenario):
 @pytest.fixture(scope="module")
 def panels(figure):
     found = {ax.get_title().partition(";")[0]: ax for ax in figure.axes}
-    assert tuple(found) == TITLES
+    assert tuple(found) == (*TITLES, "in space")
     return found
 
 
@@ -98,6 +98,18 @@ def test_distances_are_those_of_the_scene(figure, scenario):
     assert text.replace("\n", " ") == lines.replace(NO_BREAK, " ")
 
 
+def test_dimension_lines_run_from_each_thing_to_the_wall(panels):
+    """The monitor's is 1.03 m long, the pedestal's 45 cm, the plan's and at its scale."""
+    places = {text.get_text(): text.get_position() for text in panels["plan"].texts}
+    assert {"1.03 m", "45 cm"} <= places.keys() and "1.03 m" not in {
+        text.get_text() for text in panels["from the side"].texts
+    }
+    arrows = [t for t in panels["plan"].texts if getattr(t, "arrow_patch", None) is not None]
+    lengths = [np.hypot(*np.subtract(t.xy, t.get_position())) for t in arrows]
+    for length in (1.03, 0.45):
+        assert min(abs(each - length) for each in lengths) < 5e-3
+
+
 def test_turn_and_tilt_are_those_that_measurements_have():
     ahead = np.array([0, 1.0, 0])
     for turn, tilt in ((30.0, 0.0), (-12.0, 5.5), (0.0, -20.0), (170.0, 40.0)):
@@ -163,7 +175,7 @@ def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
         low, high = found[title].get_ylim()
         assert low < high and found[title].get_ylabel() == "z / m"
         places = {text.get_text(): text.get_position()[1] for text in found[title].texts}
-        assert places["hidden_room"] < places["camera"] < places["wall"]
+        assert places["hidden_room"] < places["seen by the camera"]
     share, (left, right, bottom, top) = wall.images[0].get_array(), wall.images[0].get_extent()
     x = np.linspace(left, right, share.shape[1])
     y = np.linspace(bottom, top, share.shape[0])
