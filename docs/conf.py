@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from importlib.metadata import version as version_of
+from importlib.metadata import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,9 @@ sys.path.insert(0, str(DOCS / "extensions"))
 project = "periscopy_sim"
 author = "the periscopy_sim authors"
 project_copyright = author
-release = version = version_of("periscopy-sim")
+about = metadata("periscopy-sim")
+release = version = about["Version"]
+links = dict(each.split(", ", 1) for each in about.get_all("Project-URL", []))
 
 extensions = [
     "myst_parser",
@@ -32,6 +34,8 @@ extensions = [
     "checked_links",
     "commands_page",
     "docstrings",
+    "phone_tables",
+    "api_groups",
 ]
 exclude_patterns = ["extensions", "first_hour.ipynb", "repository/readme.txt"]
 templates_path = ["templates"]
@@ -106,11 +110,13 @@ html_theme_options = {
     "navbar_align": "left",
     "show_prev_next": False,
     "secondary_sidebar_items": ["page-toc", "sg_download_links"],
-    "footer_start": ["copyright"],
-    "footer_end": [],
+    "footer_start": ["about"],
+    "footer_end": ["copyright"],
     "pygments_light_style": "tango",
     "pygments_dark_style": "github-dark",
 }
+html_context = {"repository": links.get("Repository", "")}
+toc_object_entries_show_parents = "hide"
 html_sidebars = {"index": [], "start": [], "changes": [], "leaderboard": []}
 
 
