@@ -18,7 +18,7 @@ def caption(app: Any, doctree: Any) -> None:
         title = next(iter(section.findall(nodes.title))).astext()
         for child in section.children:
             for tree in () if isinstance(child, nodes.section) else child.findall(addnodes.toctree):
-                tree["caption"] = title
+                tree["caption"] = tree["rawcaption"] = title
 
 
 def setup(app: Any) -> dict[str, bool]:
