@@ -2,13 +2,13 @@
 A method of your own, beside the others
 =======================================
 
-A method is anything with ``reconstruct(photograph)``. Write a class in a file, and every command
-and every sweep takes it by its name; the package need not be touched.
+A method is any object with ``reconstruct(photograph)``. Write a class in a file, and every command
+and every sweep accepts its name, without a change of the package.
 """
 
 # %%
-# This one is Tikhonov's: project ambient light out, and keep the differences of neighbouring
-# patches small. It is a whole file, ``tikhonov.py``.
+# This is a whole file, ``tikhonov.py``. Its method projects ambient light out and penalizes the
+# differences of neighbouring patches.
 
 import tempfile
 from pathlib import Path
@@ -44,8 +44,8 @@ folder = Path(tempfile.mkdtemp())
 (folder / "tikhonov.py").write_text(SOURCE, "utf-8")
 
 # %%
-# ``find_method`` is what the commands use for ``--method tikhonov.py:Tikhonov``. It takes shipped
-# methods by name as well.
+# The commands call ``find_method`` for ``--method tikhonov.py:Tikhonov``. It also accepts the names
+# of shipped methods.
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
@@ -58,7 +58,7 @@ names = {
 methods = {name: ps.find_method(where)(scene, A, B) for name, where in names.items()}
 
 # %%
-# All get the same photographs, at three ratios of the monitor's light to that of a lamp.
+# All methods get the same photographs, at three ratios of the monitor's light to that of lamps.
 
 truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
 lamps = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4], [0.8, 2.6, 1.3]]))
@@ -88,7 +88,7 @@ for ax in axes.flat:
     ax.spines[:].set_visible(False)
 
 # %%
-# Is yours better? Its weight is not tuned, and it knows nothing of edges or of light being
-# positive. Change ``weight``, run the page again, and see.
+# This method's weight is not tuned, and it models neither edges nor positive light. Change
+# ``weight`` and run the page again.
 
 print(results.psnr.to_series().unstack().round(1))

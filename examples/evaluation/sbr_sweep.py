@@ -1,9 +1,9 @@
 """
-How much ambient light a method stands
-======================================
+Three methods over ambient light
+================================
 
-Two methods, the same photographs, ever more ambient light: the experiment of the paper's Fig. 4, in
-small. A sweep is a plain object, and what it gives is an xarray.
+Three methods get the same photographs under more and more ambient light, as in the paper's Fig. 4.
+A sweep returns an xarray data set.
 """
 
 import tempfile
@@ -20,8 +20,8 @@ A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
 
 # %%
-# Three places of ambient light, of some lamps each, drawn at random in the half space before the
-# wall. Each is flipped about each axis, too, so that there are twelve.
+# Three places of ambient light have six lamps each, at random before the wall. ``flips`` adds their
+# mirror images about each axis, twelve backgrounds in all.
 
 rng = np.random.default_rng(0)
 rooms = {}
@@ -46,7 +46,7 @@ print(results.mean_squared_error.sizes)
 results = results.squeeze()
 
 # %%
-# Lines are means over the twelve backgrounds, bands the range from the 10th to the 90th percentile.
+# Lines are means over the twelve backgrounds, bands extend from the 10th to the 90th percentile.
 
 figure, ax = plt.subplots(figsize=(5.2, 3.6))
 for name in world.methods:
@@ -62,7 +62,7 @@ mean = results.mean_squared_error.mean("background")
 assert (mean.sel(algorithm="noise-aware") < mean.sel(algorithm="preconditioned")).all()
 
 # %%
-# The sweep keeps every image, so that a number that surprises can be looked at.
+# The sweep keeps every image: look at those behind a surprising number.
 
 figure, axes = plt.subplots(3, 5, figsize=(7.2, 3.9))
 for row, name in zip(axes, world.methods, strict=True):

@@ -1,16 +1,16 @@
 """
-Ambient light, and how it is made to vanish
-===========================================
+How the paper removes ambient light
+===================================
 
-A room is not dark. Lamps and windows light the wall too, often more than the monitor does. The
-paper's idea: light from afar changes slowly over the wall, so nearly all of it lies in a space of
-few dimensions, and that space can be left out of account.
+Lamps and windows light the wall too, often more than the monitor does. The paper's idea: light
+from afar changes slowly over the wall, so nearly all of it lies in a space of few dimensions.
+Methods project this space out.
 """
 
 # %%
 # Eq. 4 of the paper: the wall under a point light at :math:`\alpha` is
 # :math:`\psi(\alpha)_i = (\alpha - c_i) \cdot n_i / \lVert \alpha - c_i \rVert^3`.
-# Put lights on a grid of 8 x 8 x 8 places in the room, and each is a column of :math:`B`.
+# Each light of a grid of 8 x 8 x 8 places in the room gives a column of :math:`B`.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -26,8 +26,8 @@ print(f"{B.shape[1]} lights, yet a basis of {Q.shape[1]} pictures holds their li
 assert Q.shape[1] < 100
 
 # %%
-# The first pictures of that basis (blue is negative): a plain one, planes, then parabolas. No edge
-# of a shadow is like them.
+# The first pictures of that basis (blue is negative) are a constant, planes, then parabolas. None
+# resembles the edge of a shadow.
 
 figure, axes = plt.subplots(1, 6, figsize=(7.2, 1.5))
 for k, ax in enumerate(axes):
@@ -38,8 +38,8 @@ for k, ax in enumerate(axes):
     ax.set_axis_off()
 
 # %%
-# Now a real sky, path traced: the overcast place that ships with the package, with the light that
-# its surroundings send on. Over it the monitor shows a mushroom, twice as faint (an SBR of 0.5).
+# The next photograph has the light of a sky, path traced with all bounces: the overcast place that
+# ships with the package. The monitor's mushroom is half as bright (an SBR of 0.5).
 
 image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
 signal = ps.render_photograph(scene, image, samples=1024)
@@ -58,11 +58,11 @@ def strength(y):
 
 
 scale = signal.mean() / (0.5 * sky.mean())  # of the sky, beside the monitor's light
-left = {"the monitor's": signal, "the sky's": scale * sky}
-for name, light in left.items():
+lights = {"the monitor's": signal, "the sky's": scale * sky}
+for name, light in lights.items():
     share = strength(without_ambient_light(light)) / strength(light)
-    print(f"{100 * share:.2f} % of {name} light is left")
-kept = {name: strength(without_ambient_light(light)) for name, light in left.items()}
+    print(f"{100 * share:.2f} % of {name} light lies outside range(B)")
+kept = {name: strength(without_ambient_light(light)) for name, light in lights.items()}
 assert kept["the monitor's"] > 5 * kept["the sky's"]
 
 figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.2))
@@ -72,7 +72,7 @@ axes[1].imshow(ps.to_srgb(photograph))
 axes[1].set_title("under the sky")
 for ax, title, light in zip(
     axes[2:],
-    ["left of both", "left of the sky"],
+    ["both, projected", "the sky, projected"],
     [signal + scale * sky, scale * sky],
     strict=True,
 ):
@@ -84,11 +84,10 @@ for ax in axes:
 # sphinx_gallery_thumbnail_number = 2
 
 # %%
-# Nothing is left of the sky that could be seen at this scale. The monitor's light, too, loses its
-# smooth part. What the chair has cut out stays, and with it the image: :math:`A_\perp = A - Q
-# Q^\top A` has full column rank, so :math:`f` is still determined.
-# :func:`~periscopy_sim.form_preconditioner` makes the matrix :math:`P` of it, with :math:`P A = I`
-# and :math:`P B = 0`.
+# The projection removes the sky, and the smooth part of the monitor's light. The chair's shadows
+# stay, and with them the image: :math:`A_\perp = A - Q Q^\top A` has full column rank, so
+# :math:`f` is still determined. :func:`~periscopy_sim.form_preconditioner` makes the matrix
+# :math:`P`, with :math:`P A = I` and :math:`P B = 0`.
 
 A = ps.render_transport(scene, samples=64).astype(float)
 P = ps.form_preconditioner(A, B)

@@ -2,9 +2,9 @@
 Why a chair helps: singular values
 ==================================
 
-How many numbers does a photograph tell of the hidden image? The singular values of the light
-transport matrix answer: each is how strongly one pattern of the monitor shows on the wall. What is
-below the noise is lost. Without an occluder nearly all is.
+How many numbers of the hidden image does a photograph contain? Each singular value of the light
+transport matrix is the strength of one pattern of the monitor on the wall. Noise hides the weak
+patterns, which are nearly all of them without an occluder.
 """
 
 import matplotlib.pyplot as plt
@@ -13,11 +13,11 @@ import numpy as np
 import periscopy_sim as ps
 
 hidden = (15, 18)
-here = {"resolution": 63}
+size = {"resolution": 63}
 scenes = {
-    "a chair": ps.load_scenario("chair", hidden, here),
-    "a plate on a stick": ps.load_scenario("plate", hidden, here),
-    "nothing": ps.load_scenario("chair", hidden, {**here, "occluder_dz": -3}),  # far below
+    "a chair": ps.load_scenario("chair", hidden, size),
+    "a plate on a stick": ps.load_scenario("plate", hidden, size),
+    "nothing": ps.load_scenario("chair", hidden, {**size, "occluder_dz": -3}),  # far below
 }
 # The middles of strata, not random places in them: noise of A would hide its small singular values.
 values = {
@@ -28,30 +28,29 @@ values = {
 }
 
 # %%
-# When is a pattern seen? Let the image be spread evenly over the N patterns. Nearly all of its
-# light on the wall is then the first pattern's, whose singular value is the largest. Noise of 60 dB
-# has a thousandth of that light's root mean square in each of the M pixels, and so pattern k is
-# stronger than the noise where its singular value is more than :math:`10^{-3} \sqrt{N / M}` of the
-# first.
+# Let the image have equal strength in all N patterns. Nearly all of its light on the wall is then
+# the first pattern's, whose singular value is the largest. Noise of 60 dB has a thousandth of that
+# light's root mean square in each of the M pixels. Pattern k is stronger than the noise if its
+# singular value is more than :math:`10^{-3} \sqrt{N / M}` of the first.
 
 N, M = hidden[0] * hidden[1], 63 * 63
 floor = 1e-3 * np.sqrt(N / M)
-seen = {name: int((s > floor * s[0]).sum()) for name, s in values.items()}
-for name, count in seen.items():
+strong = {name: int((s > floor * s[0]).sum()) for name, s in values.items()}
+for name, count in strong.items():
     print(f"between monitor and wall {name}: {count} of {N} patterns")
-assert seen["nothing"] < 15 and min(seen["a chair"], seen["a plate on a stick"]) > 200
+assert strong["nothing"] < 15 and min(strong["a chair"], strong["a plate on a stick"]) > 200
 
 figure, ax = plt.subplots(figsize=(5.6, 3.4))
 for name, s in values.items():
-    ax.semilogy(np.arange(1, len(s) + 1), s / s[0], label=f"{name}: {seen[name]} patterns")
+    ax.semilogy(np.arange(1, len(s) + 1), s / s[0], label=f"{name}: {strong[name]} patterns")
 ax.axhline(floor, color="0.5", linestyle="--", linewidth=1)
 ax.text(60, floor * 1.25, "noise at 60 dB", va="bottom", color="0.4", fontsize=8)
 ax.set(xlabel="singular value", ylabel="over the largest", xlim=(0, len(s)), ylim=(1e-8, 1.5))
 ax.legend(title="between monitor and wall")
 
 # %%
-# The patterns themselves: right singular vectors, as the monitor would show them. The first are
-# broad and easily seen. Far down they are fine, and the photograph tells little of them.
+# The patterns are right singular vectors, here as the monitor would show them. The first are
+# broad and strong, the last fine and weak.
 
 A = ps.render_transport(scenes["a chair"], samples=64, strata="gauss").astype(float)
 V = np.linalg.svd(A, full_matrices=False)[2]

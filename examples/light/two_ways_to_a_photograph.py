@@ -2,9 +2,8 @@
 A photograph computed twice
 ===========================
 
-Can a simulated photograph be trusted? This package has the same wall by two ways that share no
-code: rays, traced by Mitsuba, and a closed form, in which the chair's triangles are projected onto
-the wall. They have to agree, in absolute scale.
+This package computes a photograph in two ways that share no code: rays, which Mitsuba traces, and
+a closed form, which projects the chair's triangles onto the wall. Both agree in absolute scale.
 """
 
 import matplotlib.pyplot as plt
@@ -21,8 +20,8 @@ shadow_rays = ps.render_transport(scene.averaged(3), samples=64) @ image.reshape
 shadow_rays = shadow_rays.reshape(63, 63, 3)
 
 # %%
-# A third way: the camera's own picture of the scene, path traced, its monitor showing the image.
-# It averages over each pixel, and is noisy. Two seeds tell how noisy.
+# The third photograph is path traced, with the image on the monitor. It averages over each pixel,
+# and two seeds show its noise.
 
 traced = [
     ps.render_photograph(scene, image, samples=576, bounces=1, only_monitor=True, seed=seed)
@@ -36,9 +35,8 @@ assert abs(shadow_rays.sum() / mean.sum() - 1) < 1e-3
 assert abs(closed_form.sum() / mean.sum() - 1) < 2e-3
 
 # %%
-# Pixel by pixel rays and path tracing differ by the noise of the path tracer alone: no edge is to
-# be seen. The closed form takes the middle of a pixel for all of it, which shows at the edges of
-# shadows, and only there.
+# Rays and path tracing differ only by the path tracer's noise. The closed form uses the middle of
+# each pixel, so it differs at the edges of shadows.
 
 figure, axes = plt.subplots(1, 4, figsize=(7.2, 1.9))
 axes[0].imshow(ps.to_srgb(mean))

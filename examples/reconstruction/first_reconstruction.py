@@ -3,15 +3,15 @@ A first reconstruction
 ======================
 
 A camera photographs a blank wall. Around the corner a monitor shows an image, a chair stands
-between, and the sky outside lights the wall as well, twice as much as the monitor does. From that
-one photograph the image comes back.
+between, and the sky lights the wall twice as much as the monitor does. This script recovers the
+image from that one photograph.
 """
 
 # %%
 # The scene
 # ---------
-# A scene is a Mitsuba file that keeps three ids: ``wall``, ``monitor`` and ``camera``. Everything
-# else stands in the light's way. ``hidden`` says into how many patches the monitor is divided.
+# A scene is a Mitsuba file that keeps three ids: ``wall``, ``monitor`` and ``camera``. Every other
+# shape is an occluder. ``hidden`` is the number of the monitor's patches, rows first.
 
 import numpy as np
 
@@ -21,8 +21,8 @@ hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 
 # %%
-# The light transport matrix :math:`A` says how each patch lights each pixel, the columns of
-# :math:`B` how far lamps would.
+# The light transport matrix :math:`A` has the light of each patch in each pixel, :math:`B` the
+# light of far lamps.
 
 A = ps.transport(scene)
 B = ps.point_light_backgrounds(scene)
@@ -31,8 +31,9 @@ print(A.shape, B.shape)
 # %%
 # The photograph
 # --------------
-# It is path traced, with all bounces: it does not come from :math:`A`. The sky is one of ten
-# places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` in dB what noise leaves.
+# The photograph is path traced, with all bounces, so :math:`A` does not make it. The sky is one of
+# ten places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over
+# its noise, in dB.
 
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
 signal = ps.render_photograph(scene, truth, samples=2304)
@@ -42,33 +43,31 @@ photograph = ps.add_noise(ps.composite(signal, sky, sbr=0.5), snr=60, seed=0)
 # %%
 # The image
 # ---------
-# A method is fitted to the scene once, and then takes any photograph of it.
+# Fit a method to the scene once. It then accepts any photograph of the scene.
 
 method = ps.NoiseAware.for_scene(scene, A, B)
-found = method.solve(photograph)
-score = ps.psnr_gain_matched(found.image, truth)
+solution = method.solve(photograph)
+score = ps.psnr_gain_matched(solution.image, truth)
 ps.show(
     photograph,
-    ps.gain_matched(found.image, truth),
+    ps.gain_matched(solution.image, truth),
     truth,
-    titles=["the wall", f"found: {score:.1f} dB", "hidden"],
+    titles=["photograph", f"reconstruction: {score:.1f} dB", "hidden image"],
 )
 assert score > 22
 
 # %%
-# Does the scene explain the photograph? That can be asked without knowing the truth: what is left
-# over should be noise.
+# Does the scene explain the photograph? Then the residual is noise, which needs no truth to check.
 
-residual = method.residual(photograph, found)
+residual = method.residual(photograph, solution)
 print(f"unexplained: {100 * residual.unexplained:.2f} % of the photograph")
 print(f"noise alone would leave {100 * residual.noise_alone:.2f} %")
 assert residual.unexplained < 2 * residual.noise_alone
 
 # %%
-# And how sure is each patch? The method tells a standard error, which goes up where the chair
-# shows little of the image.
+# The method reports a standard error for each patch, which is larger where the chair shows little
+# of the image.
 
-errors = method.standard_errors(found)
-print(
-    f"standard errors: {100 * np.median(errors) / found.image.max():.1f} % of white at the median"
-)
+errors = method.standard_errors(solution)
+median = 100 * np.median(errors) / solution.image.max()
+print(f"standard errors: {median:.1f} % of white at the median")

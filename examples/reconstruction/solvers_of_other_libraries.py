@@ -2,9 +2,9 @@
 Solvers of SciPy and PyLops on A
 ================================
 
-The light transport is a linear operator, and others have written good solvers for these.
-:func:`~periscopy_sim.transport_operator` makes it one of SciPy's, over images; PyLops takes it as
-it is.
+The light transport is a linear operator, for which other libraries have good solvers.
+:func:`~periscopy_sim.transport_operator` returns a SciPy operator over images, which PyLops
+accepts.
 """
 
 import matplotlib.pyplot as plt
@@ -25,18 +25,16 @@ y = photograph.ravel().astype(np.float32)
 print(f"{A.shape[0]} measurements of {A.shape[1]} unknowns: three colours")
 
 # %%
-# An operator and its adjoint must belong together: the dot test, with which every such adapter
-# should begin.
+# The dot test checks that the operator and its adjoint match.
 
 rng = np.random.default_rng(0)
 x, z = (rng.standard_normal(n).astype(np.float32) for n in A.shape[::-1])
 assert np.isclose(np.vdot(A @ x, z), np.vdot(x, A.rmatvec(z)), rtol=1e-3)
 
 # %%
-# Without regularization more iterations first explain the image and then the noise: the number of
-# iterations is the regularization. PyLops adds terms: here the differences of neighbouring patches
-# are kept small. SciPy's ``nnls`` finds the image that explains the photograph best and is black or
-# brighter everywhere; it takes the matrix itself.
+# LSQR regularizes by the number of its iterations: they first explain the image and then the noise.
+# PyLops adds terms, here small differences of neighbouring patches. SciPy's ``nnls`` returns the
+# nonnegative image that explains the photograph best; it needs the matrix itself.
 
 counts = [5, 10, 20, 50, 100, 200, 500, 1000]
 by_count = [A.image(lsqr(A, y, atol=0, btol=0, conlim=0, iter_lim=n)[0]) for n in counts]
@@ -58,8 +56,8 @@ positive = np.transpose([nnls(matrix.astype(float), channel)[0] for channel in b
 positive = positive.reshape(truth.shape)
 
 # %%
-# Each of them knows no ambient light; there was none. With it, project range(B) out first, or take
-# :class:`~periscopy_sim.NoiseAware`, which regularizes better than all of these.
+# None of these solvers models ambient light. If there is any, project range(B) out first, or use
+# :class:`~periscopy_sim.NoiseAware`, which also regularizes better.
 
 B = ps.point_light_backgrounds(scene)
 noise_aware = ps.NoiseAware.for_scene(scene, matrix, B).reconstruct(photograph)
@@ -74,20 +72,20 @@ images = {
 }
 figure = plt.figure(figsize=(7.2, 4.1))
 top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.6])
-for ax, (name, found) in zip(top.subplots(1, len(images)), images.items(), strict=True):
-    ax.imshow(ps.to_srgb(ps.gain_matched(found, truth), 1))
+for ax, (name, result) in zip(top.subplots(1, len(images)), images.items(), strict=True):
+    ax.imshow(ps.to_srgb(ps.gain_matched(result, truth), 1))
     ax.set_title(
-        name if name == "hidden" else f"{name}\n{ps.psnr_gain_matched(found, truth):.1f} dB",
+        name if name == "hidden" else f"{name}\n{ps.psnr_gain_matched(result, truth):.1f} dB",
         fontsize=8,
     )
     ax.set_axis_off()
 ax = bottom.subplots()
 ax.semilogx(counts, scores, "o-", markersize=4, label="LSQR")
-for name, found, style in [
+for name, result, style in [
     ("PyLops, smooth", smooth, "--"), ("f ≥ 0", positive, "-."), ("noise-aware", noise_aware, ":")
 ]:  # fmt: skip
     ax.axhline(
-        ps.psnr_gain_matched(found, truth), linestyle=style, color="0.4", label=name, linewidth=1.2
+        ps.psnr_gain_matched(result, truth), linestyle=style, color="0.4", label=name, linewidth=1.2
     )
 ax.set(xlabel="iterations of LSQR", ylabel="PSNR, dB")
 ax.legend(ncols=2)

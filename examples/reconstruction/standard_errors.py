@@ -2,8 +2,8 @@
 Standard errors beside true errors
 ==================================
 
-A picture without error bars asks to be believed. The noise-aware method tells how far each patch
-may be off. Here what it tells from one photograph stands beside what truly happens over many.
+The noise-aware method reports a standard error for each patch, from one photograph. This script
+compares the reported errors with the true ones over many photographs.
 """
 
 import matplotlib.pyplot as plt
@@ -25,40 +25,44 @@ lamp = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4]])).reshape(6
 clean = ps.composite(signal, np.broadcast_to(lamp, signal.shape), sbr=1)
 photographs = [ps.add_noise(clean, snr=55, seed=seed) for seed in range(15)]
 
-found = [method.solve(photograph) for photograph in photographs]
-told = method.standard_errors(found[0])
+solutions = [method.solve(photograph) for photograph in photographs]
+reported = method.standard_errors(solutions[0])
 
 # %%
-# A composite has a mean of 1, so the image comes in that unit. What factor makes it the truth?
-# The monitor's light has been scaled by a known number: SBR / (1 + SBR) over its mean.
+# A composite has a mean of 1, so the image is in that unit. The monitor's light was scaled by
+# SBR / (1 + SBR) over its mean, and the truth is scaled alike.
 
 unit = 0.5 / signal.mean()
-errors = np.array([f.image - unit * truth for f in found])
+errors = np.array([f.image - unit * truth for f in solutions])
 true = np.sqrt(np.mean(errors**2, axis=(0, 3)))
-told = np.sqrt(np.mean(told**2, axis=2))
+reported = np.sqrt(np.mean(reported**2, axis=2))
 
 white = unit * truth.max() / 100
 figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.1))
-axes[0].imshow(ps.to_srgb(found[0].image, unit))
-axes[0].set_title("found")
-top = 1.02 * max(told.max(), true.max()) / white
-for ax, name, values in zip(axes[1:3], ("told, % of white", "true"), (told, true), strict=True):
+axes[0].imshow(ps.to_srgb(solutions[0].image, unit))
+axes[0].set_title("reconstruction")
+top = 1.02 * max(reported.max(), true.max()) / white
+for ax, name, values in zip(
+    axes[1:3], ("reported, % of white", "true"), (reported, true), strict=True
+):
     shown = ax.imshow(values / white, cmap="magma", vmin=0, vmax=top)
     ax.set_title(name)
 figure.colorbar(shown, ax=axes[1:3], shrink=0.7, aspect=14)
 for ax in axes[:3]:
     ax.set_axis_off()
 axes[3].plot([0, top], [0, top], color="0.6", linewidth=1)
-axes[3].scatter(told / white, true / white, s=7, alpha=0.6, linewidth=0)
-axes[3].set(xlabel="told, %", ylabel="true, %", xlim=(0, top), ylim=(0, top), box_aspect=1)
+axes[3].scatter(reported / white, true / white, s=7, alpha=0.6, linewidth=0)
+axes[3].set(xlabel="reported, %", ylabel="true, %", xlim=(0, top), ylim=(0, top), box_aspect=1)
 
 # %%
-# How often is the truth within one standard error, and within two? Normal errors would make it
-# 68 % and 95 %. Here it is more: where the image is black the errors told are too large, since they
-# leave out of account that light cannot be negative. At the bright spots they are too small, for
-# total variation smooths these away in every photograph alike.
+# For normal errors the truth is within one standard error in 68 % of all cases, and within two in
+# 95 %. Here the fractions are larger: where the image is black the reported errors are too large,
+# since they ignore that light cannot be negative. At the bright spots they are too small, because
+# total variation smooths these spots in every photograph.
 
-within = [np.mean(np.abs(errors) <= k * method.standard_errors(found[0])) for k in (1, 2)]
+within = [np.mean(np.abs(errors) <= k * method.standard_errors(solutions[0])) for k in (1, 2)]
 print(f"within one: {100 * within[0]:.0f} %, within two: {100 * within[1]:.0f} %")
-print(f"told over true, root mean square: {np.sqrt(np.mean(told**2) / np.mean(true**2)):.2f}")
+print(
+    f"reported over true, root mean square: {np.sqrt(np.mean(reported**2) / np.mean(true**2)):.2f}"
+)
 assert 0.5 < within[0] < 0.95 and within[1] > 0.8

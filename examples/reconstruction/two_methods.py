@@ -2,9 +2,9 @@
 The paper's method, step by step, and a noise-aware one
 =======================================================
 
-The paper forms a matrix :math:`P` once, and then needs one product :math:`P y` a photograph, a
-denoiser and a repair. The noise-aware method asks which image explains the *photograph* best,
-where the noise is white, and needs some twenty milliseconds more.
+The paper forms a matrix :math:`P` once. Each photograph then needs one product :math:`P y`, a
+denoiser and a repair. The noise-aware method fits the *photograph*, where the noise is white, and
+needs some twenty milliseconds more.
 """
 
 import matplotlib.pyplot as plt
@@ -17,8 +17,8 @@ scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 
 # %%
-# A photograph with half as much light from the monitor as from three coloured lamps, none of which
-# stands on the grid of :math:`B`.
+# The monitor sends half as much light as three coloured lamps, none of which lies on the grid of
+# :math:`B`.
 
 truth = ps.read_hidden_image(ps.find_image("still_life"), hidden)
 signal = ps.render_photograph(scene, truth, samples=1024)
@@ -28,8 +28,9 @@ room = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(signal.shape
 photograph = ps.add_noise(ps.composite(signal, room, sbr=0.5), snr=60, seed=0)
 
 # %%
-# ``preconditioned``, the paper's: :math:`P y` is free of ambient light but noisy (Eq. 8), total
-# variation removes noise (Eq. 11), and Algorithm 2 repairs patches that differ from all neighbours.
+# ``preconditioned`` is the paper's method: :math:`P y` is free of ambient light but noisy (Eq. 8),
+# total variation removes noise (Eq. 11), and Algorithm 2 repairs patches that differ from all
+# neighbours.
 
 paper = ps.Periscope.for_scene(scene, A, B)
 step = paper.solve(photograph)
@@ -50,9 +51,9 @@ for ax, (name, image) in zip(axes, images.items(), strict=True):
     ax.set_axis_off()
 
 # %%
-# Why the difference? Noise that is white in the photograph is not in :math:`P y`: it is strong in
-# the patterns that the wall hardly shows. Its standard deviation by patch is the square root of the
-# Cramer-Rao bound, the diagonal of :math:`P P^\top`; and neighbours share it.
+# Noise that is white in the photograph is not white in :math:`P y`: it is strong in the patterns
+# that the wall hardly shows. Its standard deviation in each patch is the square root of the
+# Cramer-Rao bound, the diagonal of :math:`P P^\top`. Neighbours have correlated noise.
 
 P = paper.preconditioner
 bound = np.sqrt(P.noise_gain).reshape(hidden)

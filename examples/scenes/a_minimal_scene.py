@@ -4,7 +4,7 @@ A minimal scene
 
 A scene is a plain Mitsuba file. Three ids are the contract: a shape ``wall``, a shape ``monitor``
 and a sensor ``camera``. Every other shape is an occluder. These 25 lines are a whole scene, in
-metres: x to the right as one faces the wall, y from the monitor to the wall, z up.
+metres: x to the right as you face the wall, y from the monitor to the wall, z up.
 """
 
 import subprocess
@@ -60,7 +60,7 @@ ax.imshow(plt.imread(drawing))
 ax.set_axis_off()
 
 # %%
-# Everything else is as with the shipped scenes. In a shell: ``periscopy photograph minimal.xml
+# Everything else works as with the shipped scenes. In a shell: ``periscopy photograph minimal.xml
 # letters --hidden 12x15 --snr 60 --out photo.exr``, then ``periscopy reconstruct photo.exr --scene
 # minimal.xml --hidden 12x15 --out out``. The monitor shows 12 x 15 patches, as the image has.
 

@@ -1,9 +1,9 @@
 """
-What a ruler gets wrong, and what calibration does to it
-========================================================
+A wrong ruler, and what calibration corrects
+============================================
 
-The chair stands 4 mm to the right of where the ruler says. That is enough to spoil the picture, and
-the photograph knows it: no image explains what was seen, unless the chair moves.
+The chair stands 4 mm to the right of its measured place. This error spoils the picture, and the
+photograph shows it: no image explains the photograph unless the chair moves.
 """
 
 import matplotlib.pyplot as plt
@@ -12,34 +12,34 @@ import numpy as np
 import periscopy_sim as ps
 
 hidden = (10, 12)
-truly = {"occluder_dx": 0.004}
-there = ps.load_scenario("chair", hidden, {"resolution": 48, **truly})
+true_values = {"occluder_dx": 0.004}
+true_scene = ps.load_scenario("chair", hidden, {"resolution": 48, **true_values})
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(there, truth, samples=4096, bounces=1)
-lamp = ps.point_light_backgrounds(there, np.array([[-1.2, 1.9, 0.4]])).reshape(48, 48, 1)
+signal = ps.render_photograph(true_scene, truth, samples=4096, bounces=1)
+lamp = ps.point_light_backgrounds(true_scene, np.array([[-1.2, 1.9, 0.4]])).reshape(48, 48, 1)
 photograph = ps.add_noise(ps.composite(signal, lamp + 0 * signal, sbr=3), snr=60, seed=0)
 
 # %%
-# One number is free, known to half a centimetre. ``calibrate`` knows neither the image nor
-# the lamp; it weighs the photograph against the ruler.
+# One number is free, measured to half a centimetre. ``calibrate`` knows neither the image nor
+# the lamp; it combines the photograph with the measured value.
 
-found = ps.calibrate(
+calibration = ps.calibrate(
     photograph,
     "chair",
     hidden,
     {"occluder_dx": 0.005},
     parameters={"resolution": 48},
 )
-for parameter in found.parameters:
+for parameter in calibration.parameters:
     name = parameter.name
     print(
-        f"{name}: ruler 0.0 mm, photograph {1e3 * parameter.value:+.2f} ± "
-        f"{1e3 * parameter.standard_error:.2f} mm, truly {1e3 * truly[name]:+.1f} mm"
+        f"{name}: measured 0.0 mm, calibrated {1e3 * parameter.value:+.2f} ± "
+        f"{1e3 * parameter.standard_error:.2f} mm, true {1e3 * true_values[name]:+.1f} mm"
     )
-    assert abs(parameter.value - truly[name]) < 0.0015
+    assert abs(parameter.value - true_values[name]) < 0.0015
 
 # %%
-# The picture by the scene as measured, as calibrated, and as it truly is.
+# The same photograph, reconstructed with the measured, the calibrated and the true scene:
 
 
 def reconstructed(parameters):
@@ -51,20 +51,20 @@ def reconstructed(parameters):
 
 
 results = {
-    "by the ruler": reconstructed({}),
-    "calibrated": reconstructed(found.values),
-    "the true scene": reconstructed(truly),
+    "measured": reconstructed({}),
+    "calibrated": reconstructed(calibration.values),
+    "true scene": reconstructed(true_values),
 }
 figure, axes = plt.subplots(2, 4, figsize=(7.2, 3.7), width_ratios=[1, 1, 1, 1])
 axes[0, 0].imshow(ps.to_srgb(truth, 1))
-axes[0, 0].set_title("hidden")
+axes[0, 0].set_title("hidden image")
 axes[1, 0].imshow(ps.to_srgb(photograph))
-axes[1, 0].set_title("the wall")
+axes[1, 0].set_title("photograph")
 for (above, below), (name, (image, residual)) in zip(axes.T[1:], results.items(), strict=True):
     above.imshow(ps.to_srgb(ps.gain_matched(image, truth), 1))
     above.set_title(f"{name}\n{ps.psnr_gain_matched(image, truth):.1f} dB")
-    left = 100 * residual.light.mean(axis=2) / np.sqrt(np.mean(photograph**2))
-    below.imshow(left, cmap="RdBu_r", vmin=-1, vmax=1)
+    percent = 100 * residual.light.mean(axis=2) / np.sqrt(np.mean(photograph**2))
+    below.imshow(percent, cmap="RdBu_r", vmin=-1, vmax=1)
     below.set_title(f"unexplained: {100 * residual.unexplained:.2f} %")
 for ax in axes.flat:
     ax.set_axis_off()

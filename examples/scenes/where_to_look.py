@@ -2,9 +2,9 @@
 Where to look
 =============
 
-Which part of the wall should the camera photograph? There is no need to try: how well a photograph
-can tell the hidden image, whatever the image, follows from the scene alone. The Cramer-Rao bound
-says below which error no unbiased method gets; the best view is the one with the least bound.
+Which part of the wall should the camera photograph? The scene alone determines how well a
+photograph shows hidden images. The Cramer-Rao bound is the least error of any unbiased method, so
+the best view has the least bound.
 """
 
 import matplotlib.pyplot as plt
@@ -22,12 +22,12 @@ def mean_bound(parameters):
     noise = 1e-3 * np.sqrt(np.mean(A.astype(float).sum(axis=1) ** 2))
     try:
         return noise * np.sqrt(ps.form_preconditioner(A, B).noise_gain.mean())
-    except ValueError:  # some patch cannot be told apart at all
+    except ValueError:  # the photograph does not determine some patch
         return np.nan
 
 
 # %%
-# The field of view is moved over the wall; chair and monitor stay.
+# The field of view moves over the wall; chair and monitor stay.
 
 dx, dz = np.linspace(-0.2, 0.2, 9), np.linspace(-0.24, 0.16, 9)
 bounds = np.array([[mean_bound({"camera_dx": x, "camera_dz": z}) for x in dx] for z in dz])
@@ -39,7 +39,7 @@ print(
 print(f"at the paper's view it is {100 * mean_bound({}):.1f} %")
 
 figure, ax = plt.subplots(figsize=(5.4, 3.6))
-ax.set_facecolor("0.85")  # where some patch cannot be told apart at all
+ax.set_facecolor("0.85")  # where the photograph does not determine some patch
 percent = 100 * bounds
 least = np.nanmin(percent)
 shown = ax.pcolormesh(100 * dx, 100 * dz, percent, cmap="viridis_r", vmin=least, vmax=6 * least)
@@ -50,8 +50,8 @@ ax.set(xlabel="view moved to the right, cm", ylabel="view moved up, cm", aspect=
 ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 # %%
-# Is the bound worth believing? Ask a method that knows nothing of it: one photograph from the best
-# view, one from the worst.
+# Does the bound predict the error of a method? Compare a photograph of the best view with one of
+# the worst.
 
 finite = np.where(np.isfinite(bounds), bounds, -np.inf)
 worst = np.unravel_index(finite.argmax(), bounds.shape)
