@@ -103,3 +103,50 @@ def test_a_plural_of_a_literal_is_read_as_one():
         "Values for the file's ``<default>``\\ s, and `Scenario`\\ s.",
         "``whole`` and `own`.",
     ]
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_a_page_is_read_in_five_minutes(page):
+    if "gallery" not in page.parts and "repository" not in page.parts:
+        assert len(page.read_text("utf-8").split()) <= 1200, "shorten it, or move a section"
+
+
+def test_tables_of_text_stack_and_tables_of_numbers_do_not():
+    pytest.importorskip("sphinx")
+    from docutils.core import publish_doctree
+    from docutils.nodes import table
+
+    text = """
+==== =====
+file holds
+==== =====
+a    what the scene does not explain
+==== =====
+
+==== ====
+SBR  PSNR
+==== ====
+0.5  12.0
+==== ====
+"""
+    tree = publish_doctree(text)
+    extension("phone_tables").mark(None, tree)
+    assert [each["classes"] for each in tree.findall(table)] == [["stacks"], []]
+
+
+def test_the_sidebar_of_the_api_has_a_caption_for_each_section():
+    pytest.importorskip("sphinx")
+    from types import SimpleNamespace
+
+    from docutils import nodes
+    from sphinx import addnodes
+
+    lists = [addnodes.toctree(), addnodes.toctree()]
+    page = nodes.section("", nodes.title(text="API"))
+    for title, each in zip(("Scene", "Light"), lists, strict=True):
+        page += nodes.section("", nodes.title(text=title), nodes.paragraph("", "", each))
+    groups = extension("api_groups")
+    groups.caption(SimpleNamespace(env=SimpleNamespace(docname="methods")), page)
+    assert "caption" not in lists[0]
+    groups.caption(SimpleNamespace(env=SimpleNamespace(docname=groups.PAGE)), page)
+    assert [each["caption"] for each in lists] == ["Scene", "Light"]
