@@ -164,6 +164,60 @@ class Prepared:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class FilmAreas:
+    """The pixels of a scene's film as areas of a photograph, and the flaws of both.
+
+    Photographs of one camera at rest have the areas in common.
+    """
+
+    corners: Array  # (rows + 1, columns + 1, 2) of the film's pixels: column and row
+    flaws: NDArray[np.uint8]  # (height, width), the `Flaw`s of the photograph's pixels
+    excluded: NDArray[np.uint8]  # (rows, columns), `Flaw`s of the film's pixels of their own
+    film: PlacedFilm | None  # None without marks
+    warnings: tuple[str, ...]
+
+
+def film_areas(
+    light: SensorImage,
+    scenario: Scenario,
+    marks: WallPoints | WallTags | None = None,
+    mask: Mask | None = None,
+) -> FilmAreas:
+    """Find the film's pixels in a photograph, and the flaws of its pixels; see `prepare`."""
+    shape = scenario.photograph_shape
+    film, warnings = None, []
+    if marks is not None:
+        film = place_film(light, scenario, marks)
+        warnings = [f"the photograph does not show tag {number}" for number in film.missing]
+        if film.placement > LARGEST_PLACEMENT_ERROR:
+            warnings.append(
+                f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
+                "only, where it is worst; measure more of them, further apart"
+            )
+    elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
+        raise PhotographError(
+            f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
+            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
+            "film, crop the photograph, or give marks on the wall"
+        )
+    on_photograph, on_film = None, np.ones(shape, bool)
+    if mask is not None and mask.shape == shape != light.size:
+        on_film = mask
+    elif mask is not None:
+        on_photograph = mask_of_pixels(mask, light)
+    defects = defective_pixels(light.values, on_photograph)
+    single = (defects.dead | defects.hot) & ~light.saturated
+    flaws = np.uint8(Flaw.SATURATED) * light.saturated | np.uint8(Flaw.DEFECTIVE) * single
+    if on_photograph is not None:
+        flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
+    excluded = np.uint8(Flaw.MASKED) * ~on_film
+    if film:
+        excluded |= np.uint8(Flaw.TAG) * film.beneath_tags()
+    corners = film.corners if film else block_corners(light.size, shape)
+    return FilmAreas(corners, flaws, excluded, film, tuple(warnings))
+
+
 def prepare(
     photograph: SensorImage | ArrayLike,
     scenario: Scenario,
@@ -200,37 +254,10 @@ def prepare(
         If there are marks and the wall is not plane.
     """
     light = sensor_image(photograph, "the photograph")
-    shape = scenario.photograph_shape
-    film, warnings = None, []
-    if marks is not None:
-        film = place_film(light, scenario, marks)
-        warnings = [f"the photograph does not show tag {number}" for number in film.missing]
-        if film.placement > LARGEST_PLACEMENT_ERROR:
-            warnings.append(
-                f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
-                "only, where it is worst; measure more of them, further apart"
-            )
-    elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
-        raise PhotographError(
-            f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
-            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
-            "film, crop the photograph, or give marks on the wall"
-        )
-    on_photograph, on_film = None, np.ones(shape, bool)
-    if mask is not None and mask.shape == shape != light.size:
-        on_film = mask
-    elif mask is not None:
-        on_photograph = mask_of_pixels(mask, light)
-    defects = defective_pixels(light.values, on_photograph)
-    single = (defects.dead | defects.hot) & ~light.saturated
-    flaws = np.uint8(Flaw.SATURATED) * light.saturated | np.uint8(Flaw.DEFECTIVE) * single
-    if on_photograph is not None:
-        flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
-    corners = film.corners if film else block_corners(light.size, shape)
-    values, kinds = average_areas(light.values, flaws, corners)
-    kinds |= np.uint8(Flaw.MASKED) * ~on_film
-    if film:
-        kinds |= np.uint8(Flaw.TAG) * film.beneath_tags()
+    areas = film_areas(light, scenario, marks, mask)
+    film, warnings = areas.film, [*areas.warnings]
+    values, kinds = average_areas(light.values, areas.flaws, areas.corners)
+    kinds |= areas.excluded
     used = (kinds & ~np.uint8(Flaw.DEFECTIVE)) == 0
     if not used.any():
         raise PhotographError(
@@ -246,8 +273,8 @@ def prepare(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
         flaws=kinds,
-        defects=int(np.count_nonzero(single)),
-        coverage=film.coverage if film else float(np.prod(light.size) / np.prod(shape)),
+        defects=int(np.count_nonzero(areas.flaws & np.uint8(Flaw.DEFECTIVE))),
+        coverage=film.coverage if film else float(np.prod(light.size) / np.prod(used.shape)),
         view=film.view if film else None,
         placement=film.placement if film else 0.0,
         warnings=tuple(warnings),

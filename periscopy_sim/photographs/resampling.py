@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.compilation import compiled, compiled_reordered
 from periscopy_sim.numerics.machine import in_parallel, ranges
 
 SLIVER = 1e-6
@@ -70,6 +70,120 @@ def average_areas(
     kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
     kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
     return values, kinds
+
+
+class AreaMap:
+    """The areas of `average_areas`, computed once for many images of one size, as a video has them.
+
+    `flaws` and `corners` are those of `average_areas`. Each new pixel has a box of weights: the
+    fractions of its sound area that the image's pixels cover. `kinds`, (rows, columns), are the
+    flaws within each new pixel and its own.
+    """
+
+    def __init__(self, flaws: NDArray[np.uint8], corners: Array) -> None:
+        corners = np.ascontiguousarray(corners, dtype=np.float64)
+        black = np.zeros((*flaws.shape, 1), np.float32)
+        self.size = flaws.shape
+        self.kinds = average_areas(black, flaws, corners)[1]
+        quads = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]])
+        most = np.array(flaws.shape[::-1])
+        low, high = (np.clip(each, 0, most) for each in (quads.min(axis=0), quads.max(axis=0)))
+        self._boxes = np.concatenate([np.floor(low), np.ceil(high)], axis=-1).astype(np.int64)
+        sides = self._boxes[..., 2:] - self._boxes[..., :2]
+        ends = np.cumsum(np.prod(sides, axis=-1))
+        self._starts = np.append(0, ends[:-1]).reshape(sides.shape[:2])
+        self._weights = np.zeros(ends[-1], np.float32)
+        in_parallel(
+            lambda part: _weigh_rows(
+                flaws, corners, *part, self._boxes, self._starts, self._weights
+            ),
+            ranges(len(sides)),
+        )
+
+    def average(
+        self, codes: NDArray[np.unsignedinteger], table: NDArray[np.float32], white: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return an image of codes averaged as light, and where it is saturated.
+
+        `codes` are (height, width, channels), `table` is the light of each code, and codes from
+        `white` on are saturated. Return (rows, columns, channels) light, 0 where a new pixel covers
+        no sound pixel, and (rows, columns) bool, True where a pixel that counts is saturated.
+        """
+        shape = self._starts.shape
+        values = np.empty((*shape, codes.shape[2]), np.float32)
+        full = np.empty(shape, np.bool_)
+        codes = np.ascontiguousarray(codes)
+        in_parallel(
+            lambda part: _average_codes(
+                codes, table, white, *part, self._boxes, self._starts, self._weights, values, full
+            ),
+            ranges(shape[0]),
+        )
+        return values, full
+
+
+@compiled
+def _weigh_rows(
+    flaws: NDArray[np.uint8],
+    corners: Array,
+    start: int,
+    stop: int,
+    boxes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    weights: NDArray[np.float32],
+) -> None:
+    """Fill the boxes of the new pixels in rows from start to stop."""
+    quad, (spare, strip, cell) = np.empty((4, 2)), np.empty((3, MOST_CORNERS, 2))
+    for i in range(start, stop):
+        for j in range(corners.shape[1] - 1):
+            quad[0], quad[1] = corners[i, j], corners[i, j + 1]
+            quad[2], quad[3] = corners[i + 1, j + 1], corners[i + 1, j]
+            left, top, right, bottom = boxes[i, j]
+            sliver, sound, k = SLIVER * _area(quad, 4), 0.0, starts[i, j]
+            for row in range(top, bottom):
+                clipped = _clip(quad, 4, 1, float(row), 1.0, spare)
+                clipped = _clip(spare, clipped, 1, row + 1.0, -1.0, strip)
+                for column in range(left, right):
+                    sides = _clip(strip, clipped, 0, float(column), 1.0, spare)
+                    sides = _clip(spare, sides, 0, column + 1.0, -1.0, cell)
+                    area = _area(cell, sides)
+                    if area > sliver and flaws[row, column] == 0:
+                        weights[k] = area
+                        sound += area
+                    k += 1
+            if sound > 0:
+                weights[starts[i, j] : k] /= sound
+
+
+@compiled_reordered
+def _average_codes(
+    codes: NDArray[np.unsignedinteger],
+    table: NDArray[np.float32],
+    white: int,
+    start: int,
+    stop: int,
+    boxes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    weights: NDArray[np.float32],
+    values: NDArray[np.float32],
+    full: NDArray[np.bool_],
+) -> None:
+    """Average the new pixels in rows from start to stop."""
+    channels = codes.shape[2]
+    for i in range(start, stop):
+        for j in range(boxes.shape[1]):
+            left, top, right, bottom = boxes[i, j]
+            for channel in range(channels):
+                total, largest, k = np.float32(0), 0, starts[i, j]
+                for row in range(top, bottom):
+                    for column in range(left, right):
+                        code = codes[row, column, channel]
+                        total += weights[k] * table[code]
+                        if weights[k] > 0:
+                            largest = max(largest, code)
+                        k += 1
+                values[i, j, channel] = total
+                full[i, j] = (full[i, j] and channel > 0) or largest >= white
 
 
 @compiled

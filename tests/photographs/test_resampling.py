@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
+from periscopy_sim.photographs.resampling import AreaMap, Flaw, average_areas, block_corners
 
 IMAGE = np.random.default_rng(5).uniform(1, 2, (12, 18, 3)).astype(np.float32)
 SOUND = np.zeros(IMAGE.shape[:2], np.uint8)
@@ -77,3 +77,23 @@ def test_noise_of_neighbours_is_nearly_independent():
     corners = (block_corners((320, 320), (40, 40)) - 160) @ [[0.9, 0.3], [-0.3, 0.9]] + 200
     values, _ = average_areas(noise, np.zeros((400, 400), np.uint8), corners)
     assert abs(np.mean(values[1:] * values[:-1]) / np.mean(values**2)) < 0.12
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_kept_areas_average_codes_as_areas_computed_anew_average_their_light(dtype):
+    rng = np.random.default_rng(3)
+    codes = rng.integers(0, 200, IMAGE.shape).astype(dtype)
+    table = np.linspace(0, 1, 256, dtype=np.float32) ** 2
+    corners = block_corners((12, 18), (5, 7)) @ [[0.9, 0.2], [-0.1, 1.1]] + [-0.5, 0.3]
+    flaws = SOUND.copy()
+    flaws[3, 7], flaws[5:9, 12:] = Flaw.DEFECTIVE, Flaw.MASKED
+    areas = AreaMap(flaws, corners)
+    codes[6, 5], codes[6, 13] = 255, 255  # the second is masked
+    values, full = areas.average(codes, table, 255)
+    expected, kinds = average_areas(table[codes], flaws, corners)
+    np.testing.assert_array_equal(areas.kinds, kinds)
+    np.testing.assert_allclose(values, np.nan_to_num(expected), atol=1e-6)
+    saturated = np.where((codes == 255).any(axis=2) & (flaws == 0), Flaw.SATURATED, 0)
+    met = average_areas(table[codes], saturated.astype(np.uint8), corners)[1] & Flaw.SATURATED
+    np.testing.assert_array_equal(full, met > 0)
+    assert 0 < full.sum() < 9
