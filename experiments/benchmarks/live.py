@@ -32,7 +32,7 @@ SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--igno
 COUNT = """() => {
     window.pictures = 0;
     new MutationObserver(() => window.pictures++).observe(
-        document.getElementById("sheet"), {attributes: true, attributeFilter: ["src"]});
+        document.querySelector("#panels img"), {attributes: true, attributeFilter: ["src"]});
 }"""
 """Counts the pictures on the page, in its own language."""
 

@@ -25,7 +25,7 @@ INTERRUPTED = 130
 GROUPS = {
     "Start": {"demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch"},
     "Laboratory": {"lab": "laboratory.lab", "draw": "laboratory.lab", "view": "laboratory.view",
-                   "prepare": "laboratory.prepare"},
+                   "prepare": "laboratory.prepare", "watch": "laboratory.watch"},
     "Recover": {"reconstruct": "reconstruct", "video": "video", "calibrate": "calibrate"},
     "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
     "Study": {"sweep": "study.sweep", "plot": "study.plot", "dataset": "study.dataset",

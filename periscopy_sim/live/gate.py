@@ -188,7 +188,7 @@ class Gate:
             return "the request comes from another page"
         token = request.path.partition("?")[0].split("/")[1:2]
         if not token or not secrets.compare_digest(token[0].encode(), self.token.encode()):
-            return "the address lacks the token that `periscopy view` printed"
+            return "the address lacks the token that the command printed"
         return ""
 
     def _is_own(self, host: str) -> bool:
@@ -205,5 +205,5 @@ class Gate:
         if time.monotonic() - self._last_line >= 1:
             others = self.rejected - self._logged - 1
             more = f" and {others} others" if others else ""
-            LOG.warning("periscopy view dropped %.200s%s", ascii(fault), more)
+            LOG.warning("the page dropped %.200s%s", ascii(fault), more)
             self._logged, self._last_line = self.rejected, time.monotonic()

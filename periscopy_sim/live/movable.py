@@ -4,7 +4,7 @@ No names say which parameter moves what: a small change of each shows it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from periscopy_sim.scene import CALIBRATED, HIDDEN
 SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
 the scene declares none, in metres by which places move; least steps from the middle to an end."""
+
+UNKNOWN_UNIT = "scene's unit"
+"""Unit of a number that neither shifts nor turns anything: metres of a size, or a ratio."""
 
 Moves = dict[str, tuple[frozenset[str], Array]]
 """The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
@@ -31,6 +34,7 @@ class Movable:
     low: float
     high: float
     step: float
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,9 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
             moves[name] = frozenset(speeds), shift
         fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
         error, is_place = errors.get(name, 0.0), shift is not None
-        movables.append(_movable(name, value, error, float(fastest), is_place=is_place))
+        unit = document.units.get(name, UNKNOWN_UNIT)
+        movable = _movable(name, value, error, float(fastest), is_place=is_place)
+        movables.append(replace(movable, unit=unit))
     if not movables:
         raise SceneError(
             f"scene '{scenario.path}' declares nothing that can be moved; declare a number, such "

@@ -1,4 +1,4 @@
-// The page of `periscopy view`: it draws what the server sends, and sends what a person sets.
+// The page of a laboratory: it draws what the server sends, and sends what a person sets.
 // All text enters by textContent, so that none of it is markup, wherever it comes from.
 "use strict";
 
@@ -40,7 +40,8 @@ function addControl(control, places) {
   const set = (value) => send({ control: control.id, value });
   let made;
   if (control.kind === "button") {
-    made = make("button", { textContent: control.label, onclick: () => set(true) });
+    made = make("button", { onclick: () => set(true) });
+    inputs[control.id] = (label) => (made.textContent = label);
   } else {
     made = make("label");
     made.append(make("span", { textContent: control.label, title: control.label }));
@@ -82,9 +83,33 @@ function addControl(control, places) {
   (places[control.group] ?? element("controls")).append(made);
 }
 
+/** A panel: a picture, the scale of its false colours, and its caption. */
+function figure() {
+  const made = make("figure");
+  const [image, scale, caption] = [make("img"), make("div", { className: "scale" }), make("figcaption")];
+  const ends = [make("span"), make("span")];
+  const bar = make("i");
+  scale.append(ends[0], bar, ends[1]);
+  made.append(image, scale, caption);
+  made.show = (panel) => {
+    image.hidden = !panel.source;
+    if (panel.source) image.src = panel.source;
+    caption.textContent = image.alt = panel.caption;
+    scale.style.display = panel.scale ? "" : "none";
+    if (!panel.scale) return;
+    [ends[0].textContent, ends[1].textContent] = [panel.scale.low, panel.scale.high];
+    bar.style.background = `linear-gradient(to right, ${panel.scale.colours.join(", ")})`;
+  };
+  return made;
+}
+
 const shows = {
-  sheet: (source) => (element("sheet").src = source),
-  captions: (texts) => lines("captions", texts),
+  panels: (panels) => {
+    const box = element("panels");
+    while (box.children.length < panels.length) box.append(figure());
+    while (box.children.length > panels.length) box.lastChild.remove();
+    panels.forEach((panel, i) => box.children[i].show(panel));
+  },
   trouble: (texts) => lines("trouble", texts),
   notes: (texts) => lines("notes", gl ? texts : [...texts, NO_WEBGL]),
   controls: (controls) => {
@@ -391,6 +416,15 @@ marks.onwheel = (event) => {
   redraw();
 };
 marks.oncontextmenu = (event) => event.preventDefault();
+
+// Undo a move, but not what is being typed.
+document.onkeydown = (event) => {
+  const typing = event.target.type === "number";
+  if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing) {
+    event.preventDefault();
+    send({ control: "undo", value: true });
+  }
+};
 
 // -- frames ---------------------------------------------------------------------------------------
 

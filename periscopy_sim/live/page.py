@@ -4,6 +4,8 @@ All viewers see and set the same. The page computes nothing: `page.js` draws wha
 sends, and sends what a person sets.
 """
 
+import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -13,14 +15,20 @@ import numpy as np
 
 from periscopy_sim.extras import require
 from periscopy_sim.live.movable import Handle, Movable
+from periscopy_sim.live.panels import panels_of
 from periscopy_sim.live.pictures import Choice, LivePictures
-from periscopy_sim.live.room import as_source, room_of, things_in
-from periscopy_sim.live.sheet import draw_sheet
+from periscopy_sim.live.room import as_source, images_in, room_of, things_in
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 REST = {"slider": 0.3, "handle": 1.0}
 """Seconds after which a control counts as at rest; only a handle reports its release."""
+
+GESTURE = 1.0
+"""Seconds without a change after which a further change of the same numbers is another move."""
+
+MOVES = 100
+"""Moves that can be undone."""
 
 SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
 """The signal-to-background ratios of the page's list."""
@@ -36,7 +44,26 @@ class Control:
     look: Mapping[str, Any]
     offers: Callable[[Any], bool]
     act: Callable[[Any], None]
-    value: Callable[[], Any] = lambda: None
+    value: Callable[[], Any]
+
+
+def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
+    """Return a button, whose value is its present label."""
+    return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
+
+
+def slider(
+    number: Movable, group: str, act: Callable[[float], None], value: Callable[[], float]
+) -> Control:
+    """Return a slider of a number, and a field to type it."""
+    unit = f" ({number.unit})" if number.unit else ""
+    return Control(
+        {"kind": "slider", "group": group, "label": f"{number.name}{unit}"}
+        | {"low": number.low, "high": number.high, "step": number.step},
+        lambda value: _is_number(value) and number.low <= value <= number.high,
+        lambda value: act(float(value)),
+        value,
+    )
 
 
 class Page:
@@ -44,8 +71,9 @@ class Page:
 
     A viewer chooses among `images` and `methods`; no images: the photograph is given. The page
     calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences. `gate` serves the
-    page. A PeriscopyError says that the extra is not installed, or the port is taken.
+    `save` when its button is pressed. `describe` returns a report's sentences, `more` are further
+    controls by name. `gate` serves the page. A PeriscopyError says that the extra is not installed,
+    or the port is taken.
     """
 
     def __init__(
@@ -59,6 +87,7 @@ class Page:
         methods: Sequence[str],
         first: Choice,
         describe: Callable[[Report], Sequence[str]],
+        more: Mapping[str, Control] | None = None,
     ) -> None:
         require("websockets")
         from periscopy_sim.live.gate import Gate
@@ -70,7 +99,10 @@ class Page:
         self.want: Callable[[Choice, float], None] = lambda *_: None
         self.save: Callable[[], None] = lambda: None
         self.handles = {each.name: each for each in handles}
-        self.controls = self._controls(images, methods, first)
+        self._moves = deque[Mapping[str, float]](maxlen=MOVES)  # values before each
+        self._moved, self._moved_at = frozenset[str](), 0.0
+        self._drawn: Scenario | None = None
+        self.controls = self._controls(images, methods, first, more or {})
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
             room=room_of(scenario), trouble=["computing the first pictures"],
@@ -78,15 +110,23 @@ class Page:
         )  # fmt: skip
         self._publish_choice()
 
-    def show(self, pictures: LivePictures) -> None:
-        """Show pictures, their captions and what they tell."""
-        sheet, captions = draw_sheet(pictures)
+    def show(self, pictures: LivePictures, *lines: str) -> None:
+        """Show pictures, their captions and what they tell, and further lines."""
         size = "coarse" if pictures.is_coarse else "full"
-        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
-        self.gate.publish(
-            sheet=as_source(sheet, "JPEG", quality=90), captions=captions, notes=notes,
-            **things_in(pictures),
-        )  # fmt: skip
+        made = f"{size} pictures in {pictures.seconds:.2g} s"
+        notes = *lines, *self._describe(pictures.report), made
+        panels = [
+            {
+                "caption": each.caption,
+                "source": each.pixels is not None and as_source(each.pixels),
+                "scale": each.scale and each.scale.look(),
+            }
+            for each in panels_of(pictures)
+        ]
+        # A scene that has not moved keeps its occluders.
+        is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
+        things = things_in(pictures) if is_moved else images_in(pictures)
+        self.gate.publish(panels=panels, notes=notes, **things)
 
     def tell(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""
@@ -99,7 +139,11 @@ class Page:
     # -- controls ----------------------------------------------------------------------------------
 
     def _controls(
-        self, images: Sequence[str], methods: Sequence[str], first: Choice
+        self,
+        images: Sequence[str],
+        methods: Sequence[str],
+        first: Choice,
+        more: Mapping[str, Control],
     ) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
 
@@ -112,23 +156,10 @@ class Page:
                 lambda: names[getattr(self.choice, field)],
             )
 
-        def slid(number: Movable, group: str, act: Any, value: Callable[[], float]) -> Control:
-            return Control(
-                {"kind": "slider", "group": group, "label": number.name}
-                | {"low": number.low, "high": number.high, "step": number.step},
-                lambda value: _is_number(value) and number.low <= value <= number.high,
-                lambda value: act(float(value)),
-                value,
-            )
-
         def placed(number: Movable, group: str) -> Control:
             name = number.name
             set_value = lambda value: self._set({name: value}, REST["slider"])  # noqa: E731
-            return slid(number, group, set_value, lambda: self.choice.values[name])
-
-        def pressed(label: str, act: Callable[[], None]) -> Control:
-            look = {"kind": "button", "label": label}
-            return Control(look, lambda value: value is True, lambda _: act())
+            return slider(number, group, set_value, lambda: self.choice.values[name])
 
         def itself(*names: str) -> dict[str, str]:
             return {name: name for name in names}
@@ -137,8 +168,8 @@ class Page:
         if images:
             offered = itself(*images, first.image)
             controls["image"] = chosen("Hidden image", "image", offered)
-            controls["snr"] = slid(
-                Movable("SNR (dB)", first.snr, 20.0, 80.0, 1.0), "",
+            controls["snr"] = slider(
+                Movable("SNR", first.snr, 20.0, 80.0, 1.0, "dB"), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
             )  # fmt: skip
         if first.place:
@@ -151,9 +182,13 @@ class Page:
             for name in filter(names.__contains__, self._movables):
                 controls[f"value {name}"] = placed(self._movables[name], group)
         reset = lambda: self._set(first.values, 0.0)  # noqa: E731
-        controls["reset"] = pressed("Back to the file's values", reset)
-        controls["save"] = pressed("Write scene and pictures", lambda: self.save())
-        return controls
+        return {
+            **controls,
+            "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
+            "reset": button(lambda: "Back to the file's values", reset),
+            **more,
+            "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),
+        }
 
     def _receive(self, message: Any) -> None:
         """Do what a message asks for; a ValueError says that the page offers nothing like it.
@@ -172,7 +207,10 @@ class Page:
                     with self._lock:
                         self._dragged = None if ends else handle
                         values = handle.values(np.array(position, float))
-                        return self._set(values, 0.0 if ends else REST["handle"])
+                        self._set(values, 0.0 if ends else REST["handle"])
+                        if ends:
+                            self._moved = frozenset()
+                    return None
         raise ValueError(f"{message}")
 
     def _release(self) -> None:
@@ -184,12 +222,32 @@ class Page:
 
     # -- choices -----------------------------------------------------------------------------------
 
+    def move(self, values: Mapping[str, float]) -> None:
+        """Set values of movable numbers, by name, as one move; leave out others."""
+        self._moved = frozenset()
+        self._set({n: value for n, value in values.items() if n in self._movables}, 0.0)
+
+    def refresh(self) -> None:
+        """Show the controls' values again."""
+        with self._lock:
+            self._publish_choice()
+
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
-            within = dict(self.choice.values)
+            within, names, now = dict(self.choice.values), frozenset(values), time.monotonic()
             for name, value in values.items():
                 within[name] = min(max(value, self._movables[name].low), self._movables[name].high)
+            is_other = names != self._moved or now - self._moved_at > GESTURE
+            if is_other and within != self.choice.values:
+                self._moves.append(self.choice.values)
+            self._moved, self._moved_at = names, now
             self._change(rest, values=within)
+
+    def _undo(self) -> None:
+        with self._lock:
+            if self._moves:
+                self._moved = frozenset()
+                self._change(0.0, values=self._moves.pop())
 
     def _change(self, rest: float, **changes: Any) -> None:
         with self._lock:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ from periscopy_sim.evaluation.methods import fit_method, own_errors
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
+from periscopy_sim.model.residual import quick_residual
 from periscopy_sim.numerics import Array
-from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Note, Report
+from periscopy_sim.photograph import Photograph, blackened
+from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
@@ -73,6 +76,50 @@ class LivePictures:
     psnr: float | None
     report: Report
     seconds: float = 0.0
+    frame: int | None = None  # the number of a frame of a stream
+
+
+@dataclass(frozen=True, eq=False)
+class Formed:
+    """A method that is formed for a choice and for photographs under the conditions of `wall`."""
+
+    choice: Choice
+    scenario: Scenario
+    is_coarse: bool
+    method: StillMethod[Any]
+    wall: Photograph  # of the scenario's size
+    error: float  # of A, over the light
+
+    @cached_property
+    def _follow(self) -> Callable[[Array], Solution[Any]]:
+        """What recovers the next frame: quickly, where the method knows videos."""
+        entry = METHODS.get(self.choice.method)
+        if entry is None or entry.video is None:
+            return self.method.solve
+        return entry.frames_by(self.method, "none").solve_next
+
+    def see(self, frame: Photograph, noise: float, number: int) -> LivePictures:
+        """Return the pictures of a frame, (rows, columns, C), of this size or a larger one.
+
+        `noise` is what is left of the camera's, over the light. Of a method for videos, nothing is
+        corrected and the residual has no verdict.
+        """
+        start, scenario = time.perf_counter(), self.scenario
+        frame = averaged_photograph(frame, scenario.photograph_shape)
+        values = blackened(frame.values, self.wall.mask)
+        with own_errors(self.choice.method, "failed"):
+            solution = self._follow(values)
+            if self._follow == self.method.solve:
+                residual = self.method.residual(values, solution)
+            else:
+                y = self.method.corrected(values, solution)
+                residual = quick_residual(y, solution.image, noise, self.method.fit)
+        return LivePictures(
+            self.choice, scenario, self.is_coarse, None,
+            Photograph(values, self.wall.mask), solution.image, None,
+            Report(solution.numbers(), residual=residual),
+            time.perf_counter() - start, number,
+        )  # fmt: skip
 
 
 class SizedLaboratory:
@@ -102,10 +149,39 @@ class SizedLaboratory:
 
         Overtaken is raised as soon as `is_overtaken` says that a newer wish came.
         """
+        start = time.perf_counter()
+        unless_overtaken = _raises_if(is_overtaken)
+        formed, truth, noise = self._formed(choice, unless_overtaken)
+        scenario, method, photograph = formed.scenario, formed.method, formed.wall
+        with own_errors(choice.method, "failed"):
+            solution = method.solve(photograph)
+            found = scenario.hidden.images(solution.image).items()
+            image = scenario.hidden.unwrapped({n: f.astype(np.float32) for n, f in found})
+            report = method.report(photograph, solution)
+            if self._given_photograph is None:
+                report = replace(report, residual=None)
+        if formed.error > noise:
+            errors = {"name": "A", "error": 100 * formed.error, "noise": 100 * noise}
+            report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
+        unless_overtaken()
+        return LivePictures(
+            choice, scenario, self.is_coarse, truth, photograph, image,
+            None if truth is None else self._psnr(image, truth),
+            report, seconds=time.perf_counter() - start,
+        )  # fmt: skip
 
-        def unless_overtaken(*_: object) -> None:
-            if is_overtaken():
-                raise Overtaken
+    def form(self, choice: Choice, wall: Photograph, is_overtaken: Callable[[], bool]) -> "Formed":
+        """Form the method of a choice for frames under the conditions of a photograph.
+
+        The photograph becomes the given one. Errors are those of `pictures`.
+        """
+        self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
+        return self._formed(choice, _raises_if(is_overtaken))[0]
+
+    def _formed(
+        self, choice: Choice, unless_overtaken: Callable[..., None]
+    ) -> tuple["Formed", Any, float]:
+        """Return the method of a choice, the hidden image if it is known, and the noise."""
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
             """Return what `make` makes; that of before while its key is the same."""
@@ -115,7 +191,6 @@ class SizedLaboratory:
                 self._kept[name] = key, make()
             return self._kept[name][1]
 
-        start = time.perf_counter()
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
         scenario = kept("scenario", values, lambda: self.scenario.at(**given))
@@ -129,26 +204,12 @@ class SizedLaboratory:
         photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         method = kept(
-            "method", (choice.method, values, plan),
+            "method", (choice.method, values, plan, photograph.conditions),
             lambda: fit_method(choice.method, scenario, A, B, photograph),
         )  # fmt: skip
         unless_overtaken()
-        with own_errors(choice.method, "failed"):
-            solution = method.solve(photograph)
-            found = scenario.hidden.images(solution.image).items()
-            image = scenario.hidden.unwrapped({n: f.astype(np.float32) for n, f in found})
-            report = method.report(photograph, solution)
-            if self._given_photograph is None:
-                report = replace(report, residual=None)
-        if plan.error > noise:
-            errors = {"name": "A", "error": 100 * plan.error, "noise": 100 * noise}
-            report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
-        unless_overtaken()
-        return LivePictures(
-            choice, scenario, self.is_coarse, truth, photograph, image,
-            None if truth is None else self._psnr(image, truth),
-            report, seconds=time.perf_counter() - start,
-        )  # fmt: skip
+        formed = Formed(choice, scenario, self.is_coarse, method, photograph, plan.error)
+        return formed, truth, noise
 
     def _shown(self, path: Path) -> Any:
         """Return an image that every hidden surface shows."""
@@ -180,6 +241,16 @@ class SizedLaboratory:
             y = composite(y, self._light, choice.sbr)
         # One seed: the noise is the same while a scene moves, and pictures do not flicker.
         return Photograph(add_noise(y, choice.snr, seed=0))
+
+
+def _raises_if(is_overtaken: Callable[[], bool]) -> Callable[..., None]:
+    """Return a function of any arguments that raises Overtaken where a newer wish came."""
+
+    def unless_overtaken(*_: object) -> None:
+        if is_overtaken():
+            raise Overtaken
+
+    return unless_overtaken
 
 
 def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:

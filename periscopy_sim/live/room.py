@@ -1,21 +1,24 @@
 """The laboratory in 3-D: the scene's wall, hidden surfaces and occluders."""
 
 from base64 import b64encode
+from dataclasses import dataclass
+from functools import lru_cache
 from io import BytesIO
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
-from scipy.interpolate import NearestNDInterpolator
+from scipy.spatial import KDTree
 
 from periscopy_sim.hidden import Surface
 from periscopy_sim.live.movable import parts_of
+from periscopy_sim.live.panels import Pixels, hidden_pixels, photograph_pixels
 from periscopy_sim.live.pictures import LivePictures
-from periscopy_sim.live.sheet import Pixels, hidden_pixels, photograph_pixels
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder
-from periscopy_sim.view import WallFrame
+from periscopy_sim.view import View, WallFrame
 
 COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222)}
 
@@ -51,22 +54,26 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
 def things_in(pictures: LivePictures) -> dict[str, Any]:
     """Return a scene's occluders, the photograph on its wall, the images on hidden surfaces."""
     scenario = pictures.scenario
-    frame = scenario.view.frame
-    local = _on_wall(scenario.view.centers, frame)
-    shown, low, high = on_rectangle(local, photograph_pixels(pictures))
-    images = hidden_pixels(pictures)
+    return {**images_in(pictures), "occluders": [_mesh(each) for each in scenario.view.occluders]}
+
+
+def images_in(pictures: LivePictures) -> dict[str, Any]:
+    """Return the photograph on a scene's wall, and the images on hidden surfaces."""
+    scenario = pictures.scenario
+    rectangle, images = _rectangle(scenario.view), hidden_pixels(pictures)
+    shown = rectangle.shown(photograph_pixels(pictures))
+    low, high, frame = rectangle.low, rectangle.high, scenario.view.frame
     return {
         "photograph": _on_wall_image(shown, low, high, frame, 0.002),
         "hidden": [_on_surface(images[name], each) for name, each in scenario.hidden.items()],
-        "occluders": [_mesh(each) for each in scenario.view.occluders],
     }
 
 
-def as_source(pixels: Pixels, kind: str = "PNG", **options: int) -> str:
+def as_source(pixels: Pixels) -> str:
     """Return an image, (rows, columns, 3 or 4), as the address of an image in a page."""
     file = BytesIO()
-    Image.fromarray(pixels).save(file, kind, **options)
-    return f"data:image/{kind.lower()};base64,{b64encode(file.getvalue()).decode()}"
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)  # of 30 a second
+    return f"data:image/png;base64,{b64encode(file.getvalue()).decode()}"
 
 
 def _image(pixels: Pixels, center: Array, across: Array, up: Array) -> dict[str, Any]:
@@ -102,24 +109,42 @@ def _mesh(occluder: Occluder) -> dict[str, Any]:
     return {"vertices": shown.ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-def on_rectangle(local: Array, pixels: Pixels) -> tuple[Pixels, Array, Array]:
-    """Resample a photograph on the rectangle about all its pixels, each place by the nearest.
+@dataclass(frozen=True, eq=False)
+class Rectangle:
+    """The rectangle about all pixels of a photograph on the wall, each place by the nearest pixel.
 
-    `local`, (M, 2), are the pixels' centres on the wall, across and up, in metres. Return an image,
-    (rows, columns, 4), with opacity 0 where the camera sees nothing, and the rectangle's lower and
-    upper corner, (2,) each.
+    `low` and `high` are its lower and upper corner, (2,) each, across and up, in metres. `nearest`,
+    (rows, columns), are row-major numbers of pixels, -1 where the camera sees nothing.
     """
-    rows, columns, _ = pixels.shape
-    low, high = local.min(axis=0), local.max(axis=0)
-    half = (high - low) / np.maximum([columns - 1, rows - 1], 1) / 2
-    low, high = low - half, high + half
-    x = low[0] + (np.arange(columns) + 0.5) / columns * (high[0] - low[0])
-    z = high[1] - (np.arange(rows) + 0.5) / rows * (high[1] - low[1])
-    nearest = NearestNDInterpolator(local, pixels.reshape(-1, 3).astype(float))
-    reach = float(2 * np.linalg.norm(half))
-    values = nearest(np.stack(np.meshgrid(x, z), axis=-1), distance_upper_bound=reach)
-    seen = np.isfinite(values[..., :1])
-    return np.concatenate([np.where(seen, values, 0), 255 * seen], -1).astype(np.uint8), low, high
+
+    low: Array
+    high: Array
+    nearest: NDArray[np.intp]
+
+    @classmethod
+    def about(cls, local: Array, shape: tuple[int, int]) -> "Rectangle":
+        """Return that of a photograph of (rows, columns), whose pixels' centres are `local`."""
+        rows, columns = shape
+        low, high = local.min(axis=0), local.max(axis=0)
+        half = (high - low) / np.maximum([columns - 1, rows - 1], 1) / 2
+        low, high = low - half, high + half
+        x = low[0] + (np.arange(columns) + 0.5) / columns * (high[0] - low[0])
+        z = high[1] - (np.arange(rows) + 0.5) / rows * (high[1] - low[1])
+        reach = float(2 * np.linalg.norm(half))
+        places = np.stack(np.meshgrid(x, z), axis=-1)
+        distances, nearest = KDTree(local).query(places, distance_upper_bound=reach)
+        return cls(low, high, np.where(np.isfinite(distances), nearest, -1))
+
+    def shown(self, pixels: Pixels) -> Pixels:
+        """Return a photograph, (rows, columns, 3), on the rectangle, with opacity."""
+        opaque = np.full((*pixels.shape[:2], 1), 255, np.uint8)
+        flat = np.concatenate([pixels, opaque], axis=-1).reshape(-1, 4)
+        return np.where(self.nearest[..., None] < 0, np.uint8(0), flat[self.nearest])
+
+
+@lru_cache(maxsize=2)  # coarse and full; a scene at rest keeps its view
+def _rectangle(view: View) -> Rectangle:
+    return Rectangle.about(_on_wall(view.centers, view.frame), view.shape)
 
 
 def _on_wall(points: Array, frame: WallFrame) -> Array:

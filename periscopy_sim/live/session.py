@@ -11,21 +11,35 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from threading import Condition
+from threading import Condition, Thread
+from typing import Any, Protocol
 
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.movable import find_movables
-from periscopy_sim.live.page import Page
+from periscopy_sim.live.calibrating import Calibration
+from periscopy_sim.live.movable import Movable, find_movables
+from periscopy_sim.live.page import Control, Page, button, slider
 from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
+from periscopy_sim.live.stream import Progress, Stream, StreamLevel
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
-Save = Callable[[LivePictures], None]
+Save = Callable[[Any], None]
+Record = Callable[[LivePictures, Progress], None]
+
+MOST_AVERAGED = 1000.0
+"""Frames of the longest running average: half a minute of a video."""
+
+
+class Level(Protocol):
+    """A size of a laboratory, which computes what a `LiveLaboratory` shows."""
+
+    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
+        """Compute what is shown of a choice; raise `Overtaken` if a newer one came."""
 
 
 class LiveLaboratory:
@@ -36,16 +50,16 @@ class LiveLaboratory:
 
     def __init__(
         self,
-        coarse: SizedLaboratory,
-        full: SizedLaboratory,
-        show: Callable[[LivePictures], None],
+        coarse: Level,
+        full: Level,
+        show: Callable[[Any], None],
         tell: Callable[[str], None],
     ) -> None:
         self._coarse, self._full = coarse, full
         self._show, self._tell = show, tell
         self._changed = Condition()
         self._choice: Choice | None = None
-        self._behind: list[SizedLaboratory] = []  # the latest wish, coarse before full
+        self._behind: list[Level] = []  # the latest wish, coarse before full
         self._rests = 0.0  # when the latest wish counts as at rest
         self._save: Save | None = None
         self._stopped = False
@@ -88,10 +102,10 @@ class LiveLaboratory:
             except PeriscopyError as error:
                 self._tell(str(error))
             except Exception as error:  # one wish that fails must not end the page
-                LOG.error("periscopy view goes on after an error", exc_info=error)
+                LOG.error("the page goes on after an error", exc_info=error)
                 self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
-    def _next(self) -> SizedLaboratory | Save | None:
+    def _next(self) -> Level | Save | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
@@ -107,7 +121,7 @@ class LiveLaboratory:
                 self._changed.wait(pause)
         return None
 
-    def _is_overtaken(self, level: SizedLaboratory) -> bool:
+    def _is_overtaken(self, level: Level) -> bool:
         # Coarse pictures are finished, so that a drag shows some.
         return self._stopped or (level is self._full and self._coarse in self._behind)
 
@@ -117,9 +131,10 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
-    synthetic ones, which a viewer makes of `images`. The page's button calls `save` with the full
-    pictures and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says that
-    the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    synthetic ones, which a viewer makes of `images`. With a `stream`, photographs are its frames,
+    and `record` gets the pictures of each. The page's button calls `save` with the full pictures
+    and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says that the
+    extra is not installed, the port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
@@ -133,22 +148,72 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         *,
         light: Array | None = None,
         photograph: Photograph | None = None,
+        stream: Stream | None = None,
+        record: Record = lambda *_: None,
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
         small = coarse(scenario, 1.0 if photograph is None else float(photograph.pixels.mean()))
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
-        if photograph is not None:
+        if photograph is not None or stream is not None:
             images = ()
-        self.page = Page(host, port, scenario, movables, handles, images, methods, first, describe)
-        self._laboratory = LiveLaboratory(
+        self._stream = stream
+        self._calibration: Calibration | None = None
+        more = {} if stream is None else self._stream_controls(scenario, stream)
+        self.page = Page(
+            host, port, scenario, movables, handles, images, methods, first, describe, more
+        )
+        sizes = (
             SizedLaboratory(small, light, photograph, is_coarse=True),
             SizedLaboratory(scenario, light, photograph, is_coarse=False),
-            self.page.show, self.page.tell,
-        )  # fmt: skip
+        )
+        if stream is None:
+            self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.tell)
+        else:
+            self._laboratory = self._follow(stream, sizes, record)
         self.page.want = self._laboratory.want
-        self.page.save = lambda: self._laboratory.save(lambda p: self.page.tell(save(p)))
+
+        def saved(shown: Any) -> None:
+            still = shown if stream is None else StreamLevel(sizes[1], stream).still(shown)
+            self.page.tell(save(still))
+
+        self.page.save = lambda: self._laboratory.save(saved)
+
+    def _follow(
+        self, stream: Stream, sizes: tuple[SizedLaboratory, SizedLaboratory], record: Record
+    ) -> LiveLaboratory:
+        """Return the laboratory that forms methods for a stream, whose frames the page shows."""
+        small, full = (StreamLevel(each, stream) for each in sizes)
+        laboratory = LiveLaboratory(small, full, stream.use, self.page.tell)
+
+        def show(pictures: LivePictures, progress: Progress, line: str) -> None:
+            record(pictures, progress)
+            self.page.show(pictures, line, stream.notice)
+
+        stream.show, stream.hear = show, self.page.tell
+        stream.form_anew = lambda: laboratory.want(self.page.choice)
+        return laboratory
+
+    def _stream_controls(self, scenario: Scenario, stream: Stream) -> dict[str, Control]:
+        """Return the controls of a stream: its average, its monitor-off frame, calibration."""
+        calibration = Calibration(
+            scenario, lambda: stream.wall, lambda: self.page.choice.values,
+            lambda values: self.page.move(values), stream.report, lambda: self.page.refresh(),
+        )  # fmt: skip
+        self._calibration = calibration
+        count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")
+
+        def set_count(value: float) -> None:
+            stream.set_count(round(value))
+            self.page.refresh()
+
+        label = "Take the average as the monitor-off frame"
+        return {
+            "average": slider(count, "", set_count, lambda: stream.count),
+            "monitor off": button(lambda: label, stream.take_monitor_off),
+            "calibrate": button(lambda: calibration.label, calibration.press),
+        }
 
     def __exit__(self, *_: object) -> None:
         """End all."""
@@ -162,8 +227,19 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
             self._laboratory.want(self.page.choice)
+            if self._stream is not None:
+                self._stream.start()
+                Thread(target=self._stop_at_the_end, args=(self._stream,), daemon=True).start()
             self._laboratory.run()
+
+    def _stop_at_the_end(self, stream: Stream) -> None:
+        stream.ended.wait()
+        self.stop()
 
     def stop(self) -> None:
         """End `run` after the present stage of its work."""
+        if self._stream is not None:
+            self._stream.stop()
+        if self._calibration is not None:
+            self._calibration.stop()
         self._laboratory.stop()

@@ -124,9 +124,7 @@ def residual_of(y: Array, signal: Array, fit: Fit) -> Residual:
     transport, place = fit.operator, fit.placed
     r = transport.project_out(y - signal)
     level = float(np.sqrt(np.mean(y**2))) or 1.0
-    freedom = max(len(y) - transport.Q.shape[1], 1)
-    unexplained = float(np.sqrt(np.sum(r**2) / (r.shape[1] * freedom))) / level
-    light = np.moveaxis(place(r), 0, -1)
+    light, unexplained = _remainder(r, level, fit)
 
     random = np.random.default_rng(0).standard_normal((len(y), DRAWS))
     rest = place(transport.unexplained(r))
@@ -147,6 +145,26 @@ def residual_of(y: Array, signal: Array, fit: Fit) -> Residual:
     is_noise = shared and excess <= EXCESS if cost is None else cost <= COSTLY
     diagnosis: Diagnosis = "fits" if by_any <= 10 * SINGLE_ROUNDING or is_noise else "does_not_fit"
     return Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
+
+
+def quick_residual(y: Array, image: Any, noise: float, fit: Fit) -> Residual:
+    """Return the residual of a photograph, y, (M', C), and a hidden image, without a verdict.
+
+    It takes one product with A in single precision, as a live picture allows. `noise` is the
+    camera's, over the photograph's mean.
+    """
+    signal = fit.operator.light(fit.mixed(image), np.float32)
+    level = float(np.sqrt(np.mean(y**2))) or 1.0
+    light, unexplained = _remainder(fit.operator.project_out(y - signal), level, fit)
+    alone = noise * float(np.mean(y)) / level
+    return Residual(light, unexplained, None, alone or None, None, "unknown")
+
+
+def _remainder(r: Array, level: float, fit: Fit) -> tuple[Array, float]:
+    """Return r, (M', C), in its place, (rows, columns, C), and its standard deviation."""
+    freedom = max(len(r) - fit.operator.Q.shape[1], 1)
+    unexplained = float(np.sqrt(np.sum(r**2) / (r.shape[1] * freedom))) / level
+    return np.moveaxis(fit.placed(r), 0, -1), unexplained
 
 
 def _cost(

@@ -168,10 +168,10 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 2 * count + 1), tol=1e-6)
         return energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count])
 
-    def light(self, f: Array) -> Array:
-        """Return A f, (M, K), backgrounds and all, of f, (N, K)."""
-        y = np.empty((self.shape[0], f.shape[1]))
-        for rows, block in self._blocks():
+    def light(self, f: Array, dtype: DTypeLike = np.float64) -> Array:
+        """Return A f, (M, K), backgrounds and all, of f, (N, K), by products of a precision."""
+        y, f = np.empty((self.shape[0], f.shape[1])), f.astype(dtype, copy=False)
+        for rows, block in self._blocks(dtype=dtype):
             y[rows] = block @ f
         return y
 

@@ -218,6 +218,17 @@ def film_areas(
     return FilmAreas(corners, flaws, excluded, film, tuple(warnings))
 
 
+def used_pixels(kinds: NDArray[np.uint8]) -> Mask:
+    """Return the film's pixels that measure the wall by their flaws; raise if there is none."""
+    used: Mask = (kinds & ~np.uint8(Flaw.DEFECTIVE)) == 0
+    if not used.any():
+        raise PhotographError(
+            "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
+            "saturated or masked; check the marks and the exposure"
+        )
+    return used
+
+
 def prepare(
     photograph: SensorImage | ArrayLike,
     scenario: Scenario,
@@ -258,12 +269,7 @@ def prepare(
     film, warnings = areas.film, [*areas.warnings]
     values, kinds = average_areas(light.values, areas.flaws, areas.corners)
     kinds |= areas.excluded
-    used = (kinds & ~np.uint8(Flaw.DEFECTIVE)) == 0
-    if not used.any():
-        raise PhotographError(
-            "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
-            "saturated or masked; check the marks and the exposure"
-        )
+    used = used_pixels(kinds)
     if (below := float(np.mean(values[used].min(axis=1) < 0))) >= NEGATIVE_FRACTION:
         warnings.append(
             f"{100 * below:.0f} % of the pixels are below the black level; check it, or the dark "

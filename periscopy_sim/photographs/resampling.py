@@ -83,7 +83,7 @@ class AreaMap:
     def __init__(self, flaws: NDArray[np.uint8], corners: Array) -> None:
         corners = np.ascontiguousarray(corners, dtype=np.float64)
         black = np.zeros((*flaws.shape, 1), np.float32)
-        self.size = flaws.shape
+        self.size: tuple[int, ...] = flaws.shape
         self.kinds = average_areas(black, flaws, corners)[1]
         quads = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]])
         most = np.array(flaws.shape[::-1])
@@ -91,7 +91,7 @@ class AreaMap:
         self._boxes = np.concatenate([np.floor(low), np.ceil(high)], axis=-1).astype(np.int64)
         sides = self._boxes[..., 2:] - self._boxes[..., :2]
         ends = np.cumsum(np.prod(sides, axis=-1))
-        self._starts = np.append(0, ends[:-1]).reshape(sides.shape[:2])
+        self._starts: NDArray[np.intp] = np.append(0, ends[:-1]).reshape(sides.shape[:2])
         self._weights = np.zeros(ends[-1], np.float32)
         in_parallel(
             lambda part: _weigh_rows(
@@ -109,8 +109,8 @@ class AreaMap:
         `white` on are saturated. Return (rows, columns, channels) light, 0 where a new pixel covers
         no sound pixel, and (rows, columns) bool, True where a pixel that counts is saturated.
         """
-        shape = self._starts.shape
-        values = np.empty((*shape, codes.shape[2]), np.float32)
+        shape = self.kinds.shape
+        values = np.empty((*shape, codes.shape[-1]), np.float32)
         full = np.empty(shape, np.bool_)
         codes = np.ascontiguousarray(codes)
         in_parallel(

@@ -85,7 +85,7 @@ def test_what_is_chosen_changes_the_pictures(session, page):
 
 
 def test_no_text_of_the_page_is_markup(page):
-    page.get_by_role("button", name="Write scene and pictures").click()
+    page.get_by_role("button", name="Set: write scene and pictures").click()
     page.get_by_text(HOSTILE, exact=True).wait_for()
     assert page.locator("iframe").count() == 0
 

@@ -88,7 +88,7 @@ def target(opened):
 def test_a_viewer_sees_the_state_as_it_is(target):
     with target.client() as client:
         state = json.loads(client.recv(PATIENCE))
-        assert {"room", "controls", "values", "handles", "sheet", "photograph"} <= state.keys()
+        assert {"room", "controls", "values", "handles", "panels", "photograph"} <= state.keys()
         assert state["values"]["method"] == target.page.choice.method
         target.page.tell("it failed")
         assert json.loads(client.recv(PATIENCE))["trouble"] == ["it failed"]

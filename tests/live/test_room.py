@@ -5,9 +5,9 @@ import numpy as np
 from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.live.panels import hidden_pixels, panels_of
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
-from periscopy_sim.live.room import as_source, on_rectangle, room_of, things_in
-from periscopy_sim.live.sheet import draw_sheet, hidden_pixels
+from periscopy_sim.live.room import Rectangle, as_source, room_of, things_in
 from tests.scenes.cards import SIZES, write_cards
 
 
@@ -16,7 +16,8 @@ def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
     frame = scene.view.frame
     local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
     pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
-    image, low, high = on_rectangle(local, pixels)
+    rectangle = Rectangle.about(local, (10, 12))
+    image, low, high = rectangle.shown(pixels), rectangle.low, rectangle.high
     np.testing.assert_array_equal(image[..., :3], pixels)
     assert (image[..., 3] == 255).all()
     np.testing.assert_allclose((low + high) / 2, local.mean(axis=0), atol=1e-6)
@@ -27,7 +28,7 @@ def test_photograph_of_an_oblique_camera_covers_what_it_sees():
     v, u = np.mgrid[0:20, 0:20] / 19 - 0.5
     local = np.stack([u * (1 + 0.5 * v), -v], axis=-1).reshape(-1, 2)
     pixels = np.broadcast_to(np.arange(20, dtype=np.uint8)[:, None, None], (20, 20, 3))
-    image, _, _ = on_rectangle(local, pixels)
+    image = Rectangle.about(local, (20, 20)).shown(pixels)
     seen = image[..., 3] == 255
     assert seen[-1].all() and not seen[0, 0] and not seen[0, -1] and seen[0, 10]
     assert image[0, 10, 0] == 0 and image[-1, 10, 0] == 19
@@ -62,8 +63,8 @@ def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     for (name, surface), shown in zip(scene.hidden.items(), things, strict=True):
         np.testing.assert_allclose(shown["grid"], surface.vertices)
         assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
-    sheet, captions = draw_sheet(pictures)
-    assert sheet.ndim == 3 and "monitor 3 x 4, hidden_card 3 x 2" in captions[1]
+    panel = panels_of(pictures)[1]
+    assert panel.pixels.ndim == 3 and "monitor 3 x 4, hidden_card 3 x 2" in panel.caption
 
 
 def test_the_first_view_sees_the_wall_from_its_front():

@@ -101,19 +101,22 @@ def _developed(
     photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
 ) -> SensorImage:
     """Read the photographs into one picture of linear light."""
-
-    def pictures(paths: Sequence[Path]) -> Iterator[SensorImage]:
-        for path in paths:
-            exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
-            for warning in warnings:
-                warn(warning)
-            yield exposure
-
     offset, even = (
-        average(pictures(frames), f"{name} {frames[-1]}") if frames else None
+        average(exposures(frames, white, black), f"{name} {frames[-1]}") if frames else None
         for frames, name in ((dark, "the dark frame"), (flat, "the flat field"))
     )
-    return develop(pictures(photos), black=black, dark=offset, flat=even)
+    return develop(exposures(photos, white, black), black=black, dark=offset, flat=even)
+
+
+def exposures(
+    paths: Sequence[Path], white: float | None = None, black: float = 0.0
+) -> Iterator[SensorImage]:
+    """Read photographs of a camera, with their warnings."""
+    for path in paths:
+        exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
+        for warning in warnings:
+            warn(warning)
+        yield exposure
 
 
 def _film(

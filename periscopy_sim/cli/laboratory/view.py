@@ -1,12 +1,14 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 import periscopy_sim as ps
@@ -24,9 +26,11 @@ from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
+from periscopy_sim.storage.pictures import write_png
 
 if TYPE_CHECKING:
     from periscopy_sim.live.pictures import LivePictures
+    from periscopy_sim.live.session import LiveSession
 
 WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
@@ -86,6 +90,11 @@ def view(
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 
+    serve(live, session.path.name)
+
+
+def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
+    """Serve a page until its session ends, or until Ctrl-C, which calls `close` first."""
     try:
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
@@ -94,11 +103,12 @@ def view(
                 "other computers can open the page, and its address is sent without encryption; "
                 "leave --host out to keep the page on this computer"
             )
-        say(f"{live.page.gate.url} shows {session.path.name}; Ctrl-C ends it")
+        say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it")
         while worker.is_alive():
             worker.join(1.0)  # without an end, Windows would not interrupt it
     except KeyboardInterrupt:
         with WRITING:
+            close()
             say("closed")
             os._exit(0)
 
@@ -118,10 +128,12 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
         **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,
     }
-    with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr")) as folder:
+    with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr", "mask.png")) as folder:
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph, as_text(provenance))
+        if photo is None and (mask := pictures.photograph.mask) is not None:
+            write_png(folder / "mask.png", np.repeat(mask[..., None], 3, axis=2), {})
         images = scenario.hidden.images(pictures.image)
         walls = {"photograph": photograph}
         write_report(folder, report, scenario, images, walls, as_text(provenance))

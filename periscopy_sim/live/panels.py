@@ -1,12 +1,11 @@
-"""The pictures of a laboratory on one sheet of four tiles, and their captions."""
+"""The panels of a laboratory: pictures with their captions and the scales of false colours."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from periscopy_sim.figures.panels import common_white, displayable, residual_map
 from periscopy_sim.figures.style import mpl
@@ -15,7 +14,30 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 
 Pixels = NDArray[np.uint8]
-Tile = tuple[str, Pixels | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """The scale of a panel's false colours, from `low` to `high`, as text with units."""
+
+    colours: str  # the name of matplotlib's colormap
+    low: str
+    high: str
+
+    def look(self) -> dict[str, Any]:
+        """Return what `page.js` draws."""
+        colormap: Any = mpl.colormaps[self.colours]
+        stops = [mpl.colors.to_hex(colormap(x)) for x in np.linspace(0, 1, 9)]
+        return {"colours": stops, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A picture, (rows, columns, 3), None where there is none, and the text beneath it."""
+
+    caption: str
+    pixels: Pixels | None
+    scale: Scale | None = None
 
 
 def photograph_pixels(pictures: LivePictures) -> Pixels:
@@ -48,30 +70,23 @@ def _side_by_side(images: Iterable[Pixels]) -> Pixels:
     return np.concatenate(columns, axis=1)
 
 
-def draw_sheet(pictures: LivePictures, side: int = 348, gap: int = 16) -> tuple[Pixels, list[str]]:
-    """Return the sheet, (rows, columns, 3), and the captions of its tiles, row by row.
+def panels_of(pictures: LivePictures) -> list[Panel]:
+    """Return the panels: photograph, reconstruction, and what is known of their errors.
 
-    Tiles have a longest side of `side` pixels, and `gap` pixels between them.
+    The frames of a stream have no standard errors, and no panel of them.
     """
-    tiles = [_photograph(pictures), _reconstruction(pictures), _third(pictures), _errors(pictures)]
-    pitch = side + gap
-    sheet = Image.new("RGB", (pitch + side, pitch + side), "white")
-    for k, (_, pixels) in enumerate(tiles):
-        if pixels is not None:
-            rows, columns = (max(1, side * n // max(pixels.shape[:2])) for n in pixels.shape[:2])
-            tile = Image.fromarray(pixels).resize((columns, rows), Image.Resampling.NEAREST)
-            sheet.paste(tile, (k % 2 * pitch, k // 2 * pitch + side - rows))
-    return np.asarray(sheet), [caption for caption, _ in tiles]
+    panels = [_photograph(pictures), _reconstruction(pictures), _third(pictures)]
+    return panels if pictures.frame is not None else [*panels, _errors(pictures)]
 
 
-def _photograph(pictures: LivePictures) -> Tile:
+def _photograph(pictures: LivePictures) -> Panel:
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape
     lit = f", SBR {choice.sbr:g}" if choice.place else ""
     made = f"{lit}, {choice.snr:g} dB" if pictures.report.residual is None else ""
-    return f"Photograph: {rows} x {columns}{made}", photograph_pixels(pictures)
+    return Panel(f"Photograph: {rows} x {columns}{made}", photograph_pixels(pictures))
 
 
-def _reconstruction(pictures: LivePictures) -> Tile:
+def _reconstruction(pictures: LivePictures) -> Panel:
     hidden = pictures.scenario.hidden
     sizes = {name: "{} x {}".format(*size) for name, size in hidden.shapes.items()}
     each = [f"{name} {size}" for name, size in sizes.items()]
@@ -79,31 +94,35 @@ def _reconstruction(pictures: LivePictures) -> Tile:
     if pictures.psnr is not None:
         caption += f", PSNR {pictures.psnr:.1f} dB"
     shown = hidden_pixels(replace(pictures, truth=None))
-    return caption, _side_by_side(shown.values())
+    return Panel(caption, _side_by_side(shown.values()))
 
 
-def _third(pictures: LivePictures) -> Tile:
+def _third(pictures: LivePictures) -> Panel:
     """Return the residual of a given photograph, or else the hidden image."""
     residual = pictures.report.residual
     if residual is None:
         known = pictures.truth is not None
-        return "Hidden image", _side_by_side(hidden_pixels(pictures).values()) if known else None
+        shown = _side_by_side(hidden_pixels(pictures).values()) if known else None
+        return Panel("Hidden image", shown)
     caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
         caption += f", noise alone {100 * residual.noise_alone:.2f} %"
-    light, bound, _ = residual_map(residual)
-    return caption, _colours("RdBu_r", light / bound / 2 + 0.5)
+    light, bound, unit = residual_map(residual)
+    unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
+    scale = Scale("RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}")
+    return Panel(caption, _colours("RdBu_r", light / bound / 2 + 0.5), scale)
 
 
-def _errors(pictures: LivePictures) -> Tile:
+def _errors(pictures: LivePictures) -> Panel:
     errors, hidden = pictures.report.standard_errors, pictures.scenario.hidden
     if errors is None:
-        return f"Standard error: {pictures.choice.method} reports none", None
+        return Panel(f"Standard error: {pictures.choice.method} reports none", None)
     white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
     percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
     caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
     shown = hidden.split(percent / (percent.max() or 1.0))
-    return caption, _side_by_side(_colours("magma", each) for each in shown.values())
+    pixels = _side_by_side(_colours("magma", each) for each in shown.values())
+    return Panel(caption, pixels, Scale("magma", "0 %", f"{percent.max():.2g} % of white"))
 
 
 def _colours(name: str, values: Array) -> Pixels:

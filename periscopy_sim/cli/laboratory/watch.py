@@ -1,0 +1,204 @@
+"""`periscopy watch`: photographs as they come, reconstructed on the page of `view`."""
+
+import csv
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import periscopy_sim as ps
+from periscopy_sim.cli.laboratory.prepare import Files, exposures
+from periscopy_sim.cli.laboratory.view import WRITING, serve, write_view
+from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.messages import report_sentences
+from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, option
+from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.cli.session import PhotoSession, files_of_view
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.video_metrics import record_of
+from periscopy_sim.extras import require
+from periscopy_sim.hidden import named
+from periscopy_sim.photographs.develop import average as averaged
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.storage.outputs.growing import GrowingStack
+from periscopy_sim.storage.outputs.staging import staged_file, unwritable_reported
+from periscopy_sim.storage.photographs import read_mask
+from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
+
+if TYPE_CHECKING:
+    from periscopy_sim.live.pictures import LivePictures
+    from periscopy_sim.live.preparation import Companions
+    from periscopy_sim.live.stream import Progress, Stream
+
+_SOURCE = (
+    "A folder into which a camera writes; or a video device, stream or file, such as /dev/video0, "
+    "rtsp://... or http://..."
+)
+_OUT = "Folder to write: every picture and its numbers. [default: only the page's button, to watch]"
+_AVERAGE = "Frames of the running average; 8-bit cameras need some tens."
+
+
+def watch(
+    *,
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help=_SOURCE)],
+    session: PhotoSession,
+    out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
+    average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,
+    black: Annotated[
+        float, option("VALUE", "Black level, subtracted.", group=PHOTOGRAPH, kind="level")
+    ] = 0.0,
+    dark: Annotated[
+        Files,
+        option(
+            "FILE",
+            "Frame with the lens covered, subtracted; repeatable.",
+            group=PHOTOGRAPH,
+            exists=True,
+        ),
+    ] = None,
+    points: Annotated[
+        Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
+    ] = None,
+    tags: Annotated[
+        Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
+    ] = None,
+    linear: Annotated[
+        bool, typer.Option("--linear", help="Video is linear light, not encoded for screens.")
+    ] = False,
+    method: Annotated[
+        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
+    ] = DEFAULT,
+    host: Annotated[
+        str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")
+    ] = "127.0.0.1",
+    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")] = 8080,
+) -> None:
+    """Recover the hidden image from photographs as they come, in the browser.
+
+    The page is that of view: move the laboratory while the picture sharpens. Frames that come too
+    late are dropped and counted. The command ends with the source, or by Ctrl-C.
+    """
+    require("websockets")
+    if points is not None and tags is not None:
+        raise PeriscopyError("--points and --tags exclude each other; give one")
+    with progress("loading the scene"):
+        from periscopy_sim.live.frames import open_source
+        from periscopy_sim.live.pictures import Choice
+        from periscopy_sim.live.session import LiveSession
+        from periscopy_sim.live.stream import Stream
+
+        ps.find_method(method)
+        frames = open_source(source, linear=linear)
+        scenario = session.scenario
+        check_memory(scenario, method)
+        session.check_lights()
+        marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
+        companions = _companions(session, marks, black, dark)
+        stream = Stream(frames, scenario, companions, average, lambda line: warn(line, "note"))
+        recorder = None if out is None else Recorder(out, session, stream, source)
+        methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
+        folder = (out or Path("watch")) / "set"
+        live = LiveSession(
+            scenario, Choice({}, "", method=method), (), methods,
+            lambda pictures: write_view(folder, session, pictures, None), report_sentences,
+            stream=stream, record=recorder or (lambda *_: None), host=host, port=port,
+        )  # fmt: skip
+
+    def close() -> None:
+        if recorder is not None:
+            recorder.close()
+        say(f"{stream.shown} frames shown, {stream.dropped} dropped")
+
+    with live:
+        serve(live, session.path.name, close)
+    close()
+
+
+def _companions(
+    session: PhotoSession, marks: Any, black: float, dark: Sequence[Path] | None
+) -> "Companions":
+    """Read what belongs to all frames."""
+    from periscopy_sim.live.preparation import Companions
+
+    masks, off = (
+        files_of_view(flag, files, [session.sensor])[session.sensor]
+        for flag, files in (("--mask", session.mask), ("--monitor-off", session.monitor_off))
+    )
+    if dark and black:
+        raise PeriscopyError("a dark frame holds the black level; give one of the two")
+    return Companions(
+        marks,
+        read_mask(masks[-1]) if masks else None,
+        black,
+        averaged(exposures(dark), f"the dark frame {dark[-1]}") if dark else None,
+        {str(file): next(exposures([file])) for file in off},
+        session.colours,
+    )
+
+
+class Recorder:
+    """The pictures of all frames and their numbers in a folder, whole at any moment.
+
+    `frames.npy`, of several surfaces one for each, and `metrics.csv` grow with each frame in full
+    size; `close` writes `summary.json`.
+    """
+
+    def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
+        with unwritable_reported(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "summary.json").unlink(missing_ok=True)
+            self._file = (folder / "metrics.csv").open("w", encoding="utf-8", newline="")
+        self._folder, self._session, self._stream = folder, session, stream
+        self._source, self._count = source, 0
+        self._stacks: dict[str, GrowingStack] = {}
+        self._table: csv.DictWriter[str] | None = None
+
+    def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
+        """Record a frame; coarse pictures, which a moving scene has, are left out."""
+        if pictures.is_coarse:
+            return
+        images = named("frames", self._session.scenario.hidden.images(pictures.image))
+        report, residual = pictures.report, pictures.report.residual
+        name = f"{progress.time:.4f}"
+        record = record_of(progress.frame, name, pictures.seconds, report.numbers) | {
+            "unexplained": residual.unexplained if residual else "",
+            **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged", "noise_left")},
+            **pictures.choice.values,
+        }
+        with WRITING:
+            for stem, image in images.items():
+                if stem not in self._stacks:
+                    file = self._folder / f"{stem}.npy"
+                    self._stacks[stem] = GrowingStack(file, image.shape)
+                self._stacks[stem].append(image)
+            if self._table is None:  # another method has other numbers
+                columns = list(record)
+                self._table = csv.DictWriter(
+                    self._file, columns, extrasaction="ignore", lineterminator="\n"
+                )
+                self._table.writeheader()
+            self._table.writerow(record)
+            self._file.flush()
+            self._count += 1
+
+    def close(self) -> None:
+        """Write the summary."""
+        latencies = [*self._stream.latencies]
+        summary = {
+            "source": self._source,
+            "frames": self._count,
+            "frames_shown": self._stream.shown,
+            "frames_dropped": self._stream.dropped,
+            "median_latency": median(latencies) if latencies else None,
+            "average": self._stream.count,
+        }
+        self._file.close()
+        for stack in self._stacks.values():
+            stack.close()
+        with staged_file(self._folder / "summary.json") as staged:
+            self._session.write_summary(staged, summary)
+        files = "metrics.csv", "summary.json", *(f"{stem}.npy" for stem in self._stacks)
+        say_written(*(self._folder / name for name in sorted(files)))

@@ -1,0 +1,119 @@
+"""Calibration of the present frames in a process of its own, which does not delay the frames."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock, Thread
+from typing import Any
+
+import numpy as np
+
+from periscopy_sim.calibration.calibrated_scene import write_copy
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.scenario import Scenario
+
+NICENESS = 10
+"""Of the process: frames come first."""
+
+IDLE, BUSY, OFFER = "Calibrate from these frames", "Calibrating ...", "Take the calibrated values"
+"""Labels of the button, by what a press does."""
+
+
+class Calibration:
+    """A button: a press calibrates the present scene, a second one takes the values.
+
+    `wall` returns the present photograph, `values` the present values; `take` gets the calibrated
+    ones, `tell` lines for the page, and `changed` is called when the label changes.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        wall: Callable[[], Photograph | None],
+        values: Callable[[], Mapping[str, float]],
+        take: Callable[[Mapping[str, float]], None],
+        tell: Callable[[str], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self._scenario, self._wall, self._values = scenario, wall, values
+        self._take, self._tell, self._changed = take, tell, changed
+        self._lock = Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._offer: dict[str, float] = {}
+        self.label = IDLE
+
+    def press(self) -> None:
+        """Start a calibration, or take the values of the one that has ended."""
+        with self._lock:
+            label = self.label
+            if label == IDLE:
+                self._set(BUSY)
+        if label == IDLE:
+            Thread(target=self._run, daemon=True).start()
+        elif label == OFFER:
+            self._set(IDLE)
+            self._take(self._offer)
+
+    def stop(self) -> None:
+        """End a calibration that is running."""
+        if self._process is not None:
+            self._process.kill()
+
+    def _set(self, label: str) -> None:
+        self.label = label
+        self._changed()
+
+    def _run(self) -> None:
+        label = IDLE
+        try:
+            wall = self._wall()
+            if wall is None:
+                raise PeriscopyError("no frame has come yet")
+            with TemporaryDirectory(prefix="periscopy-") as folder:
+                record = self._calibrated(Path(folder), wall)
+            self._offer = {n: float(p["value"]) for n, p in record["parameters"].items()}
+            shown = ", ".join(f"{name} {value:.4g}" for name, value in self._offer.items())
+            doubts = "; ".join(record["doubts"])
+            self._tell(f"calibrated: {shown}{f' (not to be trusted: {doubts})' if doubts else ''}")
+            label = OFFER
+        except (PeriscopyError, OSError) as error:
+            self._tell(f"calibration: {error}")
+        finally:
+            self._set(label)
+
+    def _calibrated(self, folder: Path, wall: Photograph) -> Any:
+        """Run `periscopy calibrate` on a photograph; return its record."""
+        scene, photo, out = (folder / name for name in ("scene.xml", "wall.npy", "out.xml"))
+        values = {name: f"{value:.9g}" for name, value in self._values().items()}
+        write_copy(self._scenario.document, values, scene)
+        np.save(photo, wall.values)
+        np.save(folder / "mask.npy", wall.pixels)
+        sizes = self._scenario.hidden.shapes.items()
+        options = [f"--hidden={name}={rows}x{columns}" for name, (rows, columns) in sizes]
+        options += [f"--mask={folder / 'mask.npy'}", f"--camera={self._scenario.view.camera}"]
+        for k, light in enumerate(wall.monitor_off.values()):
+            np.save(folder / f"off{k}.npy", light)
+            options.append(f"--monitor-off={folder / f'off{k}.npy'}")
+        if wall.colour_matrix is not None:
+            np.save(folder / "colours.npy", wall.colour_matrix.matrix)
+            options.append(f"--colour-matrix={folder / 'colours.npy'}")
+        command = [sys.executable, "-m", "periscopy_sim", "calibrate", str(photo)]
+        command += [f"--scene={scene}", f"--out={out}", *options]
+        with subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            text=True, start_new_session=True,
+        ) as self._process:  # fmt: skip
+            if hasattr(os, "setpriority"):
+                with suppress(OSError):
+                    os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
+            complaint = self._process.communicate()[1]
+        if self._process.returncode:
+            *_, last = complaint.strip().splitlines() or ["it was ended"]
+            raise PeriscopyError(last.removeprefix("periscopy: error: "))
+        return json.loads(out.with_suffix(".json").read_text("utf-8"))

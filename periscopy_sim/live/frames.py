@@ -1,0 +1,331 @@
+"""Frames as they come: from a folder, from a video by FFmpeg's libraries, or from a function.
+
+A source yields each frame as soon as it is whole. It reports a fault in one line and goes on where
+it can.
+"""
+
+import os
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Condition, Event
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.extras import require
+from periscopy_sim.photographs.develop import SensorImage, sensor_image
+from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
+from periscopy_sim.storage.formats.table import suffixes
+from periscopy_sim.storage.photographs import read_sensor_image
+
+POLL = 0.2
+"""Seconds between two looks at a folder; a file whose size stays the same between them is whole."""
+
+PATIENCE = 10.0
+"""Seconds that a file may stay unreadable, as while it is written, or a stream without a frame."""
+
+RETRIES, PAUSE = 10, 2.0
+"""Attempts to open a stream again that ended or stalled, and the seconds before each."""
+
+LINEAR_TRANSFER = 8
+"""FFmpeg's number of linear light (ITU-T H.273)."""
+
+Item = TypeVar("Item")
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One photograph of a series.
+
+    `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear;
+    or a `SensorImage`, linear light. `time` is that of `time.monotonic` when the frame arrived.
+    `exposure` is exposure time times gain, in any unit, None where the camera reports none.
+    """
+
+    values: NDArray[np.unsignedinteger] | SensorImage
+    encoding: str = SRGB
+    time: float = field(default_factory=time.monotonic)
+    exposure: float | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        if isinstance(self.values, SensorImage):
+            return self.values.size
+        rows, columns = self.values.shape[:2]
+        return rows, columns
+
+
+class Source(Protocol):
+    """Where frames come from.
+
+    Late frames of a live source are dropped; another one, a recording, waits. `dropped` counts the
+    frames that the source itself left out.
+    """
+
+    is_live: bool
+    dropped: int
+
+    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
+        """Yield frames until the source ends, or `stopped` is set; `say` reports in one line."""
+
+
+class Latest(Generic[Item]):
+    """A place for one item between two threads: a newer item replaces it, and is counted.
+
+    With `keeps`, `put` waits for the place instead, and no item is dropped. Iterate to take the
+    items until `close`.
+    """
+
+    def __init__(self, *, keeps: bool = False) -> None:
+        self.dropped, self._keeps = 0, keeps
+        self._item: Item | None = None
+        self._closed, self._changed = False, Condition()
+
+    def put(self, item: Item) -> None:
+        """Offer an item."""
+        with self._changed:
+            if self._keeps:
+                self._changed.wait_for(lambda: self._item is None or self._closed)
+            self.dropped += self._item is not None
+            self._item = item
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End the iteration after the item that is there."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def __iter__(self) -> Iterator[Item]:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._item is not None or self._closed)
+                if (item := self._item) is None:
+                    return
+                self._item = None
+                self._changed.notify_all()
+            yield item
+
+
+def open_source(source: Any, *, linear: bool = False) -> Source:
+    """Return the source that a folder, a video device, file or URL, or a function is.
+
+    With `linear`, codes are linear light whatever the source declares. A PeriscopyError says that
+    there is none, or it cannot be opened.
+    """
+    if callable(source):
+        return FunctionSource(source, LINEAR if linear else SRGB)
+    if Path(source).is_dir():
+        return FolderSource(Path(source))
+    return VideoSource(str(source), LINEAR if linear else None)
+
+
+class FolderSource:
+    """A folder into which a camera writes photographs, of one format; the newest one counts."""
+
+    is_live = True
+
+    def __init__(self, folder: Path) -> None:
+        self.dropped, self._folder = 0, folder
+        self._sizes: dict[str, tuple[int, float]] = {}  # of files not read: bytes, and since when
+        self._done: set[str] = set()
+        self._format = ""
+        self._said: set[str] = set()
+
+    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
+        """Yield the newest whole photograph at each look; see `Source`."""
+
+        def say_once(text: str) -> None:
+            kind = text.partition(": ")[2]
+            if kind not in self._said:
+                self._said.add(kind)
+                say(text)
+
+        while not stopped.wait(POLL):
+            try:
+                whole = self._whole_files(say_once)
+            except OSError as error:
+                say_once(f"{self._folder}: {error.strerror}; waiting for the folder")
+                continue
+            for k, file in enumerate(whole):
+                if (light := self._read(file, say_once)) is not None:
+                    others = whole[k + 1 :]
+                    self._done |= {each.name for each in others}
+                    self.dropped += len(others)
+                    yield Frame(light, LINEAR)
+                    break
+
+    def _whole_files(self, say: Say) -> list[Path]:
+        """Return the files that are new and have stopped growing, the newest first."""
+        with os.scandir(self._folder) as entries:
+            present = {e.name: e for e in entries if e.name[0] != "." and not e.is_dir()}
+        self._done &= present.keys()
+        known, whole, now = suffixes(), list[tuple[float, Path]](), time.monotonic()
+        sizes: dict[str, tuple[int, float]] = {}
+        for name in present.keys() - self._done:
+            file = self._folder / name
+            kind = known.get(file.suffix.lower())
+            if kind is None or self._format not in ("", kind):
+                why = "another format than the first photograph" if kind else "no photograph"
+                say(f"{file}: {file.suffix or 'a name without suffix'} is {why}; ignored")
+                self._done.add(name)
+                continue
+            with suppress(OSError):  # removed meanwhile
+                state = present[name].stat()
+                size, since = self._sizes.get(name, (-1, now))
+                sizes[name] = state.st_size, since if size == state.st_size else now
+                if state.st_size == size > 0:
+                    whole.append((state.st_mtime, file))
+        self._sizes = sizes
+        return [file for _, file in sorted(whole, reverse=True)]
+
+    def _read(self, file: Path, say: Say) -> SensorImage | None:
+        """Return a photograph; None for one that cannot be read, which may still be written."""
+        try:
+            light, warnings = read_sensor_image(file)
+        except PhotographError as error:
+            if time.monotonic() - self._sizes[file.name][1] > PATIENCE:
+                self._done.add(file.name)
+                say(str(error))
+            return None
+        self._done.add(file.name)
+        self._format = self._format or suffixes()[file.suffix.lower()]
+        for warning in warnings:
+            say(warning)
+        return light
+
+
+class VideoSource:
+    """A video device, a stream or a file that FFmpeg's libraries open.
+
+    A file plays at its own rate, and no frame of it is dropped; a stream that ends or stalls is
+    opened again, `RETRIES` times. `encoding` is that of the codes; None for the file's, or sRGB.
+    """
+
+    def __init__(self, place: str, encoding: str | None = None) -> None:
+        self._av = require("av")
+        self.dropped, self._place, self._encoding = 0, place, encoding
+        self.is_live = not Path(place).is_file()
+        self._container = self._open()
+
+    def _open(self) -> Any:
+        kind = "v4l2" if re.match(r"/dev/video\d", self._place) else None
+        options = {"fflags": "nobuffer"} if self.is_live else {}
+        if self._place.startswith("rtsp:"):
+            options["rtsp_transport"] = "tcp"  # UDP loses packets
+        try:
+            container = self._av.open(self._place, format=kind, options=options, timeout=PATIENCE)
+        except self._av.FFmpegError as error:
+            raise PeriscopyError(f"{self._place}: {_reason(error)}") from None
+        if not container.streams.video:
+            raise PeriscopyError(f"{self._place}: holds no video; name another stream or file")
+        container.streams.video[0].thread_type = "SLICE"  # frames in parallel would be late
+        return container
+
+    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
+        """Yield the frames of the stream; see `Source`."""
+        while True:
+            fault = "ended"
+            try:
+                yield from self._decoded(stopped, say)
+            except self._av.FFmpegError as error:
+                fault = _reason(error)
+            finally:
+                self._container.close()
+            if stopped.is_set() or not self.is_live:
+                if fault != "ended":
+                    say(f"{self._place}: {fault}")
+                return
+            say(f"{self._place}: {fault}; opening the stream again")
+            if not self._reopened(stopped, say):
+                return
+
+    def _reopened(self, stopped: Event, say: Say) -> bool:
+        for _ in range(RETRIES):
+            if stopped.wait(PAUSE):
+                return False
+            with suppress(PeriscopyError):
+                self._container = self._open()
+                return True
+        say(f"{self._place}: the stream did not come back")
+        return False
+
+    def _decoded(self, stopped: Event, say: Say) -> Iterator[Frame]:
+        start, damaged = time.monotonic(), 0
+        for packet in self._container.demux(video=0):
+            arrived = time.monotonic()
+            try:
+                frames = packet.decode()
+            except self._av.error.InvalidDataError:
+                if not damaged:
+                    say(f"{self._place}: a frame is damaged; such frames are left out")
+                damaged += 1
+                continue
+            for frame in frames:
+                if not self.is_live and frame.time is not None:
+                    stopped.wait(max(0.0, start + frame.time - time.monotonic()))
+                    arrived = time.monotonic()
+                if stopped.is_set():
+                    return
+                declared = LINEAR if frame.color_trc == LINEAR_TRANSFER else SRGB
+                yield Frame(_codes(frame), self._encoding or declared, arrived)
+
+
+def _codes(frame: Any) -> NDArray[np.unsignedinteger]:
+    """Return the codes of a frame of FFmpeg's, (rows, columns, 3), or 1 of a grey one."""
+    is_deep = max(each.bits for each in frame.format.components) > 8
+    is_grey = len(frame.format.components) == 1 and frame.format.name.startswith("gray")
+    kind = ("gray16le" if is_deep else "gray") if is_grey else ("rgb48le" if is_deep else "rgb24")
+    codes: NDArray[np.unsignedinteger] = frame.to_ndarray(format=kind)
+    return codes[..., np.newaxis] if codes.ndim == 2 else codes
+
+
+def _reason(error: OSError) -> str:
+    """Return why FFmpeg cannot read a stream, and what to do."""
+    if isinstance(error, PermissionError):
+        return "no permission; ask for the device's group (Linux: video), or close other programs"
+    if isinstance(error, FileNotFoundError):
+        return "no such folder, device or file; check the name"
+    if getattr(error, "errno", 0) == -0x54495845 or "exit" in str(error).lower():
+        return f"no frame for {PATIENCE:g} s"
+    return f"{error.strerror or error}; check that it is a video and that nobody else reads it"
+
+
+class FunctionSource:
+    """A function that returns the next frame when a camera has it, or None at the end.
+
+    It returns a `Frame`; or (rows, columns[, channels]): integers of 8 or 16 bits are codes of the
+    `encoding`, other numbers linear light.
+    """
+
+    is_live = True
+
+    def __init__(self, function: Callable[[], Any], encoding: str = SRGB) -> None:
+        self.dropped, self._function, self._encoding = 0, function, encoding
+
+    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
+        """Yield what the function returns; see `Source`."""
+        while not stopped.is_set():
+            try:
+                values = self._function()
+                if values is None:
+                    return
+                yield values if isinstance(values, Frame) else self._frame(np.asarray(values))
+            except PhotographError as error:
+                say(str(error))
+            except Exception as error:  # whatever the user's own code raises
+                say(f"the function of frames raised {type(error).__name__}: {error}")
+                return
+
+    def _frame(self, values: NDArray[Any]) -> Frame:
+        if values.dtype not in (np.uint8, np.uint16):
+            return Frame(sensor_image(values, "the frame"), LINEAR)
+        return Frame(values[..., np.newaxis] if values.ndim == 2 else values, self._encoding)

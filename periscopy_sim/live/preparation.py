@@ -1,0 +1,277 @@
+"""From a camera's frames to photographs in the pixels of a scene's camera, averaged as they come.
+
+`Preparation` keeps what frames of one size have in common; `PreparedFrames` averages them.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.live.frames import Frame
+from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
+from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
+from periscopy_sim.photographs.marks import WallPoints, WallTags
+from periscopy_sim.photographs.prepare import film_areas, used_pixels
+from periscopy_sim.photographs.resampling import AreaMap, Flaw, average_areas
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.formats.decoding import LINEAR
+from periscopy_sim.storage.formats.srgb import srgb_light
+
+EXPOSURE = 0.05
+"""Change of the light's logarithm, alike in all pixels, that counts as another exposure."""
+
+EVEN = 1 / 3
+"""Spread of that change over the pixels, over its size, up to which all pixels change alike."""
+
+STEADY = 10.0
+"""Seconds between two changes of the mask: a method needs some of them to be formed anew."""
+
+NOISE_FRAMES = 30
+"""Frames over which the noise of a frame is averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Companions:
+    """What belongs to all frames of a camera at rest, as `prepare` and `Photograph` have it.
+
+    `mask` is of the frames' size or of the film's. `dark` and the values of `monitor_off` are of
+    the frames' size, in linear light; the latter may be of the film's.
+    """
+
+    marks: WallPoints | WallTags | None = None
+    mask: Mask | None = None
+    black: float = 0.0
+    dark: SensorImage | None = None
+    monitor_off: Mapping[str, SensorImage] = field(default_factory=dict)
+    colour_matrix: ColourMatrix | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedFrame:
+    """A frame in the film's pixels: (rows, columns, C) linear light, and where it is saturated."""
+
+    values: Array
+    saturated: Mask
+    time: float
+    exposure: float | None
+
+
+class Preparation:
+    """What frames of one camera and size have in common, found in the first frame.
+
+    Attributes
+    ----------
+    mask
+        (rows, columns) bool, True where the film's pixels measure the wall.
+    monitor_off
+        The companions' photographs with the monitor off in the film's pixels, by name.
+    warnings
+        Assumptions, one line each.
+
+    Raises
+    ------
+    PhotographError
+        As `prepare`, or if a companion is not of the frame's size.
+    """
+
+    def __init__(self, first: Frame, scenario: Scenario, companions: Companions) -> None:
+        self.size, self._encoding = first.size, first.encoding
+        light = self._light(first)
+        areas = film_areas(light, scenario, companions.marks, companions.mask)
+        self._corners = areas.corners
+        self._flaws = areas.flaws & ~np.uint8(Flaw.SATURATED)
+        self._areas = AreaMap(self._flaws, areas.corners)
+        self.mask = used_pixels(self._areas.kinds | areas.excluded)
+        self._offset: Array | float = companions.black
+        if companions.dark is not None:
+            self._offset = self._averaged(companions.dark, "the dark frame")
+        self.monitor_off = {
+            name: each.values.astype(np.float64)
+            if each.size == self.mask.shape != self.size
+            else self._averaged(each, name) - self._offset
+            for name, each in companions.monitor_off.items()
+        }
+        self.warnings = areas.warnings
+        if not isinstance(first.values, SensorImage):
+            bits = 8 * first.values.dtype.itemsize
+            known = first.encoding == LINEAR
+            self.warnings += (
+                f"{bits}-bit frames, taken as linear light"
+                if known
+                else f"{bits}-bit frames, decoded by the sRGB curve; if the camera sends linear "
+                "light, pass --linear",
+            )
+
+    def __call__(self, frame: Frame) -> PreparedFrame:
+        """Return a frame in the film's pixels."""
+        if isinstance(frame.values, SensorImage):
+            flaws = self._flaws | np.uint8(Flaw.SATURATED) * frame.values.saturated
+            values, kinds = average_areas(frame.values.values, flaws, self._corners)
+            values, full = np.nan_to_num(values), (kinds & np.uint8(Flaw.SATURATED)) > 0
+        else:
+            white = np.iinfo(frame.values.dtype).max
+            light, full = self._areas.average(frame.values, _table(frame), int(white))
+            values = light.astype(np.float64)
+        return PreparedFrame(values - self._offset, full & self.mask, frame.time, frame.exposure)
+
+    def _averaged(self, picture: SensorImage, name: str) -> Array:
+        check_same_size(picture.size, self.size, name)
+        return np.nan_to_num(average_areas(picture.values, self._flaws, self._corners)[0])
+
+    @staticmethod
+    def _light(frame: Frame) -> SensorImage:
+        if isinstance(frame.values, SensorImage):
+            return frame.values
+        full = (frame.values == np.iinfo(frame.values.dtype).max).any(axis=2)
+        return sensor_image(_table(frame)[frame.values], "the frame", saturated=full)
+
+
+def _table(frame: Frame) -> NDArray[np.float32]:
+    """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
+    codes = np.arange(np.iinfo(frame.values.dtype).max + 1, dtype=frame.values.dtype)  # type: ignore[union-attr]
+    light = codes if frame.encoding == LINEAR else srgb_light(codes)
+    return light.astype(np.float32)
+
+
+class PreparedFrames:
+    """The running average of prepared frames, with the noise that it leaves.
+
+    The average forgets exponentially, and leaves as little noise as the mean of `count` frames; the
+    first ones are averaged evenly. It starts anew when the exposure changes.
+
+    Attributes
+    ----------
+    wall
+        A `Photograph` of the mask and the photographs with the monitor off: a new object whenever
+        these change. Its values are those of the average at that time.
+    """
+
+    def __init__(
+        self,
+        preparation: Preparation,
+        count: int = 1,
+        colours: ColourMatrix | None = None,
+        monitor_off: Mapping[str, Array] | None = None,
+    ) -> None:
+        self.count, self.exposures = count, 0
+        self._mask, self._colours = preparation.mask, colours
+        self.monitor_off = {**preparation.monitor_off, **(monitor_off or {})}
+        self._off: Mapping[str, Array] = self.monitor_off  # those of `wall`
+        self._variance = 0.0  # of a frame's noise, over the square of the mean light
+        self._differences = 0
+        self.wall: Photograph | None = None
+        self._restart()
+
+    def _restart(self) -> None:
+        self.average: Array | None = None
+        self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
+        self._saturated = np.zeros(self._mask.shape, bool)
+        self._due = 0.0  # when the mask may change
+
+    def add(self, frame: PreparedFrame) -> list[str]:
+        """Average one frame more; return what a person should know, one line each."""
+        lines = []
+        if self.average is not None and (times := self._exposure_change(frame)):
+            self._restart()
+            self.exposures += 1
+            lines.append(
+                f"the light is {times:.3g} times what it was: exposure, gain or lamps changed; the "
+                "average starts anew"
+            )
+        new = frame.saturated & ~self._saturated
+        if new.any():
+            before, self._saturated = np.count_nonzero(self._saturated), self._saturated | new
+            if (many := np.count_nonzero(self._saturated)) >= 2 * before:
+                lines.append(
+                    f"saturated: {many} of {self._mask.sum()} pixels are left out; shorten the "
+                    "exposure"
+                )
+        if self.average is None:
+            self.average, self._reference = frame.values, frame
+            self._share, self._frames = 1.0, 1
+        else:
+            self._measure_noise(frame)
+            self._frames += 1
+            weight = 1 / min(self._frames, (self.count + 1) / 2)
+            self.average = self.average + weight * (frame.values - self.average)
+            self._share = (1 - weight) ** 2 * self._share + weight**2
+        self._latest = frame.values
+        self._update_wall()
+        return lines
+
+    def _exposure_change(self, frame: PreparedFrame) -> float:
+        """Return the factor of the exposure since the average began; 0 if it is the same."""
+        before = self._reference
+        if frame.exposure is not None and before.exposure is not None:
+            times = frame.exposure / before.exposure
+            return 0.0 if abs(np.log(times)) < 1e-3 else times
+        used = self._mask & ~self._saturated & ~frame.saturated
+        old, new = (each.values[used].mean(axis=-1) for each in (before, frame))
+        lit = (old > 0) & (new > 0)
+        if not lit.any():
+            return 0.0
+        ratios = np.log(new[lit] / old[lit])
+        change = float(np.median(ratios))
+        spread = 1.4826 * float(np.median(np.abs(ratios - change)))
+        is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
+        return float(np.exp(change)) if is_other else 0.0
+
+    def _measure_noise(self, frame: PreparedFrame) -> None:
+        used = self._mask & ~self._saturated
+        if not used.any():
+            return
+        difference = (frame.values - self._latest)[used]
+        level = float(np.mean(frame.values[used])) or 1.0
+        # A median, since the hidden picture may move; two frames' noise differ.
+        variance = (1.4826 * float(np.median(np.abs(difference))) / level) ** 2 / 2
+        self._differences += 1
+        self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
+
+    @property
+    def averaged(self) -> float:
+        """The number of frames whose mean has as little noise as the average."""
+        return 1 / self._share
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a frame's noise over the mean light; 0 of a single frame."""
+        return float(np.sqrt(self._variance))
+
+    @property
+    def noise_left(self) -> float:
+        """Standard deviation of the average's noise over the mean light."""
+        return self.noise * float(np.sqrt(self._share))
+
+    def photograph(self) -> Photograph:
+        """Return the average under the conditions of `wall`."""
+        assert self.wall is not None and self.average is not None
+        return replace(self.wall, values=blackened(self.average, self.wall.mask))
+
+    def take_monitor_off(self, name: str) -> None:
+        """Make the present average a photograph with the monitor off."""
+        if self.average is not None:
+            self.monitor_off = {**self.monitor_off, name: self.average}
+            self._due = 0.0
+            self._update_wall()
+
+    def _update_wall(self) -> None:
+        """Make `wall` anew where the mask or the photographs with the monitor off changed."""
+        assert self.average is not None
+        mask = self._mask & ~self._saturated
+        if self.wall is not None:
+            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.monitor_off
+            if is_same or time.monotonic() < self._due:
+                return
+        if not mask.any():
+            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
+        self.wall = Photograph.of(
+            blackened(self.average, mask), name="the frames", mask=mask,
+            monitor_off={n: blackened(each, mask) for n, each in self.monitor_off.items()},
+            colour_matrix=self._colours,
+        )  # fmt: skip
+        self._off, self._due = self.monitor_off, time.monotonic() + STEADY

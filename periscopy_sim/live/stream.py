@@ -1,0 +1,252 @@
+"""Frames on their way to the page: read, prepared and averaged, reconstructed and shown.
+
+Each of the three steps has a thread. Between two steps one frame waits; a newer one of a live
+source replaces it, so that no picture is late.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from threading import Condition, Event, Thread
+from typing import Any
+
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.frames import Frame, Latest, Source
+from periscopy_sim.live.pictures import Choice, Formed, LivePictures, SizedLaboratory
+from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.scenario import Scenario
+
+LOG = logging.getLogger(__name__)
+
+SHOWN = 60
+"""Frames whose rate and latency the page shows."""
+
+REPEATS = 10.0
+"""Seconds before the same line is reported again."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The numbers of a stream when a frame is shown."""
+
+    frame: int  # number of the frame, from 0
+    time: float  # seconds since the first frame
+    latency: float  # seconds from the frame's arrival to its pictures
+    rate: float  # frames a second, of the latest ones
+    dropped: int  # frames that came too late to be shown, so far
+    averaged: float  # frames whose mean has as little noise
+    noise: float  # of a frame, over its mean light
+    noise_left: float  # of the average
+
+    def line(self, latency: float) -> str:
+        """Return the numbers in one line, with the median latency in seconds."""
+        return (
+            f"{self.rate:.1f} frames a second, latency {1000 * latency:.0f} ms, "
+            f"{self.dropped} dropped; average of {self.averaged:.3g}: noise "
+            f"{100 * self.noise_left:.2g} %, of one frame {100 * self.noise:.2g} %"
+        )
+
+
+class Stream:
+    """The frames of a source for a scene, in a thread of each step between `start` and `stop`.
+
+    `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
+    about what happened, `hear` too before the first pictures; all in the threads. `form_anew` is
+    called when methods must be formed anew; they arrive by `use`. `ended` is set when the source
+    has ended and all is shown.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        scenario: Scenario,
+        companions: Companions | None = None,
+        count: int = 1,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._source, self._scenario = source, scenario
+        self._companions, self.count = companions or Companions(), count
+        self._say, self._said = say, dict[str, float]()
+        self.show: Callable[[LivePictures, Progress, str], None] = lambda *_: None
+        self.form_anew: Callable[[], None] = lambda: None
+        self.hear: Callable[[str], None] = lambda _: None
+        self.ended = Event()
+        self._read = Latest[Frame](keeps=not source.is_live)
+        self._averaged = Latest[tuple[Photograph, float, tuple[float, float, float]]](
+            keeps=not source.is_live
+        )
+        self._frames: PreparedFrames | None = None
+        self._formed: Formed | None = None
+        self._changed, self._stopped = Condition(), Event()
+        self.latencies = deque[float](maxlen=1000)
+        self.shown, self.notice, self.exposures = 0, "waiting for the first frame", 0
+        steps = self._read_frames, self._average_frames, self._show_frames
+        self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
+
+    def start(self) -> None:
+        """Begin to read."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End all steps; the frames on their way are dropped."""
+        self._stopped.set()
+        for place in (self._read, self._averaged):
+            place.close()
+        with self._changed:
+            self._changed.notify_all()
+
+    @property
+    def dropped(self) -> int:
+        """The number of frames that were not shown because a newer one came."""
+        return self._source.dropped + self._read.dropped + self._averaged.dropped
+
+    @property
+    def wall(self) -> Photograph | None:
+        """The present average with its conditions; None before the first frame."""
+        frames = self._frames
+        if frames is None or frames.wall is None or frames.average is None:
+            return None
+        return frames.photograph()
+
+    def use(self, formed: Formed) -> None:
+        """Use a method from the next frame on."""
+        with self._changed:
+            self._formed = formed
+            self._changed.notify_all()
+
+    def set_count(self, count: int) -> None:
+        """Average another number of frames."""
+        self.count = count
+        if self._frames is not None:
+            self._frames.count = count
+
+    def take_monitor_off(self) -> None:
+        """Make the present average the photograph with the monitor off."""
+        if self._frames is None:
+            self.report("no frame has come yet")
+            return
+        self._frames.take_monitor_off("the page's monitor-off frame")
+        self.report("the present average is the monitor-off frame; turn the monitor on")
+        self.form_anew()
+
+    def report(self, line: str) -> None:
+        """Print a line, unless the same was just printed, and show it on the page."""
+        self.notice, now = line, time.monotonic()
+        if not self.shown:
+            self.hear(line)
+        kind = line.rpartition(": ")[2]  # without numbers that change
+        if now >= self._said.get(kind, 0.0):
+            self._said[kind] = now + REPEATS
+            self._say(line)
+
+    # -- the three steps ---------------------------------------------------------------------------
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except Exception as error:  # the page goes on, with its latest pictures
+            LOG.error("the stream ended by an error", exc_info=error)
+            self.report(f"the stream ended: {type(error).__name__}: {error}")
+            self.stop()
+            self.ended.set()
+
+    def _read_frames(self) -> None:
+        for frame in self._source.frames(self._stopped, self.report):
+            self._read.put(frame)
+        self._read.close()
+
+    def _average_frames(self) -> None:
+        preparation: Preparation | None = None
+        size: tuple[int, int] | None = None
+        for frame in self._read:
+            if frame.size != size:
+                if size is not None:
+                    old, new = ("{} x {}".format(*each) for each in (size, frame.size))
+                    self.report(f"the frames changed from {old} to {new} pixels")
+                size, preparation = frame.size, self._prepare(frame)
+            if preparation is None or self._frames is None:
+                continue
+            wall = self._frames.wall
+            try:
+                prepared = preparation(frame)
+                for line in self._frames.add(prepared):
+                    self.report(line)
+            except PeriscopyError as error:
+                self.report(str(error))
+                continue
+            if self._frames.wall is not wall:
+                self.form_anew()
+            numbers = self._frames.averaged, self._frames.noise, self._frames.noise_left
+            self._averaged.put((self._frames.photograph(), frame.time, numbers))
+        self._averaged.close()
+
+    def _prepare(self, frame: Frame) -> Preparation | None:
+        """Return the preparation of frames of this size; None, with a line, if there is none."""
+        try:
+            preparation = Preparation(frame, self._scenario, self._companions)
+        except PeriscopyError as error:
+            self.report(str(error))
+            return None
+        for line in preparation.warnings:
+            self.report(line)
+        colours = self._companions.colour_matrix
+        self._frames = PreparedFrames(preparation, self.count, colours)
+        return preparation
+
+    def _show_frames(self) -> None:
+        first, times = 0.0, deque[float](maxlen=SHOWN)
+        for wall, arrived, numbers in self._averaged:
+            formed = self._method()
+            if formed is None:
+                break
+            try:
+                pictures = formed.see(wall, numbers[-1], self.shown)
+            except PeriscopyError as error:
+                self.report(str(error))
+                continue
+            first, now = first or arrived, time.monotonic()
+            times.append(now)
+            rate = (len(times) - 1) / (now - times[0]) if len(times) > 1 else 0.0
+            progress = Progress(
+                self.shown, arrived - first, now - arrived, rate, self.dropped, *numbers
+            )
+            recent = median(list(self.latencies)[-SHOWN:] or [now - arrived])
+            self.show(pictures, progress, progress.line(recent))
+            self.latencies.append(time.monotonic() - arrived)
+            self.shown += 1
+        self.ended.set()
+
+    def _method(self) -> Formed | None:
+        """Wait for a method, of a recording for the full one; None after `stop`."""
+
+        def is_ready() -> bool:
+            formed = self._formed
+            return formed is not None and (self._source.is_live or not formed.is_coarse)
+
+        with self._changed:
+            self._changed.wait_for(lambda: self._stopped.is_set() or is_ready())
+            return None if self._stopped.is_set() else self._formed
+
+
+class StreamLevel:
+    """A size of the laboratory that forms methods for a stream; see `LiveLaboratory`."""
+
+    def __init__(self, laboratory: SizedLaboratory, stream: Stream) -> None:
+        self._laboratory, self._stream = laboratory, stream
+
+    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
+        """Return the method of a choice, formed for the present frames; raise before the first."""
+        wall = self._stream.wall
+        if wall is None:
+            raise PeriscopyError(self._stream.notice)
+        return self._laboratory.form(choice, wall, is_overtaken)
+
+    def still(self, formed: Formed) -> LivePictures:
+        """Return full pictures of the present average, with corrections and standard errors."""
+        self._laboratory.form(formed.choice, self._stream.wall or formed.wall, lambda: False)
+        return self._laboratory.pictures(formed.choice, lambda: False)
