@@ -25,7 +25,7 @@ IDLE, BUSY, OFFER = "Calibrate from these frames", "Calibrating ...", "Take the 
 """Labels of the button, by what a press does."""
 
 
-class Calibration:
+class CalibrationButton:
     """A button: a press calibrates the present scene, a second one takes the values.
 
     `wall` returns the present photograph, `values` the present values; `take` gets the calibrated

@@ -41,7 +41,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CameraFrame:
     """One photograph of a series.
 
     `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear;
@@ -63,7 +63,7 @@ class Frame:
         return rows, columns
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """Where frames come from.
 
     Late frames of a live source are dropped; another one, a recording, waits. `dropped` counts the
@@ -73,7 +73,7 @@ class Source(Protocol):
     is_live: bool
     dropped: int
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield frames until the source ends, or `stopped` is set; `say` reports in one line."""
 
 
@@ -115,7 +115,7 @@ class Latest(Generic[Item]):
             yield item
 
 
-def open_source(source: Any, *, linear: bool = False) -> Source:
+def open_source(source: Any, *, linear: bool = False) -> FrameSource:
     """Return the source that a folder, a video device, file or URL, or a function is.
 
     With `linear`, codes are linear light whatever the source declares. A PeriscopyError says that
@@ -140,8 +140,8 @@ class FolderSource:
         self._format = ""
         self._said: set[str] = set()
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
-        """Yield the newest whole photograph at each look; see `Source`."""
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
+        """Yield the newest whole photograph at each look; see `FrameSource`."""
 
         def say_once(text: str) -> None:
             kind = text.partition(": ")[2]
@@ -160,7 +160,7 @@ class FolderSource:
                     others = whole[k + 1 :]
                     self._done |= {each.name for each in others}
                     self.dropped += len(others)
-                    yield Frame(light, LINEAR)
+                    yield CameraFrame(light, LINEAR)
                     break
 
     def _whole_files(self, say: Say) -> list[Path]:
@@ -224,27 +224,29 @@ class VideoSource:
         try:
             container = self._av.open(self._place, format=kind, options=options, timeout=PATIENCE)
         except self._av.FFmpegError as error:
-            raise PeriscopyError(f"{self._place}: {_reason(error)}") from None
+            raise PeriscopyError(
+                f"{self._place}: {_reason(error)}; name a folder, or a video that nobody else reads"
+            ) from None
         if not container.streams.video:
             raise PeriscopyError(f"{self._place}: holds no video; name another stream or file")
         container.streams.video[0].thread_type = "SLICE"  # frames in parallel would be late
         return container
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
-        """Yield the frames of the stream; see `Source`."""
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
+        """Yield the frames of the stream; see `FrameSource`."""
         while True:
             fault = "ended"
             try:
                 yield from self._decoded(stopped, say)
             except self._av.FFmpegError as error:
-                fault = _reason(error)
+                fault = f"broke off ({_reason(error)})"
             finally:
                 self._container.close()
             if stopped.is_set() or not self.is_live:
                 if fault != "ended":
-                    say(f"{self._place}: {fault}")
+                    say(f"{self._place}: the video {fault}")
                 return
-            say(f"{self._place}: {fault}; opening the stream again")
+            say(f"{self._place}: the stream {fault}; opening it again")
             if not self._reopened(stopped, say):
                 return
 
@@ -258,7 +260,7 @@ class VideoSource:
         say(f"{self._place}: the stream did not come back")
         return False
 
-    def _decoded(self, stopped: Event, say: Say) -> Iterator[Frame]:
+    def _decoded(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         start, damaged = time.monotonic(), 0
         for packet in self._container.demux(video=0):
             arrived = time.monotonic()
@@ -276,7 +278,7 @@ class VideoSource:
                 if stopped.is_set():
                     return
                 declared = LINEAR if frame.color_trc == LINEAR_TRANSFER else SRGB
-                yield Frame(_codes(frame), self._encoding or declared, arrived)
+                yield CameraFrame(_codes(frame), self._encoding or declared, arrived)
 
 
 def _codes(frame: Any) -> NDArray[np.unsignedinteger]:
@@ -289,21 +291,21 @@ def _codes(frame: Any) -> NDArray[np.unsignedinteger]:
 
 
 def _reason(error: OSError) -> str:
-    """Return why FFmpeg cannot read a stream, and what to do."""
+    """Return why FFmpeg cannot read a stream."""
     if isinstance(error, PermissionError):
-        return "no permission; ask for the device's group (Linux: video), or close other programs"
+        return "no permission (on Linux, join the group 'video')"
     if isinstance(error, FileNotFoundError):
-        return "no such folder, device or file; check the name"
-    if getattr(error, "errno", 0) == -0x54495845 or "exit" in str(error).lower():
-        return f"no frame for {PATIENCE:g} s"
-    return f"{error.strerror or error}; check that it is a video and that nobody else reads it"
+        return "no such folder, device or file"
+    if type(error).__name__ == "ExitError":  # PyAV's own, after its timeout
+        return f"no data for {PATIENCE:g} s"
+    return error.strerror or type(error).__name__
 
 
 class FunctionSource:
     """A function that returns the next frame when a camera has it, or None at the end.
 
-    It returns a `Frame`; or (rows, columns[, channels]): integers of 8 or 16 bits are codes of the
-    `encoding`, other numbers linear light.
+    It returns a `CameraFrame`; or (rows, columns[, channels]): integers of 8 or 16 bits are codes
+    of the `encoding`, other numbers linear light.
     """
 
     is_live = True
@@ -311,21 +313,21 @@ class FunctionSource:
     def __init__(self, function: Callable[[], Any], encoding: str = SRGB) -> None:
         self.dropped, self._function, self._encoding = 0, function, encoding
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[Frame]:
-        """Yield what the function returns; see `Source`."""
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
+        """Yield what the function returns; see `FrameSource`."""
         while not stopped.is_set():
             try:
                 values = self._function()
                 if values is None:
                     return
-                yield values if isinstance(values, Frame) else self._frame(np.asarray(values))
+                yield values if isinstance(values, CameraFrame) else self._frame(np.asarray(values))
             except PhotographError as error:
                 say(str(error))
             except Exception as error:  # whatever the user's own code raises
                 say(f"the function of frames raised {type(error).__name__}: {error}")
                 return
 
-    def _frame(self, values: NDArray[Any]) -> Frame:
+    def _frame(self, values: NDArray[Any]) -> CameraFrame:
         if values.dtype not in (np.uint8, np.uint16):
-            return Frame(sensor_image(values, "the frame"), LINEAR)
-        return Frame(values[..., np.newaxis] if values.ndim == 2 else values, self._encoding)
+            return CameraFrame(sensor_image(values, "the frame"), LINEAR)
+        return CameraFrame(values[..., np.newaxis] if values.ndim == 2 else values, self._encoding)

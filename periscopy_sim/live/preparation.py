@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.live.frames import Frame
+from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
@@ -79,7 +79,7 @@ class Preparation:
         As `prepare`, or if a companion is not of the frame's size.
     """
 
-    def __init__(self, first: Frame, scenario: Scenario, companions: Companions) -> None:
+    def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
         self.size, self._encoding = first.size, first.encoding
         light = self._light(first)
         areas = film_areas(light, scenario, companions.marks, companions.mask)
@@ -99,15 +99,16 @@ class Preparation:
         self.warnings = areas.warnings
         if not isinstance(first.values, SensorImage):
             bits = 8 * first.values.dtype.itemsize
-            known = first.encoding == LINEAR
-            self.warnings += (
-                f"{bits}-bit frames, taken as linear light"
-                if known
-                else f"{bits}-bit frames, decoded by the sRGB curve; if the camera sends linear "
-                "light, pass --linear",
-            )
+            if first.encoding == LINEAR:
+                line = f"{bits}-bit frames, taken as linear light"
+            else:
+                line = (
+                    f"{bits}-bit frames, decoded by the sRGB curve; if the camera sends linear "
+                    "light, declare them linear"
+                )
+            self.warnings = (*self.warnings, line)
 
-    def __call__(self, frame: Frame) -> PreparedFrame:
+    def __call__(self, frame: CameraFrame) -> PreparedFrame:
         """Return a frame in the film's pixels."""
         if isinstance(frame.values, SensorImage):
             flaws = self._flaws | np.uint8(Flaw.SATURATED) * frame.values.saturated
@@ -124,14 +125,14 @@ class Preparation:
         return np.nan_to_num(average_areas(picture.values, self._flaws, self._corners)[0])
 
     @staticmethod
-    def _light(frame: Frame) -> SensorImage:
+    def _light(frame: CameraFrame) -> SensorImage:
         if isinstance(frame.values, SensorImage):
             return frame.values
         full = (frame.values == np.iinfo(frame.values.dtype).max).any(axis=2)
         return sensor_image(_table(frame)[frame.values], "the frame", saturated=full)
 
 
-def _table(frame: Frame) -> NDArray[np.float32]:
+def _table(frame: CameraFrame) -> NDArray[np.float32]:
     """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
     codes = np.arange(np.iinfo(frame.values.dtype).max + 1, dtype=frame.values.dtype)  # type: ignore[union-attr]
     light = codes if frame.encoding == LINEAR else srgb_light(codes)
@@ -150,6 +151,9 @@ class PreparedFrames:
         A `Photograph` of the mask and the photographs with the monitor off: a new object whenever
         these change. Its values are those of the average at that time.
     """
+
+    _first: PreparedFrame  # of the average
+    _latest: PreparedFrame
 
     def __init__(
         self,
@@ -170,13 +174,17 @@ class PreparedFrames:
     def _restart(self) -> None:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
-        self._saturated = np.zeros(self._mask.shape, bool)
+        self._saturated, self._reported = np.zeros(self._mask.shape, bool), 0
         self._due = 0.0  # when the mask may change
 
     def add(self, frame: PreparedFrame) -> list[str]:
         """Average one frame more; return what a person should know, one line each."""
         lines = []
-        if self.average is not None and (times := self._exposure_change(frame)):
+        # The hidden picture may have moved since the average began; an exposure may drift slowly.
+        times = 0.0
+        if self.average is not None:
+            times = self._change(self._latest, frame) or self._change(self._first, frame)
+        if times:
             self._restart()
             self.exposures += 1
             lines.append(
@@ -185,14 +193,15 @@ class PreparedFrames:
             )
         new = frame.saturated & ~self._saturated
         if new.any():
-            before, self._saturated = np.count_nonzero(self._saturated), self._saturated | new
-            if (many := np.count_nonzero(self._saturated)) >= 2 * before:
+            self._saturated = self._saturated | new
+            if (many := int(np.count_nonzero(self._saturated))) >= 2 * self._reported:
+                self._reported = many
                 lines.append(
                     f"saturated: {many} of {self._mask.sum()} pixels are left out; shorten the "
                     "exposure"
                 )
         if self.average is None:
-            self.average, self._reference = frame.values, frame
+            self.average, self._first = frame.values, frame
             self._share, self._frames = 1.0, 1
         else:
             self._measure_noise(frame)
@@ -200,13 +209,12 @@ class PreparedFrames:
             weight = 1 / min(self._frames, (self.count + 1) / 2)
             self.average = self.average + weight * (frame.values - self.average)
             self._share = (1 - weight) ** 2 * self._share + weight**2
-        self._latest = frame.values
+        self._latest = frame
         self._update_wall()
         return lines
 
-    def _exposure_change(self, frame: PreparedFrame) -> float:
-        """Return the factor of the exposure since the average began; 0 if it is the same."""
-        before = self._reference
+    def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
+        """Return the factor of the exposure since a frame before; 0 if it is the same."""
         if frame.exposure is not None and before.exposure is not None:
             times = frame.exposure / before.exposure
             return 0.0 if abs(np.log(times)) < 1e-3 else times
@@ -225,7 +233,7 @@ class PreparedFrames:
         used = self._mask & ~self._saturated
         if not used.any():
             return
-        difference = (frame.values - self._latest)[used]
+        difference = (frame.values - self._latest.values)[used]
         level = float(np.mean(frame.values[used])) or 1.0
         # A median, since the hidden picture may move; two frames' noise differ.
         variance = (1.4826 * float(np.median(np.abs(difference))) / level) ** 2 / 2

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.calibrating import Calibration
+from periscopy_sim.live.calibrating import CalibrationButton
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.page import Control, Page, button, slider
 from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
@@ -159,7 +159,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         if photograph is not None or stream is not None:
             images = ()
         self._stream = stream
-        self._calibration: Calibration | None = None
+        self._calibration: CalibrationButton | None = None
         more = {} if stream is None else self._stream_controls(scenario, stream)
         self.page = Page(
             host, port, scenario, movables, handles, images, methods, first, describe, more
@@ -197,7 +197,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     def _stream_controls(self, scenario: Scenario, stream: Stream) -> dict[str, Control]:
         """Return the controls of a stream: its average, its monitor-off frame, calibration."""
-        calibration = Calibration(
+        calibration = CalibrationButton(
             scenario, lambda: stream.wall, lambda: self.page.choice.values,
             lambda values: self.page.move(values), stream.report, lambda: self.page.refresh(),
         )  # fmt: skip

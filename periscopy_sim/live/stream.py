@@ -14,7 +14,7 @@ from threading import Condition, Event, Thread
 from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.frames import Frame, Latest, Source
+from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
 from periscopy_sim.live.pictures import Choice, Formed, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
 from periscopy_sim.photograph import Photograph
@@ -62,7 +62,7 @@ class Stream:
 
     def __init__(
         self,
-        source: Source,
+        source: FrameSource,
         scenario: Scenario,
         companions: Companions | None = None,
         count: int = 1,
@@ -75,7 +75,7 @@ class Stream:
         self.form_anew: Callable[[], None] = lambda: None
         self.hear: Callable[[str], None] = lambda _: None
         self.ended = Event()
-        self._read = Latest[Frame](keeps=not source.is_live)
+        self._read = Latest[CameraFrame](keeps=not source.is_live)
         self._averaged = Latest[tuple[Photograph, float, tuple[float, float, float]]](
             keeps=not source.is_live
         )
@@ -185,7 +185,7 @@ class Stream:
             self._averaged.put((self._frames.photograph(), frame.time, numbers))
         self._averaged.close()
 
-    def _prepare(self, frame: Frame) -> Preparation | None:
+    def _prepare(self, frame: CameraFrame) -> Preparation | None:
         """Return the preparation of frames of this size; None, with a line, if there is none."""
         try:
             preparation = Preparation(frame, self._scenario, self._companions)

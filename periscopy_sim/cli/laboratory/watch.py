@@ -18,7 +18,6 @@ from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, option
 from periscopy_sim.cli.output import progress, say, say_written, warn
 from periscopy_sim.cli.session import PhotoSession, files_of_view
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.video_metrics import record_of
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
@@ -160,6 +159,8 @@ class Recorder:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
         if pictures.is_coarse:
             return
+        from periscopy_sim.evaluation.video_metrics import record_of
+
         images = named("frames", self._session.scenario.hidden.images(pictures.image))
         report, residual = pictures.report, pictures.report.residual
         name = f"{progress.time:.4f}"

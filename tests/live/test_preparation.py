@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.errors import PhotographError
+from periscopy_sim.live import preparation
+from periscopy_sim.live.frames import CameraFrame
+from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
+from periscopy_sim.photographs.develop import SensorImage, sensor_image
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.storage.formats.decoding import LINEAR
+from periscopy_sim.storage.formats.srgb import srgb_light
+
+RNG = np.random.default_rng(4)
+CODES = RNG.normal(120, 3, (96, 96, 3)).clip(0, 254).astype(np.uint8)
+WALL = np.linspace(0.2, 0.4, 24 * 24 * 3).reshape(24, 24, 3)
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("plate", (6, 8), photograph=(24, 24))
+
+
+def light(values, full=None):
+    return CameraFrame(sensor_image(values, "frame", saturated=full))
+
+
+def averaged(scenario, values, count=1):
+    frames = PreparedFrames(Preparation(light(WALL), scenario, Companions()), count)
+    prepare = Preparation(light(WALL), scenario, Companions())
+    return frames, [frames.add(prepare(light(each))) for each in values]
+
+
+def test_codes_are_prepared_as_prepare_does_it_with_a_photograph(scenario):
+    mask = np.ones((96, 96), bool)
+    mask[:8, 40:] = False
+    dark = sensor_image(np.full(CODES.shape, 0.02, np.float32), "dark")
+    codes = CODES.copy()
+    codes[50, 50] = 255
+    companions = Companions(mask=mask, dark=dark, monitor_off={"off": dark})
+    first = Preparation(CameraFrame(CODES), scenario, companions)
+    prepared = first(CameraFrame(codes))
+    full = (codes == 255).any(axis=2)
+    expected = ps.prepare(
+        ps.develop([SensorImage(srgb_light(codes).astype(np.float32), full)], dark=dark),
+        scenario, mask=mask,
+    )  # fmt: skip
+    np.testing.assert_array_equal(first.mask & ~prepared.saturated, expected.mask)
+    np.testing.assert_array_equal(np.argwhere(prepared.saturated), [[12, 12]])
+    used = expected.mask
+    np.testing.assert_allclose(prepared.values[used], expected.values[used], atol=1e-6)
+    np.testing.assert_allclose(first.monitor_off["off"], 0, atol=1e-7)
+    assert "decoded by the sRGB curve" in first.warnings[-1]
+    linear = Preparation(CameraFrame(CODES, LINEAR), scenario, Companions(black=16))
+    blocks = CODES.reshape(24, 4, 24, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(linear(CameraFrame(CODES, LINEAR)).values, blocks - 16, rtol=1e-5)
+    with pytest.raises(PhotographError, match="100 x 96"):
+        Preparation(CameraFrame(np.ones((100, 96, 3), np.uint8)), scenario, Companions())
+
+
+def test_the_average_leaves_the_noise_that_it_says(scenario):
+    noisy = WALL + RNG.normal(0, 0.003, (200, *WALL.shape))
+    frames, lines = averaged(scenario, noisy, count=25)
+    assert not any(lines)
+    assert frames.averaged == pytest.approx(25, rel=0.01)
+    assert frames.noise == pytest.approx(0.003 / WALL.mean(), rel=0.1)
+    left = (frames.average - WALL).std() / WALL.mean()
+    assert frames.noise_left == pytest.approx(left, rel=0.15)
+    assert left == pytest.approx(frames.noise / 5, rel=0.15)
+
+
+def test_another_exposure_is_noticed_and_another_picture_is_not(scenario):
+    moved = WALL.copy()
+    moved[:, :12] *= 1.3  # light from one side
+    frames, lines = averaged(scenario, [WALL, moved, moved * 1.25], count=9)
+    assert lines[:2] == [[], []] and "times what it was" in lines[2][0]
+    assert frames.exposures == 1 and frames.averaged == 1
+    np.testing.assert_allclose(frames.average, moved * 1.25, rtol=1e-6)
+
+
+def test_an_exposure_that_the_camera_reports_is_believed(scenario):
+    prepare = Preparation(light(WALL), scenario, Companions())
+    frames = PreparedFrames(prepare)
+    exposures = []
+    for exposure in (1.0, 1.0, 1.02, 1.02):
+        frames.add(prepare(CameraFrame(sensor_image(WALL, "frame"), exposure=exposure)))
+        exposures.append(frames.exposures)
+    assert exposures == [0, 0, 1, 1]
+
+
+def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(preparation.time, "monotonic", lambda: clock[0])
+    prepare = Preparation(light(WALL), scenario, Companions())
+    frames = PreparedFrames(prepare)
+    walls = []
+    for k in range(4):
+        full = np.zeros((24, 24), bool)
+        full[k, 3] = True
+        lines = frames.add(prepare(light(WALL, full)))
+        assert bool(lines) == (k in (0, 1, 3)), (k, lines)  # when there are twice as many
+        walls.append(frames.wall)
+    assert walls[0] is walls[3] and (~walls[0].pixels).sum() == 1
+    clock[0] += preparation.STEADY
+    frames.add(prepare(light(WALL)))
+    assert (~frames.wall.pixels).sum() == 4
+    with pytest.raises(PhotographError, match="saturated"):
+        PreparedFrames(prepare).add(prepare(light(WALL, np.ones((24, 24), bool))))
+
+
+def test_the_average_becomes_the_monitor_off_frame(scenario):
+    frames, _ = averaged(scenario, [WALL / 2])
+    before = frames.wall
+    frames.take_monitor_off("page")
+    assert frames.wall is not before and before.conditions != frames.wall.conditions
+    np.testing.assert_allclose(frames.wall.monitor_off["page"], WALL / 2)
