@@ -14,6 +14,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live import frames
 from periscopy_sim.live.frames import Latest, open_source
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
+from tests.scenes.videos import write_video
 
 RNG = np.random.default_rng(2)
 
@@ -81,18 +82,8 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert any("c.npy" in line and "another format" in line for line in others)
 
 
-def write_video(path, codes, codec="ffv1"):
-    av = pytest.importorskip("av")
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, 100)
-        stream.height, stream.width = codes.shape[1:3]
-        stream.pix_fmt = "bgr0" if codec == "ffv1" else "yuvj444p"
-        for each in codes:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(each, format="rgb24")))
-        container.mux(stream.encode(None))
-
-
 def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped):
+    pytest.importorskip("av")
     codes = RNG.integers(0, 256, (12, 16, 24, 3), np.uint8)
     write_video(tmp_path / "v.mkv", codes)
     source = open_source(str(tmp_path / "v.mkv"))

@@ -1,0 +1,70 @@
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.storage.formats.srgb import srgb_bytes
+from tests.scenes.videos import write_video
+
+pytestmark = pytest.mark.usefixtures("jit")
+SCENE = ("--scene", "plate", "--hidden", "3x4", "-D", "resolution=24")
+IMAGE = ps.read_hidden_image(ps.find_image("bars"), (3, 4))
+
+
+@pytest.fixture(scope="module")
+def codes():
+    """Frames of the plate's wall, 4 x 4 pixels for one of the film's, black 8 bits at the left."""
+    scenario = ps.load_scenario("plate", (3, 4), {"resolution": "24"})
+    light = (ps.transport(scenario) @ IMAGE.reshape(-1, 3)).reshape(24, 24, 3)
+    light = (0.3 * light / light.mean() + 0.1).repeat(4, axis=0).repeat(4, axis=1)
+    rng = np.random.default_rng(0)
+    frames = light * (1 + rng.normal(0, 0.01, (15, *light.shape)))
+    return srgb_bytes(frames + rng.uniform(-0.002, 0.002, frames.shape))
+
+
+def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    write_video(tmp_path / "wall.mkv", codes)
+    mask = np.ones((24, 24), bool)
+    mask[:, :2] = False
+    np.save(tmp_path / "mask.npy", mask)
+    ran = periscopy(
+        "watch", "wall.mkv", *SCENE, "--mask", "mask.npy", "--port", 0, "--average", 50,
+        "--out", "out",
+    )  # fmt: skip
+    assert ran.code == 0 and "15 frames shown, 0 dropped" in ran.out
+    assert "decoded by the sRGB curve" in ran.told
+    images = np.load(tmp_path / "out" / "frames.npy")
+    assert images.shape == (15, 3, 4, 3)
+    psnrs = [ps.psnr_gain_matched(image, IMAGE) for image in images]
+    assert psnrs[-1] > 30 and psnrs[-1] > psnrs[0]
+    with (tmp_path / "out" / "metrics.csv").open() as table:
+        rows = [*csv.DictReader(table)]
+    assert [row["frame"] for row in rows] == [str(k) for k in range(15)]
+    assert float(rows[-1]["averaged"]) == pytest.approx(15)
+    assert float(rows[-1]["noise_left"]) < float(rows[1]["noise_left"])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["frames"] == 15 and summary["median_latency"] > 0
+
+
+def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    np.save(tmp_path / "dark.npy", np.ones((4, 4, 3)))
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "x.csv").write_text("")
+    for options, offender in {
+        ("nowhere",): "nowhere: no such folder, device or file",
+        ("frames", "--points", "x.csv", "--tags", "x.csv"): "--points and --tags",
+        ("frames", "--dark", "dark.npy", "--black", "9"): "black level",
+        ("frames", "--method", "nonsense"): "nonsense",
+        ("frames", "--average", "0"): "--average",
+        ("frames", "--out", "x.csv"): "x.csv",
+    }.items():
+        assert offender in refused("watch", *options, *SCENE, "--port", 0)
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert "'.[video]'" in refused("watch", "rtsp://camera", *SCENE)

@@ -1,0 +1,178 @@
+"""A stream on the page: what a person sees, presses and moves while frames come."""
+
+import time
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from experiments.benchmarks import live
+from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
+from periscopy_sim.live.frames import open_source
+from periscopy_sim.live.pictures import Choice
+from periscopy_sim.live.session import LiveSession
+from periscopy_sim.live.stream import Stream
+from periscopy_sim.rendering.scene.load import load_scenario
+
+pytest.importorskip("websockets")
+PATIENCE = 240.0
+NOISE = 0.004
+
+
+class Camera:
+    """A camera of 16 bits whose pixels, `side` by `side`, see what one of the film's sees."""
+
+    def __init__(self, scenario, image):
+        A = ps.transport(scenario)
+        light = (A @ image.reshape(-1, 3)).reshape(*scenario.photograph_shape, 3)
+        self.shape = scenario.photograph_shape
+        self.ambient = np.linspace(0.2, 0.3, 24)[:, None, None] * np.ones((24, 24, 3))
+        self.signal = 0.2 * light / light.mean() * scenario.channel_gain
+        self.is_on, self.side, self.more_rows = True, 2, 0
+        self.random = np.random.default_rng(1)
+
+    def __call__(self):
+        time.sleep(0.01)
+        light = self.ambient + self.signal * self.is_on
+        light = light.repeat(self.side, axis=0).repeat(self.side, axis=1)
+        light = np.concatenate([light, light[: self.more_rows]])
+        noise = self.random.normal(0, NOISE * self.side, light.shape)
+        return np.clip(2**16 * (light + noise), 0, 65535).astype(np.uint16)
+
+
+class Watched:
+    """A session of a camera, and what it has shown and said."""
+
+    def __init__(self):
+        self.scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+        self.image = ps.read_hidden_image(ps.find_image("mushroom"), (6, 8))
+        self.camera = Camera(self.scenario, self.image)
+        self.shown, self.said, self.saved = [], [], []
+        self.stream = Stream(
+            open_source(self.camera, linear=True), self.scenario, None, 20, self.said.append
+        )
+        self.session = LiveSession(
+            self.scenario, Choice({}, ""), (), ("noise-aware", "preconditioned"), self.save,
+            lambda _: [], stream=self.stream, record=lambda *each: self.shown.append(each),
+        )  # fmt: skip
+        self.page = self.session.page
+
+    def save(self, pictures):
+        self.saved.append(pictures)
+        return "saved"
+
+    def press(self, name, value=True):
+        self.page._receive({"control": name, "value": value})
+
+    def until(self, holds):
+        """Wait for pictures of full size that come from now on, or for something else."""
+        end, start = time.monotonic() + PATIENCE, len(self.shown)
+        while True:
+            for pictures, progress in self.shown[start:]:
+                if not pictures.is_coarse and holds(pictures, progress):
+                    return pictures, progress
+            assert time.monotonic() < end, self.said
+            time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def watched():
+    made = Watched()
+    with made.session, live.running(made.session):
+        made.until(lambda *_: True)
+        yield made
+
+
+def test_frames_are_averaged_until_the_picture_is_sharp(watched):
+    pictures, progress = watched.until(lambda _, progress: progress.averaged > 19)
+    assert ps.psnr_gain_matched(pictures.image, watched.image) > 25
+    level = np.mean(watched.camera.ambient + watched.camera.signal)
+    assert progress.noise == pytest.approx(NOISE / level, rel=0.3)
+    assert progress.noise_left == pytest.approx(NOISE / level / np.sqrt(20), rel=0.3)
+    residual = pictures.report.residual
+    assert residual.unexplained < 2 * residual.noise_alone
+    news = watched.page.gate._state
+    assert "frames a second" in news["notes"][1] and "noise" in news["notes"][1]
+
+
+def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
+    before = watched.until(lambda *_: True)[0]
+    watched.press("value occluder_dx", 0.02)
+    moved = watched.until(lambda each, _: each.choice.values["occluder_dx"] == 0.02)[0]
+    psnrs = [ps.psnr_gain_matched(each.image, watched.image) for each in (before, moved)]
+    assert psnrs[1] < psnrs[0] - 5
+    assert any(each.is_coarse for each, _ in watched.shown)
+    watched.press("undo")
+    back = watched.until(lambda each, _: each.choice.values["occluder_dx"] == 0)[0]
+    assert ps.psnr_gain_matched(back.image, watched.image) > psnrs[0] - 2
+    rejected = watched.page.choice
+    watched.press("undo")  # nothing is left to undo
+    assert watched.page.choice == rejected
+
+
+def test_pictures_of_the_average_are_set_down_with_standard_errors(watched):
+    watched.press("save")
+    watched.until(lambda *_: watched.saved)
+    pictures = watched.saved[-1]
+    assert pictures.report.standard_errors.shape == (6, 8, 3) and pictures.frame is None
+    truth = watched.camera.ambient + watched.camera.signal
+    error = (pictures.photograph.values / 2**16 - truth).std()
+    assert error < NOISE / 3
+
+
+def test_frames_of_another_size_are_prepared_anew_or_named(watched):
+    camera = watched.camera
+    camera.side = 3
+    watched.until(lambda *_: any("from 48 x 48 to 72 x 72" in line for line in watched.said))
+    watched.until(lambda _, progress: 5 < progress.averaged < 15)
+    camera.more_rows = 1
+    end = time.monotonic() + PATIENCE
+    while not any("73 x 72 pixels (rows x columns) do not" in line for line in watched.said):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    camera.side, camera.more_rows = 2, 0
+    watched.until(lambda _, progress: progress.averaged > 5)
+
+
+def test_the_average_becomes_the_photograph_with_the_monitor_off(watched):
+    watched.camera.is_on = False
+    watched.press("average", 5.0)
+    assert watched.stream.count == 5
+    count = len(watched.shown)
+    watched.until(lambda *_: len(watched.shown) > count + 40)
+    watched.press("monitor off")
+    off = watched.stream.wall.monitor_off
+    np.testing.assert_allclose(
+        off["the page's monitor-off frame"] / 2**16, watched.camera.ambient, atol=0.01
+    )
+    watched.camera.is_on = True
+    watched.until(lambda each, _: ps.psnr_gain_matched(each.image, watched.image) > 25)
+
+
+def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypatch):
+    values = {"occluder_dx": 0.003, "not_movable": 1.0}
+    record = {"parameters": {n: {"value": v} for n, v in values.items()}, "doubts": ["far off"]}
+    labels = []
+    monkeypatch.setattr(CalibrationButton, "_calibrated", lambda *_: record)
+    show = watched.page.refresh
+    monkeypatch.setattr(
+        watched.page, "refresh",
+        lambda: labels.append(watched.page.controls["calibrate"].value()) or show(),
+    )  # fmt: skip
+    watched.press("calibrate")
+    watched.until(lambda *_: OFFER in labels)
+    assert labels == [BUSY, OFFER]
+    assert any("not to be trusted: far off" in line for line in watched.said)
+    assert watched.page.choice.values["occluder_dx"] == 0
+    watched.press("calibrate")
+    assert watched.page.choice.values["occluder_dx"] == 0.003
+    assert watched.page.controls["calibrate"].value() == IDLE
+
+
+@pytest.mark.thorough
+def test_frames_calibrate_the_scene_in_a_process_of_its_own(watched):
+    watched.page.move({"occluder_dx": 0.004})
+    watched.press("calibrate")
+    watched.until(lambda *_: watched.page.controls["calibrate"].value() == OFFER)
+    watched.press("calibrate")
+    assert abs(watched.page.choice.values["occluder_dx"]) < 0.003
