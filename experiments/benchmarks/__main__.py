@@ -2,8 +2,8 @@
 
 `python -m experiments.benchmarks --out DIR [--only stills,denoising]` writes `index.html` and
 `claims.json`. Absolute times belong to one machine; the ratios, measured in one run, carry over.
-Two run only when named: `--only live` needs a browser, `--only scale` takes minutes on worker
-processes. Videos are timed by `python -m experiments.paper --only fig7` and
+Three run only when named: `--only live` and `--only watch` need a browser, `--only scale` takes
+minutes on worker processes. Videos are timed by `python -m experiments.paper --only fig7` and
 `python -m experiments.beyond --only noise_aware_video`.
 """
 
@@ -13,6 +13,7 @@ from experiments.benchmarks.fine_grids import fine_grids
 from experiments.benchmarks.live import live
 from experiments.benchmarks.scale import scale
 from experiments.benchmarks.stills import denoising, stills
+from experiments.benchmarks.watch import watch
 from experiments.page import Experiment, Page
 
 BENCHMARKS: dict[str, Experiment] = {
@@ -21,6 +22,7 @@ BENCHMARKS: dict[str, Experiment] = {
     "fine-grids": fine_grids,
     "live": live,
     "scale": scale,
+    "watch": watch,
 }
 
 PAGE = Page(
@@ -30,7 +32,7 @@ PAGE = Page(
     names=tuple(BENCHMARKS),
     stated="asked",
     functions=BENCHMARKS,
-    on_demand=("live", "scale"),
+    on_demand=("live", "scale", "watch"),
 )
 
 if __name__ == "__main__":
