@@ -29,6 +29,7 @@ from .evaluation.world import World, flips
 from .figures.display import save_png, show, to_srgb
 from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory
+from .live.watch import watch
 from .measurement import Sensor, add_noise, composite
 from .model.uncertainty import UncertainTransport
 from .photograph import ColourMatrix, Photograph
@@ -158,4 +159,5 @@ __all__ = [
     "transport_operator",
     "uncertain_transport",
     "use_variant",
+    "watch",
 ]

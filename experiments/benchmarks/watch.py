@@ -59,9 +59,9 @@ def watch(_: Setting) -> Section:
         with LiveSession(scene, Choice({}, ""), *offered, stream=stream) as session:
             show = stream.show
 
-            def stamped(pictures: Any, progress: Any, line: str) -> None:
+            def stamped(pictures: Any, progress: Any, lines: list[str]) -> None:
                 session.page.gate.publish(taken=time.time() - progress.latency)
-                show(pictures, progress, line)
+                show(pictures, progress, lines)
 
             stream.show = stamped
             with running(session):

@@ -66,6 +66,8 @@ function addControl(control, places) {
       };
       input.onpointerdown = () => (held = input);
       input.onpointerup = input.onpointercancel = () => (held = undefined);
+      input.onkeydown = () => (held = input);
+      input.onkeyup = input.onblur = () => setTimeout(() => (held = undefined), 300);
       inputs[control.id] = (value) => {
         if (held === input) return;
         input.value = Math.round((value - control.low) / control.step);
@@ -110,6 +112,7 @@ const shows = {
     while (box.children.length > panels.length) box.lastChild.remove();
     panels.forEach((panel, i) => box.children[i].show(panel));
   },
+  status: (texts) => lines("status", texts),
   trouble: (texts) => lines("trouble", texts),
   notes: (texts) => lines("notes", gl ? texts : [...texts, NO_WEBGL]),
   controls: (controls) => {

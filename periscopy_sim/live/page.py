@@ -111,10 +111,10 @@ class Page:
         self._publish_choice()
 
     def show(self, pictures: LivePictures, *lines: str) -> None:
-        """Show pictures, their captions and what they tell, and further lines."""
+        """Show pictures, their captions and what they tell, and lines on a stream."""
         size = "coarse" if pictures.is_coarse else "full"
         made = f"{size} pictures in {pictures.seconds:.2g} s"
-        notes = *lines, *self._describe(pictures.report), made
+        notes = *self._describe(pictures.report), made
         panels = [
             {
                 "caption": each.caption,
@@ -126,7 +126,7 @@ class Page:
         # A scene that has not moved keeps its occluders.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
         things = things_in(pictures) if is_moved else images_in(pictures)
-        self.gate.publish(panels=panels, notes=notes, **things)
+        self.gate.publish(panels=panels, status=lines, notes=notes, **things)
 
     def tell(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""

@@ -187,9 +187,9 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         small, full = (StreamLevel(each, stream) for each in sizes)
         laboratory = LiveLaboratory(small, full, stream.use, self.page.tell)
 
-        def show(pictures: LivePictures, progress: Progress, line: str) -> None:
+        def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
             record(pictures, progress)
-            self.page.show(pictures, line, stream.notice)
+            self.page.show(pictures, *lines)
 
         stream.show, stream.hear = show, self.page.tell
         stream.form_anew = lambda: laboratory.want(self.page.choice)

@@ -42,13 +42,14 @@ class Progress:
     noise: float  # of a frame, over its mean light
     noise_left: float  # of the average
 
-    def line(self, latency: float) -> str:
-        """Return the numbers in one line, with the median latency in seconds."""
-        return (
-            f"{self.rate:.1f} frames a second, latency {1000 * latency:.0f} ms, "
-            f"{self.dropped} dropped; average of {self.averaged:.3g}: noise "
-            f"{100 * self.noise_left:.2g} %, of one frame {100 * self.noise:.2g} %"
-        )
+    def lines(self, latency: float) -> list[str]:
+        """Return the numbers in a few lines, with the median latency in seconds."""
+        return [
+            f"{self.rate:.1f} frames a second, latency {1000 * latency:.0f} ms",
+            f"{self.dropped} late frames dropped",
+            f"average of {self.averaged:.3g} frames: noise {100 * self.noise_left:.2g} %, of one "
+            f"frame {100 * self.noise:.2g} %",
+        ]
 
 
 class Stream:
@@ -71,7 +72,7 @@ class Stream:
         self._source, self._scenario = source, scenario
         self._companions, self.count = companions or Companions(), count
         self._say, self._said = say, dict[str, float]()
-        self.show: Callable[[LivePictures, Progress, str], None] = lambda *_: None
+        self.show: Callable[[LivePictures, Progress, list[str]], None] = lambda *_: None
         self.form_anew: Callable[[], None] = lambda: None
         self.hear: Callable[[str], None] = lambda _: None
         self.ended = Event()
@@ -216,7 +217,7 @@ class Stream:
                 self.shown, arrived - first, now - arrived, rate, self.dropped, *numbers
             )
             recent = median(list(self.latencies)[-SHOWN:] or [now - arrived])
-            self.show(pictures, progress, progress.line(recent))
+            self.show(pictures, progress, [*progress.lines(recent), self.notice])
             self.latencies.append(time.monotonic() - arrived)
             self.shown += 1
         self.ended.set()

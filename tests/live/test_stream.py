@@ -91,8 +91,8 @@ def test_frames_are_averaged_until_the_picture_is_sharp(watched):
     assert progress.noise_left == pytest.approx(NOISE / level / np.sqrt(20), rel=0.3)
     residual = pictures.report.residual
     assert residual.unexplained < 2 * residual.noise_alone
-    news = watched.page.gate._state
-    assert "frames a second" in news["notes"][1] and "noise" in news["notes"][1]
+    status = watched.page.gate._state["status"][1]
+    assert "frames a second, latency" in status and "average of 20 frames" in status
 
 
 def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
