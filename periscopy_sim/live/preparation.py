@@ -4,6 +4,7 @@
 """
 
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -30,6 +31,12 @@ EVEN = 1 / 3
 
 STEADY = 10.0
 """Seconds between two changes of the mask: a method needs some of them to be formed anew."""
+
+FLICKER = 4, 30
+"""Changes of the exposure within so many frames that are a flicker, which averages remove."""
+
+TAKEN = "the average with the monitor off"
+"""Name of the monitor-off photograph that is taken from the frames."""
 
 NOISE_FRAMES = 30
 """Frames over which the noise of a frame is averaged."""
@@ -160,12 +167,14 @@ class PreparedFrames:
         preparation: Preparation,
         count: int = 1,
         colours: ColourMatrix | None = None,
-        monitor_off: Mapping[str, Array] | None = None,
+        taken: Array | None = None,
     ) -> None:
-        self.count, self.exposures = count, 0
+        self.count, self.exposures, self.taken = count, 0, taken
         self._mask, self._colours = preparation.mask, colours
-        self.monitor_off = {**preparation.monitor_off, **(monitor_off or {})}
-        self._off: Mapping[str, Array] = self.monitor_off  # those of `wall`
+        self._given_off = preparation.monitor_off
+        self._off = taken  # that of `wall`
+        self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
+        self._all = 0  # frames
         self._variance = 0.0  # of a frame's noise, over the square of the mean light
         self._differences = 0
         self.wall: Photograph | None = None
@@ -184,13 +193,18 @@ class PreparedFrames:
         times = 0.0
         if self.average is not None:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
+        self._all += 1
         if times:
-            self._restart()
             self.exposures += 1
-            lines.append(
-                f"the light is {times:.3g} times what it was: exposure, gain or lamps changed; the "
-                "average starts anew"
-            )
+            self._changes.append(self._all)
+            if self._all - self._changes[0] < FLICKER[1] and len(self._changes) == FLICKER[0]:
+                lines.append("the light flickers: expose for whole periods of the lamps")
+            else:
+                self._restart()
+                lines.append(
+                    f"the light is {times:.3g} times what it was: exposure, gain or lamps changed; "
+                    "the average starts anew"
+                )
         new = frame.saturated & ~self._saturated
         if new.any():
             self._saturated = self._saturated | new
@@ -260,11 +274,10 @@ class PreparedFrames:
         assert self.wall is not None and self.average is not None
         return replace(self.wall, values=blackened(self.average, self.wall.mask))
 
-    def take_monitor_off(self, name: str) -> None:
-        """Make the present average a photograph with the monitor off."""
+    def take_monitor_off(self) -> None:
+        """Make the present average a photograph with the monitor off, in place of a former one."""
         if self.average is not None:
-            self.monitor_off = {**self.monitor_off, name: self.average}
-            self._due = 0.0
+            self.taken, self._due = self.average, 0.0
             self._update_wall()
 
     def _update_wall(self) -> None:
@@ -272,14 +285,17 @@ class PreparedFrames:
         assert self.average is not None
         mask = self._mask & ~self._saturated
         if self.wall is not None:
-            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.monitor_off
+            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.taken
             if is_same or time.monotonic() < self._due:
                 return
         if not mask.any():
             raise PhotographError("all pixels are saturated or masked; shorten the exposure")
+        taken = {} if self.taken is None else {TAKEN: self.taken}
         self.wall = Photograph.of(
             blackened(self.average, mask), name="the frames", mask=mask,
-            monitor_off={n: blackened(each, mask) for n, each in self.monitor_off.items()},
+            monitor_off={
+                name: blackened(each, mask) for name, each in {**self._given_off, **taken}.items()
+            },
             colour_matrix=self._colours,
         )  # fmt: skip
-        self._off, self._due = self.monitor_off, time.monotonic() + STEADY
+        self._off, self._due = self.taken, time.monotonic() + STEADY

@@ -17,6 +17,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
 from periscopy_sim.live.pictures import Choice, Formed, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
 
@@ -84,7 +85,7 @@ class Stream:
         self._formed: Formed | None = None
         self._changed, self._stopped = Condition(), Event()
         self.latencies = deque[float](maxlen=1000)
-        self.shown, self.notice, self.exposures = 0, "waiting for the first frame", 0
+        self.shown, self.notice = 0, "waiting for the first frame"
         steps = self._read_frames, self._average_frames, self._show_frames
         self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
 
@@ -114,6 +115,13 @@ class Stream:
             return None
         return frames.photograph()
 
+    def reject(self, fault: str) -> None:
+        """Report why no method of full size can be formed; end a recording of which none was."""
+        self.report(fault)
+        if not (self._source.is_live or self.shown):
+            self.stop()
+            self.ended.set()
+
     def use(self, formed: Formed) -> None:
         """Use a method from the next frame on."""
         with self._changed:
@@ -131,7 +139,7 @@ class Stream:
         if self._frames is None:
             self.report("no frame has come yet")
             return
-        self._frames.take_monitor_off("the page's monitor-off frame")
+        self._frames.take_monitor_off()
         self.report("the present average is the monitor-off frame; turn the monitor on")
         self.form_anew()
 
@@ -195,8 +203,9 @@ class Stream:
             return None
         for line in preparation.warnings:
             self.report(line)
+        taken = self._frames.taken if self._frames is not None else None
         colours = self._companions.colour_matrix
-        self._frames = PreparedFrames(preparation, self.count, colours)
+        self._frames = PreparedFrames(preparation, self.count, colours, taken)
         return preparation
 
     def _show_frames(self) -> None:
@@ -245,7 +254,12 @@ class StreamLevel:
         wall = self._stream.wall
         if wall is None:
             raise PeriscopyError(self._stream.notice)
-        return self._laboratory.form(choice, wall, is_overtaken)
+        try:
+            return self._laboratory.form(choice, wall, is_overtaken)
+        except (PeriscopyError, InputError) as error:
+            if not self._laboratory.is_coarse:
+                self._stream.reject(str(error))
+            raise
 
     def still(self, formed: Formed) -> LivePictures:
         """Return full pictures of the present average, with corrections and standard errors."""

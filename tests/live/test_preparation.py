@@ -5,7 +5,7 @@ import periscopy_sim as ps
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.live import preparation
 from periscopy_sim.live.frames import CameraFrame
-from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
+from periscopy_sim.live.preparation import TAKEN, Companions, Preparation, PreparedFrames
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.formats.decoding import LINEAR
@@ -78,6 +78,14 @@ def test_another_exposure_is_noticed_and_another_picture_is_not(scenario):
     np.testing.assert_allclose(frames.average, moved * 1.25, rtol=1e-6)
 
 
+def test_light_that_flickers_is_averaged(scenario):
+    levels = [1.1 if k % 3 == 0 else 0.95 for k in range(90)]
+    frames, lines = averaged(scenario, [WALL * level for level in levels], count=30)
+    assert any("flickers" in line for each in lines[-3:] for line in each)
+    np.testing.assert_allclose(frames.average, WALL, rtol=0.01)
+    assert frames.averaged > 25
+
+
 def test_an_exposure_that_the_camera_reports_is_believed(scenario):
     prepare = Preparation(light(WALL), scenario, Companions())
     frames = PreparedFrames(prepare)
@@ -111,6 +119,6 @@ def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
 def test_the_average_becomes_the_monitor_off_frame(scenario):
     frames, _ = averaged(scenario, [WALL / 2])
     before = frames.wall
-    frames.take_monitor_off("page")
+    frames.take_monitor_off()
     assert frames.wall is not before and before.conditions != frames.wall.conditions
-    np.testing.assert_allclose(frames.wall.monitor_off["page"], WALL / 2)
+    np.testing.assert_allclose(frames.wall.monitor_off[TAKEN], WALL / 2)

@@ -113,6 +113,8 @@ def watch(
 
     with live:
         serve(live, session.path.name, close)
+    if not stream.shown:
+        raise PeriscopyError(f"{source}: no frame was shown: {stream.notice}")
     close()
 
 

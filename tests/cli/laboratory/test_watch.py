@@ -51,6 +51,23 @@ def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
     assert summary["frames"] == 15 and summary["median_latency"] > 0
 
 
+def test_a_video_of_which_no_frame_can_be_shown_ends_with_the_reason(codes, periscopy, tmp_path):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    write_video(tmp_path / "wall.mkv", codes[:3])
+    few = np.zeros((24, 24), bool)
+    few[0, :3] = True
+    np.save(tmp_path / "few.npy", few)
+    write_video(tmp_path / "odd.mkv", codes[:3, :94])
+    for options, reason in {
+        ("wall.mkv", "--mask", "few.npy"): "pixels",
+        ("odd.mkv",): "94 x 96 pixels",
+    }.items():
+        ended = periscopy("watch", *options, *SCENE, "--port", 0)
+        assert ended.code == 2 and reason in ended.err
+        assert f"{options[0]}: no frame was shown" in ended.err
+
+
 def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypatch):
     pytest.importorskip("av")
     pytest.importorskip("websockets")
