@@ -153,7 +153,7 @@ def quick_residual(y: Array, image: Any, noise: float, fit: Fit) -> Residual:
     It takes one product with A in single precision, as a live picture allows. `noise` is the
     camera's, over the photograph's mean.
     """
-    signal = fit.operator.light(fit.mixed(image), np.float32)
+    signal = fit.operator.quick_light(fit.mixed(image))
     level = float(np.sqrt(np.mean(y**2))) or 1.0
     light, unexplained = _remainder(fit.operator.project_out(y - signal), level, fit)
     alone = noise * float(np.mean(y)) / level

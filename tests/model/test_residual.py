@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.residual import percentages, residual_of
+from periscopy_sim.model.residual import percentages, quick_residual, residual_of
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
@@ -101,6 +101,18 @@ def test_a_black_channel_hides_nothing_of_the_others():
     found, _ = residual(photograph() * black)
     assert found.diagnosis == "fits" and found.noise_alone > 0
     assert residual(photograph(transport(0.06)) * black)[0].diagnosis == "does_not_fit"
+
+
+def test_the_quick_residual_is_the_residual_without_a_verdict():
+    y = photograph()
+    found, solution = residual(y)
+    method = METHODS["noise-aware"](SCENE, A, B)
+    quick = quick_residual(
+        method.corrected(y, solution), solution.image, NOISE * y.std() / y.mean(), method.fit
+    )
+    np.testing.assert_allclose(quick.light, found.light, atol=1e-5 * y.max())
+    assert quick.unexplained == pytest.approx(found.unexplained, rel=1e-3)
+    assert quick.diagnosis == "unknown" and 0 < quick.noise_alone < NOISE
 
 
 def test_what_an_image_leaves_is_reported_where_the_scene_is_right_too():

@@ -63,6 +63,7 @@ def test_products_are_those_of_the_dense_matrix(kind, dtype, tmp_path):
     assert isinstance(operator, LinearOperator) and operator.shape == A.shape
     np.testing.assert_allclose(operator @ f, dense @ f, atol=1e-11)
     np.testing.assert_allclose(operator @ f[:, 0], dense @ f[:, 0], atol=1e-11)
+    np.testing.assert_allclose(operator.quick_light(f), operator.light(f), atol=1e-3)
     np.testing.assert_allclose(operator.gram_product(f), dense.T @ (dense @ f), atol=1e-9)
     adjoint_test(operator, rtol=1e-12)
     assert operator.squared_norm == pytest.approx(np.sum(dense**2), rel=1e-12)

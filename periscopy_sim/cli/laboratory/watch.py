@@ -15,7 +15,7 @@ from periscopy_sim.cli.laboratory.view import WRITING, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, option
-from periscopy_sim.cli.output import progress, say, say_written, warn
+from periscopy_sim.cli.output import progress, say, say_written
 from periscopy_sim.cli.session import PhotoSession, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -96,7 +96,7 @@ def watch(
         session.check_lights()
         marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
         companions = _companions(session, marks, black, dark)
-        stream = Stream(frames, scenario, companions, average, lambda line: warn(line, "note"))
+        stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
         methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
         folder = (out or Path("watch")) / "set"
