@@ -3,6 +3,7 @@
 "use strict";
 
 const element = (id) => document.getElementById(id);
+const IN_SPACE = ["room", "photograph", "hidden", "occluders", "handles"]; // drawn in 3-D
 const state = {}; // what the server sent last, by name: see page.py
 let socket;
 
@@ -16,7 +17,7 @@ function connect() {
     const news = JSON.parse(event.data);
     Object.assign(state, news);
     for (const name in news) shows[name]?.(news[name]);
-    redraw();
+    if (IN_SPACE.some((name) => name in news)) redraw();
   };
   socket.onclose = () => {
     lines("trouble", ["The command that serves this page has ended."]);

@@ -27,6 +27,9 @@ REST = {"slider": 0.3, "handle": 1.0}
 GESTURE = 1.0
 """Seconds without a change after which a further change of the same numbers is another move."""
 
+IN_SPACE = 0.2
+"""Seconds between two frames of a stream in the 3-D view, which some browsers draw in software."""
+
 MOVES = 100
 """Moves that can be undone."""
 
@@ -102,6 +105,7 @@ class Page:
         self._moves = deque[Mapping[str, float]](maxlen=MOVES)  # values before each
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
+        self._space_due = 0.0
         self.controls = self._controls(images, methods, first, more or {})
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
@@ -123,9 +127,12 @@ class Page:
             }
             for each in panels_of(pictures)
         ]
-        # A scene that has not moved keeps its occluders.
+        # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
-        things = things_in(pictures) if is_moved else images_in(pictures)
+        now, things = time.monotonic(), dict[str, Any]()
+        if is_moved or pictures.frame is None or now >= self._space_due:
+            things = things_in(pictures) if is_moved else images_in(pictures)
+            self._space_due = now + IN_SPACE
         self.gate.publish(panels=panels, status=lines, notes=notes, **things)
 
     def tell(self, text: str) -> None:
