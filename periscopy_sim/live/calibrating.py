@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock, Thread
+from threading import Lock, Thread, current_thread
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ class CalibrationButton:
         self._take, self._tell, self._changed = take, tell, changed
         self._lock = Lock()
         self._process: subprocess.Popen[str] | None = None
+        self._thread: Thread | None = None
         self._offer: dict[str, float] = {}
         self.label = IDLE
 
@@ -55,15 +56,18 @@ class CalibrationButton:
             if label == IDLE:
                 self._set(BUSY)
         if label == IDLE:
-            Thread(target=self._run, daemon=True).start()
+            self._thread = Thread(target=self._run, daemon=True)
+            self._thread.start()
         elif label == OFFER:
             self._set(IDLE)
             self._take(self._offer)
 
     def stop(self) -> None:
-        """End a calibration that is running."""
+        """End a calibration that is running, and remove its files."""
         if self._process is not None:
             self._process.kill()
+        if self._thread is not None and self._thread is not current_thread():
+            self._thread.join(1.0)
 
     def _set(self, label: str) -> None:
         self.label = label

@@ -80,7 +80,7 @@ class LivePictures:
 
 
 @dataclass(frozen=True, eq=False)
-class Formed:
+class FrameMethod:
     """A method that is formed for a choice and for photographs under the conditions of `wall`."""
 
     choice: Choice
@@ -151,7 +151,7 @@ class SizedLaboratory:
         """
         start = time.perf_counter()
         unless_overtaken = _raises_if(is_overtaken)
-        formed, truth, noise = self._formed(choice, unless_overtaken)
+        formed, truth, noise = self._fit_choice(choice, unless_overtaken)
         scenario, method, photograph = formed.scenario, formed.method, formed.wall
         with own_errors(choice.method, "failed"):
             solution = method.solve(photograph)
@@ -170,17 +170,19 @@ class SizedLaboratory:
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 
-    def form(self, choice: Choice, wall: Photograph, is_overtaken: Callable[[], bool]) -> "Formed":
+    def form(
+        self, choice: Choice, wall: Photograph, is_overtaken: Callable[[], bool]
+    ) -> "FrameMethod":
         """Form the method of a choice for frames under the conditions of a photograph.
 
         The photograph becomes the given one. Errors are those of `pictures`.
         """
         self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
-        return self._formed(choice, _raises_if(is_overtaken))[0]
+        return self._fit_choice(choice, _raises_if(is_overtaken))[0]
 
-    def _formed(
+    def _fit_choice(
         self, choice: Choice, unless_overtaken: Callable[..., None]
-    ) -> tuple["Formed", Any, float]:
+    ) -> tuple["FrameMethod", Any, float]:
         """Return the method of a choice, the hidden image if it is known, and the noise."""
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
@@ -208,7 +210,7 @@ class SizedLaboratory:
             lambda: fit_method(choice.method, scenario, A, B, photograph),
         )  # fmt: skip
         unless_overtaken()
-        formed = Formed(choice, scenario, self.is_coarse, method, photograph, plan.error)
+        formed = FrameMethod(choice, scenario, self.is_coarse, method, photograph, plan.error)
         return formed, truth, noise
 
     def _shown(self, path: Path) -> Any:

@@ -170,12 +170,12 @@ class PreparedFrames:
         preparation: Preparation,
         count: int = 1,
         colours: ColourMatrix | None = None,
-        taken: Array | None = None,
+        page_off: Array | None = None,
     ) -> None:
-        self.count, self.exposures, self.taken = count, 0, taken
+        self.count, self.exposures, self.page_off = count, 0, page_off
         self._mask, self._colours = preparation.mask, colours
         self._given_off = preparation.monitor_off
-        self._off = taken  # that of `wall`
+        self._off = page_off  # that of `wall`
         self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
         self._all = 0  # frames
         self._variance = 0.0  # of a frame's noise, over the square of the mean light
@@ -282,7 +282,7 @@ class PreparedFrames:
     def take_monitor_off(self) -> None:
         """Make the present average a photograph with the monitor off, in place of a former one."""
         if self.average is not None:
-            self.taken, self._due = self.average, 0.0
+            self.page_off, self._due = self.average, 0.0
             self._update_wall()
 
     def _update_wall(self) -> None:
@@ -290,12 +290,12 @@ class PreparedFrames:
         assert self.average is not None
         mask = self._mask & ~self._saturated
         if self.wall is not None:
-            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.taken
+            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.page_off
             if is_same or time.monotonic() < self._due:
                 return
         if not mask.any():
             raise PhotographError("all pixels are saturated or masked; shorten the exposure")
-        taken = {} if self.taken is None else {TAKEN: self.taken}
+        taken = {} if self.page_off is None else {TAKEN: self.page_off}
         self.wall = Photograph.of(
             blackened(self.average, mask), name="the frames", mask=mask,
             monitor_off={
@@ -303,4 +303,4 @@ class PreparedFrames:
             },
             colour_matrix=self._colours,
         )  # fmt: skip
-        self._off, self._due = self.taken, time.monotonic() + STEADY
+        self._off, self._due = self.page_off, time.monotonic() + STEADY

@@ -15,7 +15,7 @@ from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
-from periscopy_sim.live.pictures import Choice, Formed, LivePictures, SizedLaboratory
+from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
@@ -82,7 +82,7 @@ class Stream:
             keeps=not source.is_live
         )
         self._frames: PreparedFrames | None = None
-        self._formed: Formed | None = None
+        self._formed: FrameMethod | None = None
         self._changed, self._stopped = Condition(), Event()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
@@ -122,7 +122,7 @@ class Stream:
             self.stop()
             self.ended.set()
 
-    def use(self, formed: Formed) -> None:
+    def use(self, formed: FrameMethod) -> None:
         """Use a method from the next frame on."""
         with self._changed:
             self._formed = formed
@@ -203,9 +203,9 @@ class Stream:
             return None
         for line in preparation.warnings:
             self.report(line)
-        taken = self._frames.taken if self._frames is not None else None
+        page_off = self._frames.page_off if self._frames is not None else None
         colours = self._companions.colour_matrix
-        self._frames = PreparedFrames(preparation, self.count, colours, taken)
+        self._frames = PreparedFrames(preparation, self.count, colours, page_off)
         return preparation
 
     def _show_frames(self) -> None:
@@ -231,7 +231,7 @@ class Stream:
             self.shown += 1
         self.ended.set()
 
-    def _method(self) -> Formed | None:
+    def _method(self) -> FrameMethod | None:
         """Wait for a method, of a recording for the full one; None after `stop`."""
 
         def is_ready() -> bool:
@@ -261,7 +261,7 @@ class StreamLevel:
                 self._stream.reject(str(error))
             raise
 
-    def still(self, formed: Formed) -> LivePictures:
+    def still(self, formed: FrameMethod) -> LivePictures:
         """Return full pictures of the present average, with corrections and standard errors."""
         self._laboratory.form(formed.choice, self._stream.wall or formed.wall, lambda: False)
         return self._laboratory.pictures(formed.choice, lambda: False)

@@ -108,6 +108,7 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
             worker.join(1.0)  # without an end, Windows would not interrupt it
     except KeyboardInterrupt:
         with WRITING:
+            live.stop()  # also processes of its own
             close()
             say("closed")
             os._exit(0)
