@@ -217,13 +217,14 @@ class VideoSource:
         self._container = self._open()
 
     def _open(self) -> Any:
+        av = self._av
         kind = "v4l2" if re.match(r"/dev/video\d", self._place) else None
         options = {"fflags": "nobuffer"} if self.is_live else {}
         if self._place.startswith("rtsp:"):
             options["rtsp_transport"] = "tcp"  # UDP loses packets
         try:
-            container = self._av.open(self._place, format=kind, options=options, timeout=PATIENCE)
-        except self._av.FFmpegError as error:
+            container = av.open(self._place, format=kind, options=options, timeout=PATIENCE)
+        except av.FFmpegError as error:
             raise PeriscopyError(
                 f"{self._place}: {_reason(error)}; name a folder, or a video that nobody else reads"
             ) from None
