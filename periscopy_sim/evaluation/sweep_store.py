@@ -1,5 +1,6 @@
 """The store of a sweep: a Zarr archive over all axes, whose cells many runs fill."""
 
+import json
 from collections.abc import Mapping, Sequence
 from itertools import product
 from math import prod
@@ -13,7 +14,6 @@ from periscopy_sim.evaluation.metrics import METRICS
 from periscopy_sim.numerics import machine
 from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.storage.outputs.places import address, names_in
-from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
 from periscopy_sim.storage.outputs.store import (
     MAKING,
@@ -105,8 +105,15 @@ class SweepStore:
         }
         for axis, each in conditions_of.items():
             before = known.setdefault(axis, {})
-            recorded = {n: of for n, of in before.items() if n in used.get(axis, ()) and n in each}
-            check_settings({axis: {**each, **recorded}}, {axis: each}, str(path), "sweep")
+            for name in each.keys() & before.keys() & used.get(axis, set()):
+                own = json.loads(json.dumps(each[name]))
+                if own != before[name]:
+                    parts = own if isinstance(own, dict) else {}
+                    changed = [part for part in parts if parts[part] != before[name].get(part)]
+                    raise OutputError(
+                        f"{path}: {axis} '{name}'{f' ({changed[0]})' if changed else ''} has "
+                        "changed since its results were computed; rename it, or name another folder"
+                    )
             before |= each
         growing = {"axes": self.axes, "conditions_of": known}
         cuts = {axis: (len(values), 1) for axis, values in self.axes.items()}

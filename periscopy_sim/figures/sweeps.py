@@ -88,10 +88,7 @@ def draw_sweep(
         raise PeriscopyError(f"axis '{over}' has the panels already; draw over another one")
     if results[over].dtype.kind in "fiu":
         results = results.sortby(over)
-    for axis in (each for each in dims if results[each].attrs.get("units") == "m"):
-        if float(abs(results[axis]).max()) < 0.1:
-            millimetres = results[axis].copy(data=1e3 * results[axis].values)
-            results = results.assign_coords({axis: millimetres.assign_attrs(units="mm")})
+    results = _in_millimetres(results)
     fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
     parts = [
         (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
@@ -101,12 +98,12 @@ def draw_sweep(
     if len(parts) > len(ascii_lowercase):
         raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
     columns = min(len(parts), 2 if width < 2 * COLUMN else 4)
+    columns = 1 if len(parts) == 3 > columns else columns  # two rows would leave a hole
     if not any(found["mean"].notnull().any() for _, found in parts):
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
-    held = "".join(f"; {_said(results[axis], axis, value)}" for axis, value in fixed.items())
-    held = f"; panels: {panels}{held}" if _is_long(panels) else held
-    caption = _caption([found for _, found in parts]) + held
+    held = f"; panels: {panels}" if _is_long(panels) else ""
+    caption = _caption([found for _, found in parts]) + held + _held(results, fixed, [over, panels])
     letters, methods = int(11 * width / columns), results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None) as figure:
         grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
@@ -123,6 +120,8 @@ def draw_sweep(
             lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
             grid[0, 0].set_ylim(bottom=max(least / 3, lowest))
             plain_ticks(grid[0, 0].yaxis)
+        else:
+            grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
         for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
             ax.set_xlabel(fill(words_of(results[over], over), letters, break_long_words=False))
         figure.supxlabel(fill(caption, int(22 * width)), fontsize=6)
@@ -164,32 +163,85 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
     return table
 
 
-def latex_of(results: "xr.Dataset", metric: str) -> str:
-    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals."""
+def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
+    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
+
+    The table has a label, and needs the package booktabs.
+    """
     from periscopy_sim.evaluation.statistics import LEVEL, interval
 
-    surfaces = surfaces_of(results, metric)
+    surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
     table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
     middle = table[half].median()
     digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
 
     def text(row: Any) -> str:
-        within = "" if np.isnan(row[half]) else f" ± {row[half]:.{digits}f}"
-        return "failed" if np.isnan(row["mean"]) else f"{row['mean']:.{digits}f}{within}"
+        within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
+        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
+
+    def escaped(text: Any) -> Any:
+        return re.sub("([%_&#$])", r"\\\1", text) if isinstance(text, str) else text
 
     axes = [*table.columns[: table.columns.get_loc("metric")]]
-    cells = table.assign(text=[text(row) for _, row in table.iterrows()]).set_index(axes)["text"]
+    cells = table.assign(text=[text(row) for _, row in table.iterrows()])
+    cells[axes] = cells[axes].map(escaped)
+    cells = cells.set_index(axes)["text"]
     cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
     cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
     caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
-    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}"
-    return str(
-        cells.rename(columns=words).to_latex(
-            index=False, na_rep="", float_format="%g", escape=True, position="tb",
-            caption=re.sub("([%_&#$])", r"\\\1", caption), label=f"tab:{metric}",
-        )
+    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
+    latex = cells.rename(columns={name: escaped(each) for name, each in words.items()}).to_latex(
+        index=False, na_rep="", float_format="%g", escape=False, position="tb",
+        column_format="".join("lr"[is_number] for is_number in _right(cells, len(axes) - 1)),
+        caption=escaped(caption), label=label,
     )  # fmt: skip
+    return f"% needs \\usepackage{{booktabs}}\n{latex}"
+
+
+def _right(cells: Any, axes: int) -> list[bool]:
+    """Return which columns of a table are of numbers: those of methods, and axes of numbers."""
+    return [n >= axes or cells[name].dtype.kind in "if" for n, name in enumerate(cells.columns)]
+
+
+def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
+    """Return results with words of a person's own for axes, methods and the metric.
+
+    A PeriscopyError says that there is nothing of a name.
+    """
+    methods = results["algorithm"].values.tolist()
+    known = [*map(str, results["failure"].dims), *surfaces_of(results, metric), metric, *methods]
+    for name, words in labels.items():
+        if name not in known:
+            guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
+            raise PeriscopyError(f"--label {name}: {guess}")
+        for each in surfaces_of(results, metric) if name == metric else [name]:
+            if each in results.variables:
+                results[each].attrs["label"] = words
+    named = [labels.get(name, name) for name in methods]
+    every = [labels.get(name, name) for name in results.attrs.get("algorithms", methods)]
+    return results.assign_coords(algorithm=named).assign_attrs(algorithms=every)
+
+
+def _in_millimetres(results: "xr.Dataset") -> "xr.Dataset":
+    """Return results whose axes of short lengths are in millimetres."""
+    for axis in map(str, results["failure"].dims):
+        is_length = results[axis].attrs.get("units") == "m"
+        if is_length and float(abs(results[axis]).max()) < 0.1:
+            millimetres = results[axis].copy(data=1e3 * results[axis].values)
+            attributes = results[axis].attrs | {"units": "mm"}
+            results = results.assign_coords({axis: millimetres.assign_attrs(attributes)})
+    return results
+
+
+def _held(results: "xr.Dataset", fixed: Mapping[str, Any], shown: Sequence[str]) -> str:
+    """Return in words the values that all is of: fixed ones, and those held of axes not shown."""
+    held = (axis for axis in results.attrs.get("held", ()) if axis not in shown)
+    values = {**{axis: results[axis].values for axis in held}, **fixed}
+    return "".join(
+        f"; {', '.join(_said(results[a], a, value) for value in np.ravel(each).tolist())}"
+        for a, each in values.items()
+    )
 
 
 def surfaces_of(results: "xr.Dataset", metric: str) -> list[str]:
@@ -232,7 +284,7 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
     text = f"{value:g} {unit}".strip() if is_number else str(value)
-    return f"{SHORT.get(name, name)} = {text}"
+    return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
 def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], letters: int) -> None:
@@ -286,13 +338,20 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
     """Return what lines and bands are, how many samples there are, and how many failed."""
     from periscopy_sim.evaluation.statistics import counted
 
-    left_out = int(sum(found["failed"].sum() for found in parts))
-    failed = f"; {left_out} failed" if left_out else ""
-    return f"means, 95 % confidence intervals, n = {counted(parts)}{failed}"
+    names = dict.fromkeys(name for found in parts for name in found["algorithm"].values.tolist())
+    left_out = {
+        name: int(sum(found["failed"].sel(algorithm=name).sum() for found in parts))
+        for name in names
+    }
+    failed = "".join(f"; {count} of {name} failed" for name, count in left_out.items() if count)
+    number = counted(parts)
+    what = "single values" if number == "1" else f"means, 95 % confidence intervals, n = {number}"
+    return f"{what}{failed}"
 
 
 def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
-    words = NAMES.get(name, name) + (f" minus that of {minus}" if minus else "")
+    words = variable.attrs.get("label") or NAMES.get(name, name)
+    words += f" minus that of {minus}" if minus else ""
     return f"{words}{f', {unit}' if unit != '1' else ''}"

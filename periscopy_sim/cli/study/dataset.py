@@ -122,7 +122,9 @@ def verify(data: Archive) -> None:
     for first, after in damaged:
         say(f"samples {first} to {after - 1} are missing or damaged")
     if damaged:
-        raise DatasetError(f"{data}: is damaged; run 'periscopy dataset CONFIG.yaml' again")
+        raise DatasetError(
+            f"{data}: is unfinished or damaged; run 'periscopy dataset CONFIG.yaml' again"
+        )
     say(f"{data}: all samples are whole")
 
 

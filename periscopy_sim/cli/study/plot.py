@@ -15,6 +15,7 @@ from periscopy_sim.figures.sweeps import (
     COLUMN,
     PAGE,
     draw_sweep,
+    labelled,
     latex_of,
     surfaces_of,
     table_of,
@@ -55,6 +56,10 @@ def plot(
     at: Annotated[
         list[str] | None, option("NAME=VALUES", "Values of an axis to keep, by comma; repeatable.")
     ] = None,
+    label: Annotated[
+        list[str] | None,
+        option("NAME=WORDS", "What to call an axis, a metric or a method; repeatable."),
+    ] = None,
     reference: Annotated[
         str,
         option(
@@ -81,11 +86,12 @@ def plot(
         axis, equals, value = reference.rpartition("=")
         to = value, axis if equals else "algorithm"
         results = differences(results, surfaces_of(results, metric), *to)
+    results = labelled(results, metric, options.parse_definitions(label, "--label"))
     with staged_file(out) as file:
         if out.suffix == ".csv":
             table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
         elif out.suffix == ".tex":
-            file.write_text(latex_of(results, metric), "utf-8")
+            file.write_text(latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
             say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
     say_written(out)
@@ -113,7 +119,7 @@ def _held(results: "xr.Dataset", at: Mapping[str, str]) -> "xr.Dataset":
         if len(kept) < len(texts):
             raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
         results = results.sel({axis: kept})
-    return results
+    return results.assign_attrs(held=[*at])
 
 
 def _complete(results: "xr.Dataset") -> "xr.Dataset":
@@ -129,7 +135,7 @@ def _complete(results: "xr.Dataset") -> "xr.Dataset":
     results, lacks = results.sel(begun), lacks.sel(begun)
     if left := int(lacks.sum()):
         raise PeriscopyError(
-            f"{left} of {lacks.size} results are missing; run the sweep with all values at once, "
-            "or hold some by --at"
+            f"{left} of {lacks.size} results are missing; run the same 'periscopy sweep' "
+            "again, which goes on, or hold some values by --at"
         )
     return results

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
 from periscopy_sim.cli.output import fixable, progress
 from periscopy_sim.cli.render import photograph as take_photograph
@@ -180,6 +180,11 @@ class Worlds:
         assumed = [ASSUMED + name for name in numbers if name not in errors]
         known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
         for axis, values in axes.items():
+            if axis not in known and axis.rpartition(".")[0] in {*self.methods} - {*METHODS}:
+                raise PeriscopyError(
+                    f"--vary {axis}: a method of yours has no options here; make one for each "
+                    "value by functools.partial, and name all of them in --methods"
+                )
             if axis not in known:
                 guess = did_you_mean(axis, known) or f"there are {', '.join(known)}"
                 raise PeriscopyError(f"--vary {axis}: no such axis; {guess}")
@@ -203,6 +208,10 @@ class Worlds:
                 {values[0], values[-1]} if axis in (KNOWN, *OF_SCENE, *numbers, *assumed) else ()
             ):
                 self._check_scene(axis, value)
+        if sizes := [*map(str, axes.get("hidden", ()))]:  # before hours of rendering others
+            largest = max(sizes, key=lambda size: int(np.prod(size_of(size))))
+            for method in self.methods:
+                check_memory(self._session({"hidden": largest}).scenario, method)
 
     def _check_scene(self, axis: str, value: Any) -> None:
         """Load the true and the assumed scene; reject what no sweep can compare."""

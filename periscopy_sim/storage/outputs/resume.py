@@ -43,6 +43,8 @@ def resumed_folder(
         except (ValueError, TypeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "is damaged"
             raise OutputError(f"{out / SETTINGS}: {reason}; name another folder") from None
+        if not any(True for pattern in files for _ in out.glob(pattern)):
+            return  # a run that made nothing
         if is_new():
             recorded |= {name: settings[name] for name in varied or settings}
         check_settings(recorded, settings, str(out), what)

@@ -167,7 +167,7 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
     succeeds(*study)
     orange = read_exr(Path("out/photograph_mine.exr"))[0]
     Image.new("RGB", (5, 4), "blue").save("mine.png")
-    assert "image.mine" in refused(*study)
+    assert "image 'mine'" in refused(*study)
     shutil.rmtree("out/sweep.zarr")  # as a run that was stopped before its first result
     succeeds(*study)
     blue = read_exr(Path("out/photograph_mine.exr"))[0]
