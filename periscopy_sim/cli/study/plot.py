@@ -79,13 +79,16 @@ def plot(
         raise OutputError(
             f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
         )
-    results = _complete(_held(_read(folder), options.parse_definitions(at, "--at")))
+    held = options.parse_definitions(at, "--at")
+    axis, equals, value = reference.rpartition("=")
+    axis = axis if equals else "algorithm"
+    if reference and axis in held:
+        held[axis] += f",{value}"
+    results = _complete(_held(_read(folder), held))
     if reference:
         from periscopy_sim.evaluation.statistics import differences
 
-        axis, equals, value = reference.rpartition("=")
-        to = value, axis if equals else "algorithm"
-        results = differences(results, surfaces_of(results, metric), *to)
+        results = differences(results, surfaces_of(results, metric), value, axis)
     results = labelled(results, metric, options.parse_definitions(label, "--label"))
     with staged_file(out) as file:
         if out.suffix == ".csv":
