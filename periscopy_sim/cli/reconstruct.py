@@ -116,7 +116,8 @@ def reconstruct(
             for note in report.warnings if several else ():
                 session.warn(f"{of}: {messages.sentence(note.code, **note.values)}")
         titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
-        shown = {title: wall.values for title, wall in zip(titles, walls.values(), strict=True)}
+        used = (np.moveaxis(wall.planes, 0, -1) for wall in walls.values())
+        shown = dict(zip(titles, used, strict=True))
         with session.timed("draw"), progress("drawing"):
             write_report(folder, report, session.scenario, images, shown, session.metadata)
             for camera, own in reports.items() if several else ():
@@ -191,19 +192,18 @@ def write_report(
 ) -> None:
     """Write images, (R, C, channels), by their surfaces, and what the method reports beside them.
 
-    The photographs are by title.
+    The photographs are by title, NaN where pixels are not used.
 
     They have one exposure: their relative brightness is a result, too.
     """
     hidden, white = scenario.hidden, panels.common_white(images.values())
     lit = {name: panels.displayable(image, white) for name, image in images.items()}
-    walls = [(title, panels.displayable(each)) for title, each in photographs.items()]
     for name, image in named("reconstruction", images).items():
         np.save(folder / f"{name}.npy", image.astype(np.float32))
     for name, image in named("reconstruction", lit).items():
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
-        wall = walls[0][1]  # of the scenario's view
+        wall = panels.displayable(next(iter(photographs.values())))  # of the scenario's view
         if is_vectorized():  # ray by ray it would take an hour
             draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
@@ -213,7 +213,7 @@ def write_report(
             name: [(title, panels.displayable(stage[name])) for title, stage in stages]
             for name in hidden
         }
-        shown = {name: [*walls, *row] for name, row in rows.items()}
+        shown = {name: [*_exposed(photographs), *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
@@ -222,6 +222,13 @@ def write_report(
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)
     _draw_residual(folder / "residual.png", report, next(iter(photographs.values())), text)
+
+
+def _exposed(photographs: Mapping[str, Array]) -> list[tuple[str, Array]]:
+    """Return photographs as panels, NaN where they have NaN."""
+    return [
+        (title, panels.displayable(each) + 0 * each[..., :1]) for title, each in photographs.items()
+    ]
 
 
 def _draw_residual(file: Path, report: "Report", photograph: Array, text: dict[str, str]) -> None:
@@ -240,7 +247,7 @@ def _compare(
     """Return metrics against the truth by surface; draw both beside the photograph."""
     compared: dict[str, dict[str, Any]] = {}
     rows, lines = {}, []
-    walls = [(title, panels.displayable(each)) for title, each in photographs.items()]
+    walls = _exposed(photographs)
     for name, image in images.items():
         truth = truths[name]
         psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)

@@ -232,15 +232,14 @@ def draw_video(
     text: dict[str, str],
     progress: Callable[[float], None],
 ) -> None:
-    """Draw photograph, reconstructions and, where they are known, truths side by side in time.
+    """Draw hidden images, where they are known, photograph and reconstructions, side by side.
 
     Images are by the surfaces' ids. The path's ending sets the format, see `draw_animation`.
     """
-    panels = {"photograph": (photographs, white_of(photographs))}
-    for name, stack in images.items():
-        panels[name if len(images) > 1 else "reconstruction"] = stack, white
-        if name in known:
-            panels[f"truth of {name}" if len(images) > 1 else "truth"] = known[name], 1.0
+    of = {name: f" of {name}" if len(images) > 1 else "" for name in images}
+    panels = {f"hidden image{of[name]}": (truth, 1.0) for name, truth in known.items()}
+    panels["photograph"] = photographs, white_of(photographs)
+    panels |= {f"reconstruction{of[name]}": (stack, white) for name, stack in images.items()}
 
     def moments() -> Iterator[list[Image]]:
         for k in range(len(photographs)):

@@ -30,20 +30,27 @@ def draw_design(
     rows: Sequence[Row],
     best: Row | None,
     *,
+    units: Mapping[str, str],
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the errors at a design's points, `run_design`'s, with the first and the best marked."""
+    """Draw the errors at a design's points, `run_design`'s, with the first and the best marked.
+
+    The units are those of the parameters, by name.
+    """
     shown = [name for name in DRAWN if any(row[name] is not None for row in rows)]
     marked = [(rows[0], "o")] + ([] if best is None else [(best, "*")])
     draw = _draw_curves if len(values_of(rows[0])) == 1 else _draw_maps
+    words = {name: f"{name}, {units.get(name, 'scene unit')}" for name in values_of(rows[0])}
     with drawn(path, metadata) as figure:
-        draw(figure, rows, shown, marked)
+        draw(figure, rows, shown, marked, words)
         figure.supxlabel(f"{caption}\n{MARKS}")
 
 
-def _draw_curves(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked) -> None:
-    """Draw the errors over the parameter."""
+def _draw_curves(
+    figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked, words: Mapping[str, str]
+) -> None:
+    """Draw the errors over the parameter, in words with its unit."""
     figure.set_size_inches(5.6, 3.4)
     ax = figure.subplots()
     (name,) = values_of(rows[0])
@@ -54,20 +61,22 @@ def _draw_curves(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked:
             ax.plot(_values([row], name), _percent([row], number), marker, **LOOK)
     for x in _values([row for row in rows[1:] if not np.isfinite(row["bound"] or np.nan)], name):
         ax.axvline(x, color=GREY, zorder=0)
-    ax.set(yscale="log", xlabel=f"{name} (scene unit)", ylabel="standard error, % of white")
+    ax.set(yscale="log", xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     plain_ticks(ax.yaxis)
     figure.legend(loc="outside upper center", ncols=3)
 
 
-def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked) -> None:
-    """Draw a map of each error over the two parameters."""
+def _draw_maps(
+    figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked, words: Mapping[str, str]
+) -> None:
+    """Draw a map of each error over the two parameters, in words with their units."""
     across, up = values_of(rows[0])
     figure.set_size_inches(2.7 * len(shown) + 0.3, 2.9)
     axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
     for ax, number in zip(axes, shown, strict=True):
-        ax.set(facecolor=GREY, title=DRAWN[number], xlabel=f"{across} (scene unit)")
+        ax.set(facecolor=GREY, title=DRAWN[number], xlabel=words[across])
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
             picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
@@ -76,7 +85,7 @@ def _draw_maps(figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: M
         ax.locator_params(axis="x", nbins=5)
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
-    axes[0].set_ylabel(f"{up} (scene unit)")
+    axes[0].set_ylabel(words[up])
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

@@ -28,6 +28,13 @@ LONGEST = 4.0
 """Ratio of sides up to which pictures keep theirs; the patches of a longer one are stretched."""
 
 
+WIDEST = 7.2
+"""Inches of a page: wider pictures would print with letters below 6 points."""
+
+CERTAINTY = 0.3, 100.0
+"""Ends of the scale of standard errors, in percent of white."""
+
+
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
     """Scale a linear image for display: negatives and NaN black, `white` white.
 
@@ -58,8 +65,8 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """Show (rows, columns, 3) in sRGB or (rows, columns) in false colour, pixel by pixel.
 
     Pixels are square, but for those of a strip, see `LONGEST`, which has a frame with an axis.
-
-    The false colours are as `imshow` takes them. Return the image, for a colour bar.
+    What is transparent, or NaN, is hatched. The false colours are as `imshow` takes them. Return
+    the image, for a colour bar.
     """
     ax.set_title(title)
     ax.set_axis_off()
@@ -69,6 +76,10 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
         ax.spines[:].set_visible(True)
         for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
             axis.set_visible(size > 1)
+    if picture.shape[2:] == (4,) or (picture.ndim == 2 and np.isnan(picture).any()):
+        everything = {"xy": (0, 0), "width": 1, "height": 1, "transform": ax.transAxes}
+        look = {"facecolor": "0.85", "edgecolor": "0.55", "hatch": "////////", "linewidth": 0}
+        ax.add_patch(mpl.patches.Rectangle(**everything, **look, zorder=-1))  # behind it
     return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
 
 
@@ -78,8 +89,15 @@ def proportions(picture: NDArray[Any]) -> float:
 
 
 def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
-    """Show linear light, (rows, columns, 3), exposed by `displayable`."""
-    show(ax, title, srgb_encode(displayable(image, white)))
+    """Show linear light, (rows, columns, 3), exposed by `displayable`; NaN is hatched."""
+    show(ax, title, _encoded(image, white))
+
+
+def _encoded(image: Image, white: float | None) -> NDArray[np.float64]:
+    """Return light exposed by `displayable`, in sRGB; with a fourth channel, 0 where NaN is."""
+    known = ~np.isnan(np.asarray(image, np.float64)).any(axis=-1, keepdims=True)
+    picture = srgb_encode(displayable(image, white))
+    return picture if known.all() else np.concatenate([picture, known], axis=-1)
 
 
 def show_signed(
@@ -87,10 +105,10 @@ def show_signed(
 ) -> None:
     """Show maps, (rows, columns), by their titles, red above 0 and blue below, with a colour bar.
 
-    Colours end at `bound` either way, or at the first map's 99th percentile; NaN is grey.
+    Colours end at `bound` either way, or at the first map's 99th percentile; NaN is hatched.
     """
     bound = bound or float(np.percentile(np.abs(next(iter(maps.values()))), 99)) or 1.0
-    colours = mpl.colormaps["RdBu_r"].with_extremes(bad="0.6")
+    colours = mpl.colormaps["RdBu_r"].with_extremes(bad=(0, 0, 0, 0))
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8, label=unit)
@@ -104,7 +122,7 @@ def show_rows(figure: Any, rows: Rows, height: float) -> None:
     """
     named = rows if isinstance(rows, Mapping) else {"": rows}
     aspects = {name: [proportions(p) for _, p in panels] for name, panels in named.items()}
-    height = min(height, *(8 / sum(each) for each in aspects.values()))
+    height = min(height, *((WIDEST - 0.2) / sum(each) for each in aspects.values()))
     width = height * max(sum(each) for each in aspects.values())
     figure.set_size_inches(width + 0.2, len(named) * (height + 0.4))
     parts = [figure]
@@ -127,12 +145,13 @@ def draw_panels(
 ) -> None:
     """Draw linear images, (rows, columns, channels) in [0, 1], side by side under their titles.
 
+    NaN is hatched.
+
     The panels are one row, or rows by their names.
     """
     named = panels if isinstance(panels, Mapping) else {"": panels}
     encoded = {
-        name: [(title, srgb_encode(displayable(image, 1))) for title, image in row]
-        for name, row in named.items()
+        name: [(title, _encoded(image, 1)) for title, image in row] for name, row in named.items()
     }
     with drawn(path, metadata) as figure:
         show_rows(figure, encoded, 2.6)
@@ -142,33 +161,37 @@ def draw_panels(
             figure.supxlabel(caption)
 
 
-def draw_maps(
+def draw_bounds(
     path: Path,
-    maps: Rows,
-    label: str,
+    alone: Mapping[str, Array],
+    both: Mapping[str, Array],
     *,
     caption: str = "",
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw maps of one positive quantity on one logarithmic colour scale, with a colour bar.
+    """Draw bounds of the standard errors of patches, by A alone and by [A, B], and their ratio.
 
-    The maps, (rows, columns), are one row, or as many in each row by its name. The label is the
-    quantity and its unit.
+    All are (R, C), by the surfaces' ids, white being 1.
     """
-    named = maps if isinstance(maps, Mapping) else {"": maps}
-    values = np.concatenate([np.ravel(values) for row in named.values() for _, values in row])
+    values = 100 * np.concatenate(
+        [np.ravel(each) for maps in (alone, both) for each in maps.values()]
+    )
     norm = mpl.colors.LogNorm(float(values.min()), float(values.max()))
-    aspects = [max(each.shape[0] / each.shape[1] for _, each in row) for row in named.values()]
-    columns = len(next(iter(named.values())))
+    aspects = [each.shape[0] / each.shape[1] for each in alone.values()]
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(3.6 * columns + 0.9, 3.1 * sum(aspects) + 0.5 + 0.6 * len(named))
-        axes = figure.subplots(len(named), columns, squeeze=False, height_ratios=aspects)
-        for line, (name, row) in zip(axes, named.items(), strict=True):
-            for ax, (title, values) in zip(line, row, strict=True):
-                picture = ax.imshow(values, norm=norm, cmap="viridis")
-                ax.set(title=title, xlabel="patch column")
-            line[0].set_ylabel(f"{name}\npatch row" if len(named) > 1 else "patch row")
-        bar = figure.colorbar(picture, ax=axes, label=label, shrink=0.9)
+        figure.set_size_inches(WIDEST, 2.1 * sum(aspects) + 0.9 + 0.3 * len(alone))
+        axes = figure.subplots(len(alone), 3, squeeze=False, height_ratios=aspects)
+        for line, name in zip(axes, alone, strict=True):
+            maps = {"A alone": 100 * alone[name], "[A, B]": 100 * both[name]}
+            for ax, (title, percent) in zip(line, maps.items(), strict=False):
+                bounds = show(ax, title, percent, norm=norm, cmap="viridis")
+            ratio = show(line[2], "[A, B] over A alone", both[name] / alone[name], vmin=1)
+            figure.colorbar(ratio, ax=line[2], shrink=0.8, label="ratio")
+            if len(alone) > 1:
+                line[0].text(0, 1.2, name, transform=line[0].transAxes)
+        bar = figure.colorbar(
+            bounds, ax=axes[:, :2], label="standard error, % of white", shrink=0.8
+        )
         plain_ticks(bar.ax.yaxis)
         figure.supxlabel(caption)
 
@@ -183,25 +206,24 @@ def draw_certainty(
     """Draw reconstructions beside the standard errors of their patches, and their assumption.
 
     Both are (R, C, 3) by the surfaces' ids, in one unit; the errors are shown as the root mean
-    square over the channels, in percent of the 99th percentile of all images. A surface
-    whose errors exceed 100 % spoils no other's scale.
+    square over the channels, in percent of the 99th percentile of all images, on one scale for
+    all pictures: bright is certain.
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
-    errors = {
-        name: 100 / white * np.sqrt(np.mean(np.asarray(each) ** 2, axis=2))
-        for name, each in standard_errors.items()
-    }
-    width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), 12.0)
-    least, *_, largest = sorted(float(each.max()) for each in [*errors.values()] * 2)
-    top = min(largest, max(least, 100.0)) or 1.0
-    beyond = "max" if largest > top else "neither"
+    width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), WIDEST)
+    colours = {"cmap": "magma_r", "norm": mpl.colors.LogNorm(*CERTAINTY)}
     with drawn(path, metadata) as figure:
         figure.set_size_inches(width, 0.6 + 2.8 * len(images))
         axes = figure.subplots(len(images), 2, squeeze=False)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
             show_light(left, name if len(images) > 1 else "reconstruction", image, white)
-            shown = show(right, "standard error", errors[name], cmap="magma", vmin=0, vmax=top)
-        figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label="% of white", extend=beyond)
+            error = np.sqrt(np.mean(np.asarray(standard_errors[name]) ** 2, axis=2))
+            shown = show(right, "certainty", 100 / white * error, **colours)
+        label = "standard error, % of white"
+        bar = figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label=label, extend="both")
+        bar.set_ticks(ticks := [0.3, 1, 3, 10, 30, 100], labels=map(str, ticks))
+        bar.ax.minorticks_off()
+        bar.ax.invert_yaxis()
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
         sentences += [f"This assumes that {assumed}."] * bool(assumed)
         figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
@@ -219,7 +241,8 @@ def draw_residual(
     with drawn(path, metadata) as figure:
         figure.set_size_inches(6.4 * values.shape[1] / values.shape[0] + 1.3, 3.6)
         axes = figure.subplots(1, 2)
-        show_light(axes[0], "photograph", photograph)
+        unused = np.isnan(values)[..., np.newaxis]
+        show_light(axes[0], "photograph", np.where(unused, np.nan, photograph))
         show_signed(axes[1:], {"unexplained": values}, unit, bound)
         figure.supxlabel(caption)
 

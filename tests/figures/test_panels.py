@@ -3,8 +3,8 @@ import pytest
 
 from periscopy_sim.figures.panels import (
     displayable,
+    draw_bounds,
     draw_certainty,
-    draw_maps,
     draw_panels,
     draw_residual,
     write_enlarged,
@@ -58,18 +58,26 @@ def test_strips_are_stretched_to_a_legible_height(tmp_path):
     assert pixels.shape[1] < 8 * pixels.shape[0]
 
 
-def test_maps_share_one_logarithmic_scale(tmp_path, saved):
-    maps = {"a": np.array([[1.0, 10.0]]), "b": np.array([[10.0, 100.0]])}
-    draw_maps(tmp_path / "maps.png", list(maps.items()), "unit")
-    (figure,) = saved
-    colours = []
-    for ax, (title, values) in zip(figure.axes, maps.items(), strict=False):
+def test_bounds_share_one_logarithmic_scale_and_their_ratio_has_its_own(tmp_path, saved):
+    alone, both = {"a": np.array([[0.01, 0.1]])}, {"a": np.array([[0.02, 1.0]])}
+    draw_bounds(tmp_path / "bounds.png", alone, both)
+    first, second, ratio = saved[0].axes[:3]
+    for ax, values in ((first, [[1, 10]]), (second, [[2, 100]])):
         (picture,) = ax.images
-        assert ax.get_title() == title and picture.get_clim() == (1, 100)
-        colours.append(picture.cmap(picture.norm(values)))
-    np.testing.assert_allclose(colours[0][0, 1], colours[1][0, 0])
-    assert figure.axes[-1].get_ylabel() == "unit"
-    draw_maps(tmp_path / "constant.png", [("a", np.full((3, 4), 1e-9))], "unit")
+        assert picture.get_clim() == (1, 100)
+        np.testing.assert_allclose(picture.get_array(), values)
+    np.testing.assert_allclose(ratio.images[0].get_array(), [[2, 10]])
+    constant = {"a": np.full((3, 4), 1e-9)}
+    draw_bounds(tmp_path / "constant.png", constant, constant)
+
+
+def test_unknown_pixels_are_hatched_in_light_and_in_maps(tmp_path, saved):
+    light = np.full((6, 8, 3), 0.5)
+    light[:3] = np.nan
+    draw_panels(tmp_path / "a.png", [("known", np.full((6, 8, 3), 0.5)), ("half", light)])
+    known, half = saved[0].axes
+    assert not known.patches and half.patches[0].get_hatch()
+    assert (half.images[0].get_array()[:, 0, 3] == [0, 0, 0, 1, 1, 1]).all()
 
 
 @pytest.mark.parametrize("shape", [(15, 18), (30, 5)])

@@ -60,10 +60,10 @@ def analyze(
         # For noise of 0.1 % of a photograph of a white screen: a quantity without unit.
         noise = 1e-3 * float(wall.used.mean())
         both = noise * hidden.vector(result.bounds)
-        panels.draw_maps(
+        panels.draw_bounds(
             folder / "bounds.png",
-            {n: [("A alone", noise * alone[n]), ("[A, B]", noise * bounds[n])] for n in hidden},
-            "standard error of a patch, white = 1",
+            {name: noise * each for name, each in alone.items()},
+            {name: noise * each for name, each in bounds.items()},
             caption="Cramér-Rao bound at noise of 0.1 % of a white screen's mean photograph",
             metadata=session.metadata,
         )

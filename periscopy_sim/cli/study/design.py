@@ -125,7 +125,10 @@ def _write_results(
         session.scenario.hidden.sizes, settings["snr"], float(settings["sbr"])
     )
     with staged_file(out / PICTURE) as file:
-        draw_design(file, rows, best, caption=caption, metadata=session.metadata)
+        draw_design(
+            file, rows, best, units=session.scenario.document.units, caption=caption,
+            metadata=session.metadata,
+        )  # fmt: skip
     (out / BEST).unlink(missing_ok=True)  # of another --by
     if best is not None:
         remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
