@@ -221,7 +221,7 @@ def draw_certainty(
             shown = show(right, "certainty", 100 / white * error, **colours)
         label = "standard error, % of white"
         bar = figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label=label, extend="both")
-        bar.set_ticks(ticks := [0.3, 1, 3, 10, 30, 100], labels=map(str, ticks))
+        bar.set_ticks(ticks := [0.3, 1, 3, 10, 30, 100], labels=[f"{each:g}" for each in ticks])
         bar.ax.minorticks_off()
         bar.ax.invert_yaxis()
         sentences = ["Right: the standard error of each patch (one standard deviation)."]
