@@ -1,5 +1,7 @@
 """A hidden scene that moves: a ball bounces past a flag under a low sun."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -214,7 +214,7 @@ def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "
     for name, words in labels.items():
         if name not in known:
             guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
-            raise PeriscopyError(f"--label {name}: {guess}")
+            raise PeriscopyError(f"nothing called '{name}' in the sweep; {guess}")
         for each in surfaces_of(results, metric) if name == metric else [name]:
             if each in results.variables:
                 results[each].attrs["label"] = words

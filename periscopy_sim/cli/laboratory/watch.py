@@ -75,10 +75,10 @@ def watch(
     ] = "127.0.0.1",
     port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")] = 8080,
 ) -> None:
-    """Recover the hidden image from photographs as they come, in the browser.
+    """Recover the hidden image from photographs as they come.
 
-    The page is that of view: move the laboratory while the picture sharpens. Frames that come too
-    late are dropped and counted. The command ends with the source, or by Ctrl-C.
+    In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
+    that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
     require("websockets")
     if points is not None and tags is not None:
