@@ -179,24 +179,29 @@ def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
         within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
         return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
 
-    def escaped(text: Any) -> Any:
-        return re.sub("([%_&#$])", r"\\\1", text) if isinstance(text, str) else text
-
     axes = [*table.columns[: table.columns.get_loc("metric")]]
     cells = table.assign(text=[text(row) for _, row in table.iterrows()])
-    cells[axes] = cells[axes].map(escaped)
+    cells[axes] = cells[axes].map(_escaped)
     cells = cells.set_index(axes)["text"]
     cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
     cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
     caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
     caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
-    latex = cells.rename(columns={name: escaped(each) for name, each in words.items()}).to_latex(
+    latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
         index=False, na_rep="", float_format="%g", escape=False, position="tb",
         column_format="".join("lr"[is_number] for is_number in _right(cells, len(axes) - 1)),
-        caption=escaped(caption), label=label,
+        caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
     )  # fmt: skip
     return f"% needs \\usepackage{{booktabs}}\n{latex}"
+
+
+def _escaped(text: Any) -> Any:
+    """Return text whose characters mean themselves to LaTeX; other things as they are."""
+    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    if not isinstance(text, str):
+        return text
+    return re.sub(r"[\\~^%_&#${}]", lambda each: signs.get(each[0], rf"\{each[0]}"), text)
 
 
 def _right(cells: Any, axes: int) -> list[bool]:
@@ -209,18 +214,24 @@ def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "
 
     A PeriscopyError says that there is nothing of a name.
     """
-    methods = results["algorithm"].values.tolist()
-    known = [*map(str, results["failure"].dims), *surfaces_of(results, metric), metric, *methods]
+    surfaces, methods = surfaces_of(results, metric), results["algorithm"].values.tolist()
+    every = results.attrs.get("algorithms", methods)  # also what all is compared with
+    axes = [name for name in map(str, results["failure"].dims) if name != "algorithm"]
+    known = [*dict.fromkeys([*axes, metric, *every])]
     for name, words in labels.items():
         if name not in known:
             guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
             raise PeriscopyError(f"nothing called '{name}' in the sweep; {guess}")
-        for each in surfaces_of(results, metric) if name == metric else [name]:
-            if each in results.variables:
-                results[each].attrs["label"] = words
+        for each in surfaces if name == metric else {name} & {*axes}:
+            results[each].attrs["label"] = words
+    for each in surfaces:
+        if (minus := results[each].attrs.get("minus")) in labels:
+            results[each].attrs["minus"] = labels[minus]
     named = [labels.get(name, name) for name in methods]
-    every = [labels.get(name, name) for name in results.attrs.get("algorithms", methods)]
-    return results.assign_coords(algorithm=named).assign_attrs(algorithms=every)
+    if len({*named}) < len(named):
+        raise PeriscopyError("two methods have one label; give each its own")
+    results = results.assign_coords(algorithm=named)
+    return results.assign_attrs(algorithms=[labels.get(name, name) for name in every])
 
 
 def _in_millimetres(results: "xr.Dataset") -> "xr.Dataset":

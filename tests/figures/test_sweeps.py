@@ -92,5 +92,6 @@ def test_labels_take_the_place_of_names(tmp_path, saved):
     assert "ours" in [text.get_text() for text in saved[0].legends[0].get_texts()]
     latex = latex_of(named, "mean_squared_error", "tab:fig_1")
     assert r"\label{tab:fig_1}" in latex and r"error\_1" in latex and " ours " in latex
-    with pytest.raises(PeriscopyError, match="sbr"):
-        labelled(results(), "mean_squared_error", {"sbrr": "light"})
+    for wrong in ({"sbrr": "light"}, {"second": "ours", r"$\\frac$": "ours"}):
+        with pytest.raises(PeriscopyError, match=r"sbr|two methods"):
+            labelled(results(), "mean_squared_error", wrong)

@@ -1,6 +1,6 @@
 """`periscopy plot`: a figure or a table of a sweep."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,11 +80,12 @@ def plot(
             f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
         )
     held = options.parse_definitions(at, "--at")
+    texts = {axis: options.parse_list("--at", values) for axis, values in held.items()}
     axis, equals, value = reference.rpartition("=")
     axis = axis if equals else "algorithm"
-    if reference and axis in held:
-        held[axis] += f",{value}"
-    results = _complete(_held(_read(folder), held))
+    if reference and axis in texts:
+        texts[axis].append(value)
+    results = _complete(_held(_read(folder), texts))
     if reference:
         from periscopy_sim.evaluation.statistics import differences
 
@@ -110,16 +111,17 @@ def _read(folder: Path) -> "xr.Dataset":
     return read_sweep(folder / "sweep.zarr")
 
 
-def _held(results: "xr.Dataset", at: Mapping[str, str]) -> "xr.Dataset":
-    """Return results at values of some axes, written as text."""
-    for axis, text in at.items():
+def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset":
+    """Return results at values of some axes, written as texts."""
+    for axis, texts in at.items():
         if axis not in results.coords:
             axes = [str(name) for name in results.psnr.dims] if "psnr" in results else []
             raise PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
         values: list[Any] = results[axis].values.tolist()
-        texts = options.parse_list("--at", text)
-        kept = [each for t in texts for each in values if each in (t, number_of(t))]
-        if len(kept) < len(texts):
+        matches = [[each for each in values if each in (t, number_of(t))] for t in texts]
+        kept = [*dict.fromkeys(each for match in matches for each in match)]
+        if not all(matches):
+            text = ",".join(texts)
             raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
         results = results.sel({axis: kept})
     return results.assign_attrs(held=[*at])
