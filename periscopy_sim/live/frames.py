@@ -87,6 +87,7 @@ class Latest(Generic[Item]):
     def __init__(self, *, keeps: bool = False) -> None:
         self.dropped, self._keeps = 0, keeps
         self._item: Item | None = None
+        self._taken: Item | None = None
         self._closed, self._changed = False, Condition()
 
     def put(self, item: Item) -> None:
@@ -94,8 +95,14 @@ class Latest(Generic[Item]):
         with self._changed:
             if self._keeps:
                 self._changed.wait_for(lambda: self._item is None or self._closed)
-            self.dropped += self._item is not None
+            self.dropped += self._item is not None and self._item is not self._taken
             self._item = item
+            self._changed.notify_all()
+
+    def repeat(self) -> None:
+        """Offer the item that was last taken once more, unless a newer one waits."""
+        with self._changed:
+            self._item = self._taken if self._item is None else self._item
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -110,7 +117,7 @@ class Latest(Generic[Item]):
                 self._changed.wait_for(lambda: self._item is not None or self._closed)
                 if (item := self._item) is None:
                     return
-                self._item = None
+                self._item, self._taken = None, item
                 self._changed.notify_all()
             yield item
 

@@ -187,6 +187,7 @@ class PreparedFrames:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
         self._saturated, self._reported = np.zeros(self._mask.shape, bool), 0
+        self._flickers = False
         self._due = 0.0  # when the mask may change
 
     def add(self, frame: PreparedFrame) -> list[str]:
@@ -201,6 +202,7 @@ class PreparedFrames:
             self.exposures += 1
             self._changes.append(self._all)
             if self._all - self._changes[0] < FLICKER[1] and len(self._changes) == FLICKER[0]:
+                self._first, self._flickers = frame, True
                 lines.append("the light flickers: expose for whole periods of the lamps")
             else:
                 self._restart()
@@ -208,6 +210,8 @@ class PreparedFrames:
                     f"the light is {times:.3g} times what it was: exposure, gain or lamps changed; "
                     "the average starts anew"
                 )
+        elif self._flickers and self._all - self._changes[-1] >= FLICKER[1]:
+            self._restart()  # the changes were some of the exposure
         new = frame.saturated & ~self._saturated
         if new.any():
             self._saturated = self._saturated | new
@@ -289,12 +293,13 @@ class PreparedFrames:
         """Make `wall` anew where the mask or the photographs with the monitor off changed."""
         assert self.average is not None
         mask = self._mask & ~self._saturated
+        if not mask.any():
+            self._restart()
+            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
         if self.wall is not None:
             is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.page_off
             if is_same or time.monotonic() < self._due:
                 return
-        if not mask.any():
-            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
         taken = {} if self.page_off is None else {TAKEN: self.page_off}
         self.wall = Photograph.of(
             blackened(self.average, mask), name="the frames", mask=mask,

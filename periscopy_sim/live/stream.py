@@ -86,6 +86,7 @@ class Stream:
         self._changed, self._stopped = Condition(), Event()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
+        self._may_recover, self._is_rejected = source.is_live, False
         steps = self._read_frames, self._average_frames, self._show_frames
         self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
 
@@ -116,17 +117,23 @@ class Stream:
         return frames.photograph()
 
     def reject(self, fault: str) -> None:
-        """Report why no method of full size can be formed; end a recording of which none was."""
+        """Report why no method of full size can be formed; end a source of which none can be."""
         self.report(fault)
-        if not (self._source.is_live or self.shown):
+        self._is_rejected = True
+        self._end_if_rejected()
+
+    def _end_if_rejected(self) -> None:
+        if self._is_rejected and not (self._may_recover or self.shown):
             self.stop()
             self.ended.set()
 
     def use(self, formed: FrameMethod) -> None:
-        """Use a method from the next frame on."""
+        """Use a method from the latest frame on, of a recording from the next one."""
         with self._changed:
-            self._formed = formed
+            self._formed, self._is_rejected = formed, False
             self._changed.notify_all()
+        if self._source.is_live:
+            self._averaged.repeat()
 
     def set_count(self, count: int) -> None:
         """Average another number of frames."""
@@ -171,13 +178,12 @@ class Stream:
 
     def _average_frames(self) -> None:
         preparation: Preparation | None = None
-        size: tuple[int, int] | None = None
         for frame in self._read:
-            if frame.size != size:
-                if size is not None:
-                    old, new = ("{} x {}".format(*each) for each in (size, frame.size))
+            if preparation is None or frame.size != preparation.size:
+                if preparation is not None:
+                    old, new = ("{} x {}".format(*each) for each in (preparation.size, frame.size))
                     self.report(f"the frames changed from {old} to {new} pixels")
-                size, preparation = frame.size, self._prepare(frame)
+                preparation = self._prepare(frame)
             if preparation is None or self._frames is None:
                 continue
             wall = self._frames.wall
@@ -193,6 +199,8 @@ class Stream:
             numbers = self._frames.averaged, self._frames.noise, self._frames.noise_left
             self._averaged.put((self._frames.photograph(), frame.time, numbers))
         self._averaged.close()
+        self._may_recover = False
+        self._end_if_rejected()
 
     def _prepare(self, frame: CameraFrame) -> Preparation | None:
         """Return the preparation of frames of this size; None, with a line, if there is none."""
@@ -210,25 +218,34 @@ class Stream:
 
     def _show_frames(self) -> None:
         first, times = 0.0, deque[float](maxlen=SHOWN)
-        for wall, arrived, numbers in self._averaged:
+        latest, used = None, None  # the frame shown, and its method
+        for item in self._averaged:
             formed = self._method()
             if formed is None:
                 break
+            is_again = item is latest
+            if is_again and formed is used:
+                continue
+            wall, arrived, numbers = item
+            number = self.shown - is_again
             try:
-                pictures = formed.see(wall, numbers[-1], self.shown)
+                pictures = formed.see(wall, numbers[-1], number)
             except PeriscopyError as error:
                 self.report(str(error))
                 continue
+            latest, used = item, formed
             first, now = first or arrived, time.monotonic()
-            times.append(now)
+            if not is_again:
+                times.append(now)
             rate = (len(times) - 1) / (now - times[0]) if len(times) > 1 else 0.0
             progress = Progress(
-                self.shown, arrived - first, now - arrived, rate, self.dropped, *numbers
+                number, arrived - first, now - arrived, rate, self.dropped, *numbers
             )
             recent = median(list(self.latencies)[-SHOWN:] or [now - arrived])
             self.show(pictures, progress, [*progress.lines(recent), self.notice])
-            self.latencies.append(time.monotonic() - arrived)
-            self.shown += 1
+            if not is_again:
+                self.latencies.append(time.monotonic() - arrived)
+                self.shown += 1
         self.ended.set()
 
     def _method(self) -> FrameMethod | None:

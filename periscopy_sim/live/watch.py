@@ -5,6 +5,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.methods import find_method
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.live.preparation import Companions
@@ -65,8 +67,12 @@ def watch(
     Raises
     ------
     PeriscopyError
-        If the source cannot be opened, the port is taken, or an extra is not installed.
+        If the source cannot be opened, there is no such method, the port is taken, or an extra is
+        not installed.
     """
+    find_method(method)
+    if average < 1:
+        raise PeriscopyError(f"average is {average}; give 1 frame or more")
     companions = Companions(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},

@@ -86,6 +86,20 @@ def test_light_that_flickers_is_averaged(scenario):
     assert frames.averaged > 25
 
 
+def test_clicks_of_the_exposure_are_no_flicker_for_ever(scenario):
+    levels = [2.0] * 5 + [1.6] * 3 + [1.3] * 3 + [1.1] * 3 + [0.9] * 60
+    full = np.zeros((24, 24), bool)
+    full[:12] = True
+    prepare = Preparation(light(WALL), scenario, Companions())
+    frames = PreparedFrames(prepare, 100)
+    lines = [
+        frames.add(prepare(light(WALL * level, full if level > 1 else None))) for level in levels
+    ]
+    assert any("flickers" in line for line in lines[14]) and not any(lines[15:])
+    np.testing.assert_allclose(frames.average, WALL * 0.9, rtol=1e-6)
+    assert not frames._saturated.any()
+
+
 def test_an_exposure_that_the_camera_reports_is_believed(scenario):
     prepare = Preparation(light(WALL), scenario, Companions())
     frames = PreparedFrames(prepare)
@@ -112,8 +126,22 @@ def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
     clock[0] += preparation.STEADY
     frames.add(prepare(light(WALL)))
     assert (~frames.wall.pixels).sum() == 4
-    with pytest.raises(PhotographError, match="saturated"):
-        PreparedFrames(prepare).add(prepare(light(WALL, np.ones((24, 24), bool))))
+
+
+@pytest.mark.parametrize("white_at", [0, 2])
+def test_a_white_frame_is_left_out(scenario, white_at):
+    prepare = Preparation(light(WALL), scenario, Companions())
+    frames = PreparedFrames(prepare, 9)
+    for k in range(5):
+        white = np.full((24, 24), k == white_at)
+        frame = prepare(light(np.where(white[..., None], 1.0, WALL), white))
+        if k == white_at:
+            with pytest.raises(PhotographError, match="saturated"):
+                frames.add(frame)
+        else:
+            frames.add(frame)
+    np.testing.assert_allclose(frames.photograph().values, WALL, rtol=1e-6)
+    assert frames.photograph().pixels.all() and frames.averaged == pytest.approx(4 - white_at)
 
 
 def test_the_average_becomes_the_monitor_off_frame(scenario):

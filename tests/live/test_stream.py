@@ -1,18 +1,22 @@
 """A stream on the page: what a person sees, presses and moves while frames come."""
 
 import time
+from threading import Event
 
 import numpy as np
 import pytest
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
+from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.live import preparation
 from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
-from periscopy_sim.live.preparation import TAKEN
+from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Stream
+from periscopy_sim.photographs import prepare
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("websockets")
@@ -175,3 +179,92 @@ def test_frames_calibrate_the_scene_in_a_process_of_its_own(watched):
     watched.until(lambda *_: watched.page.controls["calibrate"].value() == OFFER)
     watched.press("calibrate")
     assert abs(watched.page.choice.values["occluder_dx"]) < 0.003
+
+
+class Brief:
+    """A stream of a function's frames, and what it has shown and said."""
+
+    def __init__(self, function, companions=None, method="noise-aware", **changes):
+        scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+        self.shown, self.said = [], []
+        source = open_source(function, linear=True)
+        for name, value in changes.items():
+            setattr(source, name, value)
+        self.stream = Stream(source, scenario, companions, 20, self.said.append)
+        self.session = LiveSession(
+            scenario, Choice({}, "", method=method), (), ("noise-aware", "preconditioned"),
+            lambda _: "", lambda _: [], stream=self.stream,
+            record=lambda *each: self.shown.append(each),
+        )  # fmt: skip
+
+    def until(self, holds):
+        end = time.monotonic() + PATIENCE / 4
+        while not holds():
+            assert time.monotonic() < end, self.said
+            time.sleep(0.02)
+
+
+WALL = np.linspace(9000, 20000, 24 * 24 * 3).reshape(24, 24, 3).astype(np.uint16)
+
+
+def test_a_single_frame_is_shown_in_full_and_again_after_each_change():
+    ended = Event()
+
+    def frames():
+        yield WALL
+        ended.wait()
+        yield None
+
+    brief = Brief(frames().__next__)
+    with brief.session, live.running(brief.session):
+        brief.until(lambda: brief.shown and not brief.shown[-1][0].is_coarse)
+        brief.session.page.move({"occluder_dx": 0.02})
+        brief.until(
+            lambda: any(
+                not each.is_coarse and each.choice.values["occluder_dx"] == 0.02
+                for each, _ in brief.shown
+            )
+        )
+        ended.set()
+    assert {progress.frame for _, progress in brief.shown} == {0}
+    assert brief.stream.shown == 1 and brief.stream.dropped == 0
+
+
+def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
+    tries = []
+
+    def film_areas(*each):
+        tries.append(each)
+        if len(tries) == 1:
+            raise PhotographError("no tag is visible")
+        return prepare.film_areas(*each)
+
+    monkeypatch.setattr(preparation, "film_areas", film_areas)
+    brief = Brief(lambda: time.sleep(0.01) or WALL)
+    with brief.session, live.running(brief.session):
+        brief.until(lambda: brief.shown)
+    assert len(tries) == 2 and any("no tag" in line for line in brief.said)
+
+
+@pytest.mark.parametrize("is_early", [False, True])
+def test_a_camera_that_ends_without_a_method_ends_the_session(is_early):
+    mask = np.zeros((24, 24), bool)
+    mask[0, :3] = True
+
+    def frames():
+        yield WALL
+        if not is_early:  # the method is known to fail
+            brief.until(lambda: any("pixels" in line for line in brief.said[1:]))
+        yield None
+
+    brief = Brief(frames().__next__, Companions(mask=mask))
+    with brief.session, live.running(brief.session):
+        assert brief.stream.ended.wait(PATIENCE / 4)
+    assert not brief.shown
+
+
+def test_what_cannot_be_watched_is_refused_at_once():
+    scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+    for wrong in {"method": "nonsense"}, {"average": 0}:
+        with pytest.raises(PeriscopyError, match=next(iter(wrong))):
+            ps.watch(lambda: None, scenario, port=0, **wrong)
