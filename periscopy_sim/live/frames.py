@@ -269,7 +269,8 @@ class VideoSource:
         return False
 
     def _decoded(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        start, damaged = time.monotonic(), 0
+        start: float | None = None  # of the file's clock
+        damaged = 0
         for packet in self._container.demux(video=0):
             arrived = time.monotonic()
             try:
@@ -281,6 +282,7 @@ class VideoSource:
                 continue
             for frame in frames:
                 if not self.is_live and frame.time is not None:
+                    start = time.monotonic() - frame.time if start is None else start
                     stopped.wait(max(0.0, start + frame.time - time.monotonic()))
                     arrived = time.monotonic()
                 if stopped.is_set():

@@ -3,7 +3,7 @@ import os
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import islice
-from threading import Event, Thread
+from threading import Event, Thread, Timer
 
 import numpy as np
 import pytest
@@ -82,13 +82,17 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert any("c.npy" in line and "another format" in line for line in others)
 
 
-def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped):
+@pytest.mark.parametrize("first", [0, 3600])
+def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped, first):
     pytest.importorskip("av")
     codes = RNG.integers(0, 256, (12, 16, 24, 3), np.uint8)
-    write_video(tmp_path / "v.mkv", codes)
+    write_video(tmp_path / "v.mkv", codes, first=first)
+    late = Timer(60, stopped.set)  # far less than the first frame's time
+    late.start()
     source = open_source(str(tmp_path / "v.mkv"))
     assert not source.is_live
     got = [*source.frames(stopped, said.append)]
+    late.cancel()
     np.testing.assert_array_equal([each.values for each in got], codes)
     assert got[-1].time - got[0].time > 0.1 and got[0].encoding == SRGB and said == []
     assert open_source(str(tmp_path / "v.mkv"), linear=True)._encoding == LINEAR
