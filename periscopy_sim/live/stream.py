@@ -59,7 +59,7 @@ class Stream:
     `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
     about what happened, `hear` too before the first pictures; all in the threads. `form_anew` is
     called when methods must be formed anew; they arrive by `use`. `ended` is set when the source
-    has ended and all is shown.
+    has ended and all is shown, or `show` has raised the PeriscopyError `fault`.
     """
 
     def __init__(
@@ -77,6 +77,7 @@ class Stream:
         self.form_anew: Callable[[], None] = lambda: None
         self.hear: Callable[[str], None] = lambda _: None
         self.ended = Event()
+        self.fault: PeriscopyError | None = None
         self._read = Latest[CameraFrame](keeps=not source.is_live)
         self._averaged = Latest[tuple[Photograph, float, tuple[float, float, float]]](
             keeps=not source.is_live
@@ -165,9 +166,12 @@ class Stream:
     def _guarded(self, step: Callable[[], None]) -> None:
         try:
             step()
-        except Exception as error:  # the page goes on, with its latest pictures
-            LOG.error("the stream ended by an error", exc_info=error)
-            self.report(f"the stream ended: {type(error).__name__}: {error}")
+        except Exception as error:
+            if isinstance(error, PeriscopyError):
+                self.fault = error
+            else:
+                LOG.error("the stream ended by an error", exc_info=error)
+                self.report(f"the stream ended: {type(error).__name__}: {error}")
             self.stop()
             self.ended.set()
 

@@ -85,3 +85,5 @@ def watch(
     ) as session:  # fmt: skip
         print(session.page.gate.url, flush=True)
         session.run()
+    if stream.fault is not None:
+        raise stream.fault

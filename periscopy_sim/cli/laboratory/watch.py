@@ -2,10 +2,11 @@
 
 import csv
 from collections.abc import Sequence
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -113,9 +114,11 @@ def watch(
 
     with live:
         serve(live, session.path.name, close)
-    if not stream.shown:
+    if not (stream.shown or stream.fault):
         raise PeriscopyError(f"{source}: no frame was shown: {stream.notice}")
     close()
+    if stream.fault is not None:
+        raise stream.fault
 
 
 def _companions(
@@ -144,18 +147,17 @@ class Recorder:
     """The pictures of all frames and their numbers in a folder, whole at any moment.
 
     `frames.npy`, of several surfaces one for each, and `metrics.csv` grow with each frame in full
-    size; `close` writes `summary.json`.
+    size; `close` writes `summary.json`. The first frame replaces the files of a former run.
     """
 
     def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
         with unwritable_reported(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "summary.json").unlink(missing_ok=True)
-            self._file = (folder / "metrics.csv").open("w", encoding="utf-8", newline="")
         self._folder, self._session, self._stream = folder, session, stream
         self._source, self._count = source, 0
         self._stacks: dict[str, GrowingStack] = {}
-        self._table: csv.DictWriter[str] | None = None
+        self._file: TextIO | None = None
+        self._table: csv.DictWriter[str]
 
     def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
@@ -165,30 +167,42 @@ class Recorder:
 
         images = named("frames", self._session.scenario.hidden.images(pictures.image))
         report, residual = pictures.report, pictures.report.residual
-        name = f"{progress.time:.4f}"
-        record = record_of(progress.frame, name, pictures.seconds, report.numbers) | {
+        numbers = record_of(progress.frame, "", pictures.seconds, report.numbers)
+        del numbers["name"]
+        record = {
+            "frame": progress.frame,
+            "time": f"{progress.time:.4f}",
+            "method": pictures.choice.method,
+            **numbers,
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged", "noise_left")},
             **pictures.choice.values,
         }
-        with WRITING:
+        with WRITING, unwritable_reported(self._folder / "metrics.csv"):
+            file = self._file or self._begin(list(record))
             for stem, image in images.items():
                 if stem not in self._stacks:
-                    file = self._folder / f"{stem}.npy"
-                    self._stacks[stem] = GrowingStack(file, image.shape)
+                    self._stacks[stem] = GrowingStack(self._folder / f"{stem}.npy", image.shape)
                 self._stacks[stem].append(image)
-            if self._table is None:  # another method has other numbers
-                columns = list(record)
-                self._table = csv.DictWriter(
-                    self._file, columns, extrasaction="ignore", lineterminator="\n"
-                )
-                self._table.writeheader()
             self._table.writerow(record)
-            self._file.flush()
+            file.flush()
             self._count += 1
 
+    def _begin(self, columns: Sequence[str]) -> TextIO:
+        """Remove the files of a former run, and begin the table."""
+        for pattern in ("summary.json", "frames.npy", "frames_*.npy"):
+            for former in self._folder.glob(pattern):
+                former.unlink()
+        self._file = file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
+        # Another method may have other numbers, which are left out.
+        self._table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+        self._table.writeheader()
+        return file
+
     def close(self) -> None:
-        """Write the summary."""
+        """Write the summary of the frames, if there are any."""
+        if self._file is None:
+            return
         latencies = [*self._stream.latencies]
         summary = {
             "source": self._source,
@@ -198,9 +212,9 @@ class Recorder:
             "median_latency": median(latencies) if latencies else None,
             "average": self._stream.count,
         }
-        self._file.close()
-        for stack in self._stacks.values():
-            stack.close()
+        with unwritable_reported(self._folder), closing(self._file):
+            for stack in self._stacks.values():
+                stack.close()
         with staged_file(self._folder / "summary.json") as staged:
             self._session.write_summary(staged, summary)
         files = "metrics.csv", "summary.json", *(f"{stem}.npy" for stem in self._stacks)

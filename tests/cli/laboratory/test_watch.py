@@ -1,5 +1,7 @@
 import csv
+import errno
 import json
+import socket
 import sys
 
 import numpy as np
@@ -32,12 +34,15 @@ def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
     mask = np.ones((24, 24), bool)
     mask[:, :2] = False
     np.save(tmp_path / "mask.npy", mask)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "frames_of_a_former_run.npy").touch()
     ran = periscopy(
         "watch", "wall.mkv", *SCENE, "--mask", "mask.npy", "--port", 0, "--average", 50,
         "--out", "out",
     )  # fmt: skip
     assert ran.code == 0 and "15 frames shown, 0 dropped" in ran.out
     assert "decoded by the sRGB curve" in ran.told
+    assert len([*(tmp_path / "out").iterdir()]) == 3
     images = np.load(tmp_path / "out" / "frames.npy")
     assert images.shape == (15, 3, 4, 3)
     psnrs = [ps.psnr_gain_matched(image, IMAGE) for image in images]
@@ -46,6 +51,7 @@ def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
         rows = [*csv.DictReader(table)]
     assert [row["frame"] for row in rows] == [str(k) for k in range(15)]
     assert float(rows[-1]["averaged"]) == pytest.approx(15)
+    assert {row["method"] for row in rows} == {"noise-aware"} and float(rows[-1]["time"]) > 0
     assert float(rows[-1]["noise_left"]) < float(rows[1]["noise_left"])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["frames"] == 15 and summary["median_latency"] > 0
@@ -85,3 +91,32 @@ def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypa
         assert offender in refused("watch", *options, *SCENE, "--port", 0)
     monkeypatch.setitem(sys.modules, "av", None)
     assert "'.[video]'" in refused("watch", "rtsp://camera", *SCENE)
+
+
+def test_a_run_that_shows_nothing_keeps_the_former_files(codes, refused, tmp_path):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    write_video(tmp_path / "wall.mkv", codes[:3])
+    (tmp_path / "out").mkdir()
+    for name in ("metrics.csv", "summary.json", "frames.npy"):
+        (tmp_path / "out" / name).write_text("former")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        message = refused("watch", "wall.mkv", *SCENE, "--port", port, "--out", "out")
+    assert str(port) in message
+
+
+def test_a_record_that_cannot_be_written_ends_the_command_in_a_line(
+    codes, periscopy, tmp_path, monkeypatch
+):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_video(tmp_path / "wall.mkv", codes[:3])
+    monkeypatch.setattr(csv.DictWriter, "writerow", full)
+    ended = periscopy("watch", "wall.mkv", *SCENE, "--port", 0, "--out", "out")
+    assert ended.code == 2 and "No space left" in ended.err and "Traceback" not in ended.told
+    assert ended.err.splitlines()[-1].startswith("periscopy: error: cannot write")
