@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Condition, Event
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +135,14 @@ def open_source(source: Any, *, linear: bool = False) -> FrameSource:
     return VideoSource(str(source), LINEAR if linear else None)
 
 
+class FileVersion(NamedTuple):
+    """A file of a folder as it was last written; a later one is larger."""
+
+    time: int  # of the last change, ns
+    name: str
+    size: int  # bytes
+
+
 class FolderSource:
     """A folder into which a camera writes photographs, of one format; the newest one counts."""
 
@@ -142,8 +150,8 @@ class FolderSource:
 
     def __init__(self, folder: Path) -> None:
         self.dropped, self._folder = 0, folder
-        self._sizes: dict[str, tuple[int, float]] = {}  # of files not read: bytes, and since when
-        self._done: set[str] = set()
+        self._waiting: dict[FileVersion, float] = {}  # since when
+        self._done: set[FileVersion] = set()
         self._format = ""
         self._said: set[str] = set()
 
@@ -156,54 +164,60 @@ class FolderSource:
                 self._said.add(kind)
                 say(text)
 
+        is_lost = False
         while not stopped.wait(POLL):
             try:
                 whole = self._whole_files(say_once)
             except OSError as error:
-                say_once(f"{self._folder}: {error.strerror}; waiting for the folder")
+                if not is_lost:
+                    say(f"{self._folder}: {error.strerror}; waiting for the folder")
+                is_lost = True
                 continue
+            is_lost = False
             for k, file in enumerate(whole):
                 if (light := self._read(file, say_once)) is not None:
                     others = whole[k + 1 :]
-                    self._done |= {each.name for each in others}
+                    self._done |= {*others}
                     self.dropped += len(others)
                     yield CameraFrame(light, LINEAR)
                     break
 
-    def _whole_files(self, say: Say) -> list[Path]:
+    def _whole_files(self, say: Say) -> list[FileVersion]:
         """Return the files that are new and have stopped growing, the newest first."""
+        present = set[FileVersion]()
         with os.scandir(self._folder) as entries:
-            present = {e.name: e for e in entries if e.name[0] != "." and not e.is_dir()}
-        self._done &= present.keys()
-        known, whole, now = suffixes(), list[tuple[float, Path]](), time.monotonic()
-        sizes: dict[str, tuple[int, float]] = {}
-        for name in present.keys() - self._done:
-            file = self._folder / name
+            for entry in entries:
+                if entry.name[0] != "." and not entry.is_dir():
+                    with suppress(OSError):  # removed meanwhile
+                        state = entry.stat()
+                        present.add(FileVersion(state.st_mtime_ns, entry.name, state.st_size))
+        self._done &= present
+        known, now, before = suffixes(), time.monotonic(), self._waiting
+        self._waiting = {}
+        for version in present - self._done:
+            file = self._folder / version.name
             kind = known.get(file.suffix.lower())
             if kind is None or self._format not in ("", kind):
                 why = "another format than the first photograph" if kind else "no photograph"
                 say(f"{file}: {file.suffix or 'a name without suffix'} is {why}; ignored")
-                self._done.add(name)
-                continue
-            with suppress(OSError):  # removed meanwhile
-                state = present[name].stat()
-                size, since = self._sizes.get(name, (-1, now))
-                sizes[name] = state.st_size, since if size == state.st_size else now
-                if state.st_size == size > 0:
-                    whole.append((state.st_mtime, file))
-        self._sizes = sizes
-        return [file for _, file in sorted(whole, reverse=True)]
+                self._done.add(version)
+            else:
+                self._waiting[version] = before.get(version, now)
+        return sorted(
+            (each for each in self._waiting if each in before and each.size), reverse=True
+        )
 
-    def _read(self, file: Path, say: Say) -> SensorImage | None:
+    def _read(self, version: FileVersion, say: Say) -> SensorImage | None:
         """Return a photograph; None for one that cannot be read, which may still be written."""
+        file = self._folder / version.name
         try:
             light, warnings = read_sensor_image(file)
         except PhotographError as error:
-            if time.monotonic() - self._sizes[file.name][1] > PATIENCE:
-                self._done.add(file.name)
+            if time.monotonic() - self._waiting[version] > PATIENCE:
+                self._done.add(version)
                 say(str(error))
             return None
-        self._done.add(file.name)
+        self._done.add(version)
         self._format = self._format or suffixes()[file.suffix.lower()]
         for warning in warnings:
             say(warning)

@@ -60,6 +60,30 @@ def test_the_newest_of_a_thousand_files_is_taken_and_the_others_are_counted(
     assert said == []
 
 
+def test_a_file_is_read_again_when_it_or_its_folder_is_written_anew(tmp_path, said, stopped):
+    folder, others = tmp_path / "camera", [tmp_path / "later", tmp_path / "last"]
+    file = folder / "latest.tif"
+    folder.mkdir()
+    Timer(60, stopped.set).start()
+    file.write_bytes(tiff(1))
+    incoming = open_source(folder).frames(stopped, said.append)
+    assert value_of(next(incoming)) == 1
+    file.write_bytes(tiff(2))
+    assert value_of(next(incoming)) == 2
+
+    def loses(k, value):
+        folder.rename(others[k])
+        Event().wait(0.2)
+        folder.mkdir()
+        file.write_bytes(tiff(value))
+
+    for k in range(2):
+        Thread(target=loses, args=(k, 3 + k)).start()
+        assert value_of(next(incoming)) == 3 + k
+    assert [line.rpartition("; ")[2] for line in said] == ["waiting for the folder"] * 2
+    stopped.set()
+
+
 def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     tmp_path, said, stopped, monkeypatch
 ):
