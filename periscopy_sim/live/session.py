@@ -192,6 +192,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             self.page.show(pictures, *lines)
 
         stream.show, stream.hear = show, self.page.tell
+        stream.show_lines = lambda lines: self.page.gate.publish(status=lines)
         stream.form_anew = lambda: laboratory.want(self.page.choice)
         return laboratory
 

@@ -27,7 +27,7 @@ SHOWN = 60
 """Frames whose rate and latency the page shows."""
 
 REPEATS = 10.0
-"""Seconds before the same line is reported again."""
+"""Seconds that the page shows a line, and before the same one is printed again."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ class Stream:
     """The frames of a source for a scene, in a thread of each step between `start` and `stop`.
 
     `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
-    about what happened, `hear` too before the first pictures; all in the threads. `form_anew` is
+    about what happened, `hear` too before the first pictures, then `show_lines` with the numbers;
+    all in the threads. `form_anew` is
     called when methods must be formed anew; they arrive by `use`. `ended` is set when the source
     has ended and all is shown, or `show` has raised the PeriscopyError `fault`.
     """
@@ -76,6 +77,7 @@ class Stream:
         self.show: Callable[[LivePictures, Progress, list[str]], None] = lambda *_: None
         self.form_anew: Callable[[], None] = lambda: None
         self.hear: Callable[[str], None] = lambda _: None
+        self.show_lines: Callable[[list[str]], None] = lambda _: None
         self.ended = Event()
         self.fault: PeriscopyError | None = None
         self._read = Latest[CameraFrame](keeps=not source.is_live)
@@ -87,6 +89,7 @@ class Stream:
         self._changed, self._stopped = Condition(), Event()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
+        self._lines, self._expires = list[str](), 0.0
         self._may_recover, self._is_rejected = source.is_live, False
         steps = self._read_frames, self._average_frames, self._show_frames
         self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
@@ -154,7 +157,10 @@ class Stream:
     def report(self, line: str) -> None:
         """Print a line, unless the same was just printed, and show it on the page."""
         self.notice, now = line, time.monotonic()
-        if not self.shown:
+        self._expires = now + REPEATS
+        if self.shown:
+            self.show_lines([*self._lines, line])
+        else:
             self.hear(line)
         kind = line.rpartition(": ")[2]  # without numbers that change
         if now >= self._said.get(kind, 0.0):
@@ -246,7 +252,9 @@ class Stream:
                 number, arrived - first, now - arrived, rate, self.dropped, *numbers
             )
             recent = median(list(self.latencies)[-SHOWN:] or [now - arrived])
-            self.show(pictures, progress, [*progress.lines(recent), self.notice])
+            self._lines = progress.lines(recent)
+            news = [self.notice] if now < self._expires else []
+            self.show(pictures, progress, [*self._lines, *news])
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1

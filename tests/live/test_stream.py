@@ -207,7 +207,7 @@ class Brief:
 WALL = np.linspace(9000, 20000, 24 * 24 * 3).reshape(24, 24, 3).astype(np.uint16)
 
 
-def test_a_single_frame_is_shown_in_full_and_again_after_each_change():
+def test_a_single_frame_is_shown_in_full_and_again_after_each_change(monkeypatch):
     ended = Event()
 
     def frames():
@@ -218,6 +218,12 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change():
     brief = Brief(frames().__next__)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown and not brief.shown[-1][0].is_coarse)
+        status = brief.session.page.gate._state
+        brief.until(lambda: "average of 1 frames" in status["status"][1])
+        assert "waiting" not in status["status"][1]
+        brief.stream.report("the folder is gone")
+        assert "average of" in status["status"][1] and "the folder is gone" in status["status"][1]
+        monkeypatch.setattr(brief.stream, "_expires", 0.0)  # as some seconds later
         brief.session.page.move({"occluder_dx": 0.02})
         brief.until(
             lambda: any(
@@ -225,6 +231,7 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change():
                 for each, _ in brief.shown
             )
         )
+        brief.until(lambda: "gone" not in status["status"][1])
         ended.set()
     assert {progress.frame for _, progress in brief.shown} == {0}
     assert brief.stream.shown == 1 and brief.stream.dropped == 0
