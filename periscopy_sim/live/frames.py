@@ -122,16 +122,17 @@ class Latest(Generic[Item]):
             yield item
 
 
-def open_source(source: Any, *, linear: bool = False) -> FrameSource:
+def open_source(source: Any, *, linear: bool = False, has_black: bool = False) -> FrameSource:
     """Return the source that a folder, a video device, file or URL, or a function is.
 
-    With `linear`, codes are linear light whatever the source declares. A PeriscopyError says that
+    With `linear`, codes are linear light whatever the source declares; for `has_black` of a folder
+    see `read_sensor_image`. A PeriscopyError says that
     there is none, or it cannot be opened.
     """
     if callable(source):
         return FunctionSource(source, LINEAR if linear else SRGB)
     if Path(source).is_dir():
-        return FolderSource(Path(source))
+        return FolderSource(Path(source), has_black=has_black)
     return VideoSource(str(source), LINEAR if linear else None)
 
 
@@ -148,8 +149,8 @@ class FolderSource:
 
     is_live = True
 
-    def __init__(self, folder: Path) -> None:
-        self.dropped, self._folder = 0, folder
+    def __init__(self, folder: Path, *, has_black: bool = False) -> None:
+        self.dropped, self._folder, self._has_black = 0, folder, has_black
         self._waiting: dict[FileVersion, float] = {}  # since when
         self._done: set[FileVersion] = set()
         self._format = ""
@@ -211,7 +212,7 @@ class FolderSource:
         """Return a photograph; None for one that cannot be read, which may still be written."""
         file = self._folder / version.name
         try:
-            light, warnings = read_sensor_image(file)
+            light, warnings = read_sensor_image(file, has_black=self._has_black)
         except PhotographError as error:
             if time.monotonic() - self._waiting[version] > PATIENCE:
                 self._done.add(version)

@@ -47,7 +47,11 @@ def read_photograph(
 
 
 def read_sensor_image(
-    path: str | Path, white: float | None = None, *, has_black: bool = False
+    path: str | Path,
+    white: float | None = None,
+    *,
+    has_black: bool = False,
+    encoding: str | None = None,
 ) -> tuple[SensorImage, tuple[str, ...]]:
     """Read a photograph of any size, as `read_photograph` does, and where it is saturated.
 
@@ -62,6 +66,9 @@ def read_sensor_image(
     has_black : bool
         Whether a black level is still to be taken off, which is an error for pictures that are
         encoded for screens.
+    encoding : str
+        That of the frames whose companion the photograph is, and so of its integers. None: what
+        the file declares.
 
     Returns
     -------
@@ -71,9 +78,9 @@ def read_sensor_image(
     Raises
     ------
     PhotographError
-        If the file is missing, damaged or of another format.
+        If the file is missing, damaged, of another format or of another encoding.
     """
-    picture, warnings = _linear_light(path)
+    picture, warnings = _linear_light(path, encoding=encoding)
     if picture.encoding == SRGB and (has_black or white is not None):
         raise PhotographError(
             f"{path}: is encoded for screens; give a raw file, or leave out the black level and "
@@ -91,7 +98,7 @@ def read_sensor_image(
 
 
 def _linear_light(
-    path: str | Path, shape: tuple[int, int] | None = None
+    path: str | Path, shape: tuple[int, int] | None = None, encoding: str | None = None
 ) -> tuple[Picture, list[str]]:
     """Decode a photograph, of a size if one is given, as linear light.
 
@@ -99,7 +106,8 @@ def _linear_light(
     """
     row = format_of(Path(path))
     picture = row.decode(Path(path), PHOTOGRAPH, shape)
-    values, encoding, full = picture.values, picture.encoding, picture.saturated
+    values, full, wanted = picture.values, picture.saturated, encoding
+    encoding = picture.encoding
     is_8_bits, kind = values.dtype == np.uint8, f"{8 * values.dtype.itemsize}-bit {row.name}"
     warnings = []
     if left_out := (*picture.left_out, *(() if picture.alpha is None else ("alpha",))):
@@ -109,7 +117,14 @@ def _linear_light(
             f"{path}: taken as the sensor counted, without the file's corrections "
             f"({', '.join(picture.unapplied)}); give a flat field, or export corrected linear TIFF"
         )
-    if picture.is_display and is_8_bits and encoding in (None, GAMMA):
+    if wanted is not None and values.dtype.kind in "iu":
+        if wanted == SRGB != encoding and not is_8_bits:
+            raise PhotographError(
+                f"{path}: {kind}, but the frames are encoded for screens; save it as they are, or "
+                "declare them linear"
+            )
+        encoding = wanted
+    elif picture.is_display and is_8_bits and encoding in (None, GAMMA):
         encoding = SRGB
     if encoding == SRGB:
         white = np.iinfo(values.dtype).max

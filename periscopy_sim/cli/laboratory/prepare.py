@@ -109,11 +109,16 @@ def _developed(
 
 
 def exposures(
-    paths: Sequence[Path], white: float | None = None, black: float = 0.0
+    paths: Sequence[Path],
+    white: float | None = None,
+    black: float = 0.0,
+    encoding: str | None = None,
 ) -> Iterator[SensorImage]:
-    """Read photographs of a camera, with their warnings."""
+    """Read photographs of a camera, with their warnings; see `read_sensor_image`."""
     for path in paths:
-        exposure, warnings = read_sensor_image(path, white, has_black=bool(black))
+        exposure, warnings = read_sensor_image(
+            path, white, has_black=bool(black), encoding=encoding
+        )
         for warning in warnings:
             warn(warning)
         yield exposure

@@ -23,6 +23,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import staged_file, unwritable_reported
 from periscopy_sim.storage.photographs import read_mask
@@ -91,12 +92,17 @@ def watch(
         from periscopy_sim.live.stream import Stream
 
         ps.find_method(method)
-        frames = open_source(source, linear=linear)
+        encoding = None if Path(source).is_dir() else LINEAR if linear else SRGB
+        if black and encoding == SRGB:
+            raise PeriscopyError(
+                "--black: video is encoded for screens; leave it out, or add --linear if it is not"
+            )
+        frames = open_source(source, linear=linear, has_black=bool(black))
         scenario = session.scenario
         check_memory(scenario, method)
         session.check_lights()
         marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
-        companions = _companions(session, marks, black, dark)
+        companions = _companions(session, marks, black, dark, encoding)
         stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
         methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
@@ -122,9 +128,13 @@ def watch(
 
 
 def _companions(
-    session: PhotoSession, marks: Any, black: float, dark: Sequence[Path] | None
+    session: PhotoSession,
+    marks: Any,
+    black: float,
+    dark: Sequence[Path] | None,
+    encoding: str | None,
 ) -> "Companions":
-    """Read what belongs to all frames."""
+    """Read what belongs to all frames, of their encoding."""
     from periscopy_sim.live.preparation import Companions
 
     masks, off = (
@@ -137,8 +147,10 @@ def _companions(
         marks,
         read_mask(masks[-1]) if masks else None,
         black,
-        averaged(exposures(dark), f"the dark frame {dark[-1]}") if dark else None,
-        {str(file): next(exposures([file])) for file in off},
+        averaged(exposures(dark, encoding=encoding), f"the dark frame {dark[-1]}")
+        if dark
+        else None,
+        {str(file): next(exposures([file], None, black, encoding)) for file in off},
         session.colours,
     )
 

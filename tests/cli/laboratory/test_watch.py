@@ -6,9 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 
 import periscopy_sim as ps
+from periscopy_sim.storage.formats.decoding import LINEAR
 from periscopy_sim.storage.formats.srgb import srgb_bytes
+from periscopy_sim.storage.photographs import read_sensor_image
 from tests.scenes.videos import write_video
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -78,12 +82,17 @@ def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypa
     pytest.importorskip("av")
     pytest.importorskip("websockets")
     np.save(tmp_path / "dark.npy", np.ones((4, 4, 3)))
+    codes = np.arange(24 * 24 * 3).reshape(24, 24, 3)
+    write_video(tmp_path / "v.mkv", codes.astype(np.uint8)[None])
+    tifffile.imwrite(tmp_path / "deep.tif", codes.astype(np.uint16), photometric="rgb")
     (tmp_path / "frames").mkdir()
     (tmp_path / "x.csv").write_text("")
     for options, offender in {
         ("nowhere",): "nowhere: no such folder, device or file",
         ("frames", "--points", "x.csv", "--tags", "x.csv"): "--points and --tags",
         ("frames", "--dark", "dark.npy", "--black", "9"): "black level",
+        ("v.mkv", "--black", "9"): "add --linear",
+        ("v.mkv", "--dark", "deep.tif"): "deep.tif: 16-bit TIFF, but the frames are encoded",
         ("frames", "--method", "nonsense"): "nonsense",
         ("frames", "--average", "0"): "--average",
         ("frames", "--out", "x.csv"): "x.csv",
@@ -120,3 +129,16 @@ def test_a_record_that_cannot_be_written_ends_the_command_in_a_line(
     ended = periscopy("watch", "wall.mkv", *SCENE, "--port", 0, "--out", "out")
     assert ended.code == 2 and "No space left" in ended.err and "Traceback" not in ended.told
     assert ended.err.splitlines()[-1].startswith("periscopy: error: cannot write")
+
+
+def test_a_dark_frame_of_linear_video_is_linear(codes, periscopy, tmp_path):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    write_video(tmp_path / "wall.mkv", codes[:2])
+    Image.fromarray(codes[0]).save(tmp_path / "dark.png")
+    files = "--dark", "dark.png", "--monitor-off", "dark.png"
+    ended = periscopy("watch", "wall.mkv", *SCENE, "--port", 0, "--linear", *files)
+    assert "taken as linear light" in ended.told and "sRGB curve" not in ended.told
+    dark, warnings = read_sensor_image(tmp_path / "dark.png", encoding=LINEAR)
+    np.testing.assert_array_equal(dark.values, codes[0])
+    assert not warnings
