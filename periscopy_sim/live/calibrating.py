@@ -21,6 +21,9 @@ from periscopy_sim.scenario import Scenario
 NICENESS = 10
 """Of the process: frames come first."""
 
+ERROR = "periscopy: error: "
+"""Begin of the line by which a command fails."""
+
 IDLE, BUSY, OFFER = "Calibrate from these frames", "Calibrating ...", "Take the calibrated values"
 """Labels of the button, by what a press does."""
 
@@ -47,6 +50,7 @@ class CalibrationButton:
         self._process: subprocess.Popen[str] | None = None
         self._thread: Thread | None = None
         self._offer: dict[str, float] = {}
+        self._is_stopped = False
         self.label = IDLE
 
     def press(self) -> None:
@@ -63,7 +67,8 @@ class CalibrationButton:
             self._take(self._offer)
 
     def stop(self) -> None:
-        """End a calibration that is running, and remove its files."""
+        """End a calibration that is running, and remove its files; report nothing of it."""
+        self._is_stopped = True
         if self._process is not None:
             self._process.kill()
         if self._thread is not None and self._thread is not current_thread():
@@ -87,7 +92,8 @@ class CalibrationButton:
             self._tell(f"calibrated: {shown}{f' (not to be trusted: {doubts})' if doubts else ''}")
             label = OFFER
         except (PeriscopyError, OSError) as error:
-            self._tell(f"calibration: {error}")
+            if not self._is_stopped:
+                self._tell(f"calibration: {error}")
         finally:
             self._set(label)
 
@@ -118,6 +124,6 @@ class CalibrationButton:
                     os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
             complaint = self._process.communicate()[1]
         if self._process.returncode:
-            *_, last = complaint.strip().splitlines() or ["it was ended"]
-            raise PeriscopyError(last.removeprefix("periscopy: error: "))
+            errors = [line for line in complaint.splitlines() if line.startswith(ERROR)]
+            raise PeriscopyError(errors[-1].removeprefix(ERROR) if errors else "it was ended")
         return json.loads(out.with_suffix(".json").read_text("utf-8"))

@@ -1,7 +1,9 @@
 """A stream on the page: what a person sees, presses and moves while frames come."""
 
 import time
+from contextlib import nullcontext
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +11,14 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live import preparation
+from periscopy_sim.live import calibrating, preparation
 from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Stream
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs import prepare
 from periscopy_sim.rendering.scene.load import load_scenario
 
@@ -275,3 +278,21 @@ def test_what_cannot_be_watched_is_refused_at_once():
     for wrong in {"method": "nonsense"}, {"average": 0}:
         with pytest.raises(PeriscopyError, match=next(iter(wrong))):
             ps.watch(lambda: None, scenario, port=0, **wrong)
+
+
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_a_calibration_that_is_killed_reports_no_progress_line(is_stopped, monkeypatch):
+    said = []
+    button = CalibrationButton(*[None] * 4, said.append, lambda: None)
+    if is_stopped:
+        button.stop()
+    button._wall, button._values = lambda: Photograph(WALL), dict
+    process = SimpleNamespace(
+        pid=0, returncode=-9, communicate=lambda: ("", "periscopy: calibrating: 24 %\n")
+    )
+    monkeypatch.setattr(calibrating, "write_copy", lambda *_: None)
+    monkeypatch.setattr(calibrating.os, "setpriority", lambda *_: None, raising=False)
+    monkeypatch.setattr(calibrating.subprocess, "Popen", lambda *_, **__: nullcontext(process))
+    button._scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+    button._run()
+    assert said == ([] if is_stopped else ["calibration: it was ended"])
