@@ -353,6 +353,7 @@ class FunctionSource:
                 return
 
     def _frame(self, values: NDArray[Any]) -> CameraFrame:
-        if values.dtype not in (np.uint8, np.uint16):
+        if values.dtype.kind != "u" or values.dtype.itemsize > 2:
             return CameraFrame(sensor_image(values, "the frame"), LINEAR)
-        return CameraFrame(values[..., np.newaxis] if values.ndim == 2 else values, self._encoding)
+        codes = values.astype(values.dtype.newbyteorder("="), copy=False)
+        return CameraFrame(codes[..., np.newaxis] if codes.ndim == 2 else codes, self._encoding)

@@ -92,6 +92,7 @@ class Preparation:
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
         self.size, self._encoding = first.size, first.encoding
         light = self._light(first)
+        self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._corners = areas.corners
         self._flaws = areas.flaws & ~np.uint8(Flaw.SATURATED)
@@ -128,6 +129,11 @@ class Preparation:
             white = np.iinfo(frame.values.dtype).max
             light, full = self._areas.average(frame.values, _table(frame), int(white))
             values = light.astype(np.float64)
+        if values.shape[2] != self._channels:
+            raise PhotographError(
+                f"a frame has {values.shape[2]} channels, the first one {self._channels}; give "
+                "frames of one camera"
+            )
         return PreparedFrame(values - self._offset, full & self.mask, frame.time, frame.exposure)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:

@@ -15,7 +15,7 @@ from periscopy_sim.live.stream import Progress, Stream
 from periscopy_sim.numerics import Mask
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
 from periscopy_sim.scenario import Scenario
 
 
@@ -78,10 +78,9 @@ def watch(
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},
     )  # fmt: skip
     stream = Stream(open_source(source, linear=linear), scenario, companions, average, print)
-    methods = [name for name, entry in METHODS.items() if not entry.needs]
     with LiveSession(
-        scenario, Choice({}, "", method=method), (), methods, save, lambda _: (), stream=stream,
-        record=record, host=host, port=port,
+        scenario, Choice({}, "", method=method), (), installed_methods(), save, lambda _: (),
+        stream=stream, record=record, host=host, port=port,
     ) as session:  # fmt: skip
         print(session.page.gate.url, flush=True)
         session.run()

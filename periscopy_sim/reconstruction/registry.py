@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -235,3 +236,8 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
     ),
 )
 """The methods of the package, by name."""
+
+
+def installed_methods() -> list[str]:
+    """Return the names of the methods whose libraries are installed."""
+    return [name for name, entry in METHODS.items() if not entry.needs or find_spec(entry.needs)]

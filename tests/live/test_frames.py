@@ -32,7 +32,12 @@ def said():
 
 @pytest.fixture
 def stopped():
-    return Event()
+    """Stop a source that waits for ever."""
+    event = Event()
+    late = Timer(60, event.set)
+    late.start()
+    yield event
+    late.cancel()
 
 
 def tiff(value):
@@ -64,7 +69,6 @@ def test_a_file_is_read_again_when_it_or_its_folder_is_written_anew(tmp_path, sa
     folder, others = tmp_path / "camera", [tmp_path / "later", tmp_path / "last"]
     file = folder / "latest.tif"
     folder.mkdir()
-    Timer(60, stopped.set).start()
     file.write_bytes(tiff(1))
     incoming = open_source(folder).frames(stopped, said.append)
     assert value_of(next(incoming)) == 1
@@ -81,7 +85,6 @@ def test_a_file_is_read_again_when_it_or_its_folder_is_written_anew(tmp_path, sa
         Thread(target=loses, args=(k, 3 + k)).start()
         assert value_of(next(incoming)) == 3 + k
     assert [line.rpartition("; ")[2] for line in said] == ["waiting for the folder"] * 2
-    stopped.set()
 
 
 def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
@@ -111,12 +114,9 @@ def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped,
     pytest.importorskip("av")
     codes = RNG.integers(0, 256, (12, 16, 24, 3), np.uint8)
     write_video(tmp_path / "v.mkv", codes, first=first)
-    late = Timer(60, stopped.set)  # far less than the first frame's time
-    late.start()
     source = open_source(str(tmp_path / "v.mkv"))
     assert not source.is_live
     got = [*source.frames(stopped, said.append)]
-    late.cancel()
     np.testing.assert_array_equal([each.values for each in got], codes)
     assert got[-1].time - got[0].time > 0.1 and got[0].encoding == SRGB and said == []
     assert open_source(str(tmp_path / "v.mkv"), linear=True)._encoding == LINEAR
@@ -182,9 +182,10 @@ def test_what_is_no_source_is_named(tmp_path, monkeypatch):
 
 
 def test_a_function_may_fail_and_ends_with_none(said, stopped):
-    shots = iter([np.full((4, 4), 9, np.uint8), np.ones((4, 4, 3)), np.ones((4, 4), complex)])
+    shots = iter([np.full((4, 4), 9, ">u2"), np.ones((4, 4, 3)), np.ones((4, 4), complex)])
     got = [*open_source(lambda: next(shots, None)).frames(stopped, said.append)]
-    assert got[0].values.shape == (4, 4, 1) and got[1].values.size == (4, 4)
+    assert got[0].values.shape == (4, 4, 1) and (got[0].values == 9).all()
+    assert got[0].values.dtype == np.uint16 and got[1].values.size == (4, 4)
     assert len(got) == 2 and "complex" in said[0]
 
     def broken():

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +20,7 @@ from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
@@ -83,10 +82,9 @@ def view(
             quick = ps.render_background(place, session.scenario, target=0.05)
             light = quick.photograph
         images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
-        methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
         live = LiveSession(
-            session.scenario, Choice({}, image, ambient or "", method=method), images, methods,
-            lambda pictures: write_view(out, session, pictures, photo),
+            session.scenario, Choice({}, image, ambient or "", method=method), images,
+            installed_methods(), lambda pictures: write_view(out, session, pictures, photo),
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
 

@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Sequence
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
@@ -22,7 +21,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import staged_file, unwritable_reported
@@ -105,10 +104,9 @@ def watch(
         companions = _companions(session, marks, black, dark, encoding)
         stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
-        methods = [n for n, each in METHODS.items() if not each.needs or find_spec(each.needs)]
         folder = (out or Path("watch")) / "set"
         live = LiveSession(
-            scenario, Choice({}, "", method=method), (), methods,
+            scenario, Choice({}, "", method=method), (), installed_methods(),
             lambda pictures: write_view(folder, session, pictures, None), report_sentences,
             stream=stream, record=recorder or (lambda *_: None), host=host, port=port,
         )  # fmt: skip
