@@ -126,8 +126,8 @@ class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
     `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
-    one, None for synthetic ones, of this size or a larger one. A level keeps its last results, and
-    computes only those anew whose choices changed.
+    one, None for synthetic ones, of this size or a larger one; `seed` is of A's rays. A level keeps
+    its last results, and computes only those anew whose choices changed.
     """
 
     def __init__(
@@ -137,8 +137,9 @@ class SizedLaboratory:
         photograph: Photograph | None = None,
         *,
         is_coarse: bool,
+        seed: int = 0,
     ) -> None:
-        self.scenario, self.is_coarse = scenario, is_coarse
+        self.scenario, self.is_coarse, self._seed = scenario, is_coarse, seed
         shape = scenario.photograph_shape
         self._light = None if light is None else area_average(light, shape)
         self._given_photograph = photograph and averaged_photograph(photograph, shape)
@@ -198,7 +199,10 @@ class SizedLaboratory:
         scenario = kept("scenario", values, lambda: self.scenario.at(**given))
         noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
-        A = kept("A", (values, plan), lambda: plan.transport(scenario, progress=unless_overtaken))
+        A = kept(
+            "A", (values, plan),
+            lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
+        )  # fmt: skip
         truth = None
         if choice.image:
             path = find_image(choice.image)
@@ -229,7 +233,7 @@ class SizedLaboratory:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
         if self.is_coarse:
             return TransportPlan(0.0, None if has_areas(scenario) else FEWEST)
-        return plan_transport(scenario, noise, budget=BUDGET)
+        return plan_transport(scenario, noise, seed=self._seed, budget=BUDGET)
 
     def _expose(self, choice: Choice, truth: Any, scenario: Scenario, A: Any) -> Photograph:
         """Return a photograph, y = A f + b + noise."""
@@ -264,7 +268,7 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     hidden, shape = scenario.hidden, limit_size(scenario.photograph_shape, pixels)
     largest = max(map(max, hidden.shapes.values()))
     most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
-    sizes, scene = limit_sizes(hidden, int(min(longest, most))), scenario.scene
+    sizes, scene = limit_sizes(hidden, max(1, int(min(longest, most)))), scenario.scene
     return Scenario(
         View.of(scene, shape, camera=scenario.view.camera), Hidden.of_scene(scene, sizes)
     )

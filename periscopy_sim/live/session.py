@@ -7,7 +7,7 @@ when it is free, and a newer wish ends full pictures.
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -132,9 +132,10 @@ class LiveSession(AbstractContextManager["LiveSession"]):
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
     synthetic ones, which a viewer makes of `images`. With a `stream`, photographs are its frames,
-    and `record` gets the pictures of each. The page's button calls `save` with the full pictures
-    and shows the line that it returns. Port 0 takes a free one. A PeriscopyError says that the
-    extra is not installed, the port is taken, or nothing of the scene can be moved.
+    and `record` gets the pictures of each. `seed` is of A's rays. The page's button calls `save`
+    with the full pictures and shows the line that it returns. Port 0 takes a free one. A
+    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
+    can be moved.
     """
 
     def __init__(
@@ -150,10 +151,12 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         photograph: Photograph | None = None,
         stream: Stream | None = None,
         record: Record = lambda *_: None,
+        seed: int = 0,
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        small = coarse(scenario, 1.0 if photograph is None else float(photograph.pixels.mean()))
+        mask = photograph.pixels if photograph else stream.mask if stream else None
+        small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
         if photograph is not None or stream is not None:
@@ -165,8 +168,8 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             host, port, scenario, movables, handles, images, methods, first, describe, more
         )
         sizes = (
-            SizedLaboratory(small, light, photograph, is_coarse=True),
-            SizedLaboratory(scenario, light, photograph, is_coarse=False),
+            SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed),
+            SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed),
         )
         if stream is None:
             self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.tell)
@@ -198,9 +201,17 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
     def _stream_controls(self, scenario: Scenario, stream: Stream) -> dict[str, Control]:
         """Return the controls of a stream: its average, its monitor-off frame, calibration."""
+
+        def take(values: Mapping[str, float]) -> None:
+            self.page.move(values)
+            set_values = self.page.choice.values
+            beyond = [n for n, v in values.items() if n in set_values and set_values[n] != v]
+            if beyond:
+                stream.report(f"beyond the page's range, set to its end: {', '.join(beyond)}")
+
         calibration = CalibrationButton(
             scenario, lambda: stream.wall, lambda: self.page.choice.values,
-            lambda values: self.page.move(values), stream.report, lambda: self.page.refresh(),
+            take, stream.report, lambda: self.page.refresh(),
         )  # fmt: skip
         self._calibration = calibration
         count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")

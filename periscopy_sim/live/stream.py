@@ -17,6 +17,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
 from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
+from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
@@ -111,6 +112,11 @@ class Stream:
     def dropped(self) -> int:
         """The number of frames that were not shown because a newer one came."""
         return self._source.dropped + self._read.dropped + self._averaged.dropped
+
+    @property
+    def mask(self) -> Mask | None:
+        """The given mask, of the frames' size or of the film's."""
+        return self._companions.mask
 
     @property
     def wall(self) -> Photograph | None:

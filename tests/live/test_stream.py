@@ -156,7 +156,7 @@ def test_the_average_becomes_the_photograph_with_the_monitor_off(watched):
 
 
 def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypatch):
-    values = {"occluder_dx": 0.003, "not_movable": 1.0}
+    values = {"occluder_dx": 0.003, "occluder_dz": 99.0, "not_movable": 1.0}
     record = {"parameters": {n: {"value": v} for n, v in values.items()}, "doubts": ["far off"]}
     labels = []
     monkeypatch.setattr(CalibrationButton, "_calibrated", lambda *_: record)
@@ -172,6 +172,7 @@ def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypat
     assert watched.page.choice.values["occluder_dx"] == 0
     watched.press("calibrate")
     assert watched.page.choice.values["occluder_dx"] == 0.003
+    assert any(line.endswith("set to its end: occluder_dz") for line in watched.said)
     assert watched.page.controls["calibrate"].value() == IDLE
 
 

@@ -108,7 +108,8 @@ def watch(
         live = LiveSession(
             scenario, Choice({}, "", method=method), (), installed_methods(),
             lambda pictures: write_view(folder, session, pictures, None), report_sentences,
-            stream=stream, record=recorder or (lambda *_: None), host=host, port=port,
+            stream=stream, record=recorder or (lambda *_: None), seed=session.seed, host=host,
+            port=port,
         )  # fmt: skip
 
     def close() -> None:
