@@ -126,8 +126,7 @@ def open_source(source: Any, *, linear: bool = False, has_black: bool = False) -
     """Return the source that a folder, a video device, file or URL, or a function is.
 
     With `linear`, codes are linear light whatever the source declares; for `has_black` of a folder
-    see `read_sensor_image`. A PeriscopyError says that
-    there is none, or it cannot be opened.
+    see `read_sensor_image`. A PeriscopyError says that there is none, or it cannot be opened.
     """
     if callable(source):
         return FunctionSource(source, LINEAR if linear else SRGB)

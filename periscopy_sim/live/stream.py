@@ -59,9 +59,9 @@ class Stream:
 
     `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
     about what happened, `hear` too before the first pictures, then `show_lines` with the numbers;
-    all in the threads. `form_anew` is
-    called when methods must be formed anew; they arrive by `use`. `ended` is set when the source
-    has ended and all is shown, or `show` has raised the PeriscopyError `fault`.
+    all in the threads. `form_anew` is called when methods must be formed anew; they arrive by
+    `use`. `ended` is set when the source has ended and all is shown, or `show` has raised the
+    PeriscopyError `fault`.
     """
 
     def __init__(
