@@ -33,7 +33,7 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture, (rows, columns, 3), None where there is none, and the text beneath it."""
+    """A picture, (rows, columns, 3), or None, and the text beneath it."""
 
     caption: str
     pixels: Pixels | None
