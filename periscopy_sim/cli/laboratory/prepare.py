@@ -11,12 +11,13 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import option
+from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import output_files, progress, say, say_written, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.panels import displayable, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
+from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
@@ -24,6 +25,15 @@ from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 Files = list[Path] | None
+Black = Annotated[
+    float, option("VALUE", "Black level of the camera, subtracted.", group=PHOTOGRAPH, kind="level")
+]
+_DARK = "Photograph with the lens covered, subtracted; repeatable."
+Dark = Annotated[Files, option("FILE", _DARK, group=PHOTOGRAPH, exists=True)]
+_POINTS = "Points of the wall to rectify by: column,row,x,y,z."
+Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH)]
+_TAGS = "AprilTag or ArUco markers to rectify by: id,x,y,z,size."
+Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH)]
 
 
 def prepare(
@@ -32,24 +42,16 @@ def prepare(
     ],
     scene: options.SceneOption,
     out: options.OutFile,
-    black: Annotated[
-        float, option("VALUE", "Black level of the camera, subtracted.", kind="level")
-    ] = 0.0,
-    dark: Annotated[
-        Files, option("FILE", "Photograph with the lens covered, subtracted; repeatable.")
-    ] = None,
+    black: Black = 0.0,
+    dark: Dark = None,
     flat: Annotated[
         Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
     ] = None,
     white: Annotated[
         float | None, option("VALUE", "Saturation value. [default: from the file]", kind="level")
     ] = None,
-    points: Annotated[
-        Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
-    ] = None,
-    tags: Annotated[
-        Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
-    ] = None,
+    points: Points = None,
+    tags: Tags = None,
     mask: Annotated[
         Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
     ] = None,
@@ -65,14 +67,12 @@ def prepare(
     """
     options.require_suffix(out, ".exr", "the photograph")
     session = Session(scene, [], define)
-    if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags exclude each other; give one")
+    marks = marks_of(points, tags)
     outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
     with output_files(outputs, inputs) as staged:
         with progress("reading the photograph"):
             light = _developed(photos, black, dark, flat, white)
-        marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
         film: list[str] = []
         if bin_by is not None:
             film = _film(light, session, bin_by, marks)
@@ -95,6 +95,13 @@ def prepare(
     if film:
         definitions = " ".join(f"-D {each}" for each in film)
         say(f"the scene's film has this size with {definitions}: give it with every command")
+
+
+def marks_of(points: Path | None, tags: Path | None) -> WallPoints | WallTags | None:
+    """Read the marks of the wall, if a file of them is given; of two it is a PeriscopyError."""
+    if points is not None and tags is not None:
+        raise PeriscopyError("--points and --tags exclude each other; give one")
+    return read_wall_points(points) if points else read_wall_tags(tags) if tags else None
 
 
 def _developed(

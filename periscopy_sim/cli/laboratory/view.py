@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
+_HOST = "Where to listen; 0.0.0.0 is open to the network."
+Host = Annotated[str, option("ADDRESS", _HOST)]
+Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")]
+
 
 def view(
     scene: options.SceneArgument,
@@ -51,10 +55,8 @@ def view(
         str, option("NAME", "First method; yours as module:callable or file.py:callable.")
     ] = DEFAULT,
     mask: options.MaskOption = None,
-    host: Annotated[
-        str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")
-    ] = "127.0.0.1",
-    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")] = 8080,
+    host: Host = "127.0.0.1",
+    port: Port = 8080,
     define: options.Define = None,
 ) -> None:
     """Move a laboratory by hand, in the browser.

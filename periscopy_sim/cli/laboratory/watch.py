@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 import typer
 
 import periscopy_sim as ps
-from periscopy_sim.cli.laboratory.prepare import Files, exposures
-from periscopy_sim.cli.laboratory.view import WRITING, serve, write_view
+from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
+from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import OUTPUT, PHOTOGRAPH, option
+from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import progress, say, say_written
 from periscopy_sim.cli.session import PhotoSession, files_of_view
 from periscopy_sim.errors import PeriscopyError
@@ -26,7 +26,6 @@ from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import staged_file, unwritable_reported
 from periscopy_sim.storage.photographs import read_mask
-from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 if TYPE_CHECKING:
     from periscopy_sim.live.pictures import LivePictures
@@ -47,34 +46,18 @@ def watch(
     session: PhotoSession,
     out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
     average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,
-    black: Annotated[
-        float, option("VALUE", "Black level, subtracted.", group=PHOTOGRAPH, kind="level")
-    ] = 0.0,
-    dark: Annotated[
-        Files,
-        option(
-            "FILE",
-            "Frame with the lens covered, subtracted; repeatable.",
-            group=PHOTOGRAPH,
-            exists=True,
-        ),
-    ] = None,
-    points: Annotated[
-        Path | None, option("FILE.csv", "Points of the wall to rectify by: column,row,x,y,z.")
-    ] = None,
-    tags: Annotated[
-        Path | None, option("FILE.csv", "AprilTag or ArUco markers to rectify by: id,x,y,z,size.")
-    ] = None,
+    black: Black = 0.0,
+    dark: Dark = None,
+    points: Points = None,
+    tags: Tags = None,
     linear: Annotated[
         bool, typer.Option("--linear", help="Video is linear light, not encoded for screens.")
     ] = False,
     method: Annotated[
         str, option("NAME", "First method; yours as module:callable or file.py:callable.")
     ] = DEFAULT,
-    host: Annotated[
-        str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")
-    ] = "127.0.0.1",
-    port: Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")] = 8080,
+    host: Host = "127.0.0.1",
+    port: Port = 8080,
 ) -> None:
     """Recover the hidden image from photographs as they come.
 
@@ -82,8 +65,7 @@ def watch(
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
     require("websockets")
-    if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags exclude each other; give one")
+    marks = marks_of(points, tags)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source
         from periscopy_sim.live.pictures import Choice
@@ -100,7 +82,6 @@ def watch(
         scenario = session.scenario
         check_memory(scenario, method)
         session.check_lights()
-        marks = read_wall_points(points) if points else read_wall_tags(tags) if tags else None
         companions = _companions(session, marks, black, dark, encoding)
         stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
