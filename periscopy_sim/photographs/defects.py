@@ -5,7 +5,9 @@ of a test must hold: noise or the wall itself may explain one of them. The numbe
 which tests/photographs/test_defects.py finds every planted defect, and none on sound walls.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,19 @@ pixels.
 
 HOT_EXCESS = 0.1
 """Excess of a hot pixel over the median around it, as a fraction of that, without noise."""
+
+NOISE_PIXELS = 2**18
+"""Pixels, at least, that show a channel's noise to 0.3 %."""
+
+GAUSSIAN = 1.4826
+"""Standard deviation of Gaussian noise over its median absolute deviation."""
+
+BLOCK = 2**16
+"""Pixels that are compared at a time."""
+
+BESIDE = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+RING = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if max(abs(i), abs(j)) == 2]
+"""Rows and columns from a pixel to the 8 beside it, and to the 16 around those."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +113,9 @@ def defective_pixels(
         channel = np.asarray(light, np.float64)
         valid = np.isfinite(channel) & used
         if valid.any():
-            saturated |= _saturated(channel, valid)
-            kinds[1:] |= _dead_and_hot(channel, valid)
+            levels = np.unique(channel[valid], return_counts=True)
+            saturated |= _saturated(channel, valid, *levels)
+            kinds[1:] |= _dead_and_hot(channel, valid, levels[0])
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
@@ -109,12 +125,17 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
     The test is that of `defective_pixels`; a black level must not be subtracted unevenly before.
     """
     everywhere = np.ones(photograph.shape[:2], bool)
-    channels = [_saturated(each, everywhere) for each in np.moveaxis(photograph, -1, 0)]
+    channels = [
+        _saturated(each, everywhere, *np.unique(each, return_counts=True))
+        for each in np.moveaxis(photograph, -1, 0)
+    ]
     return np.asarray(np.any(channels, axis=0))
 
 
-def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
-    levels, counts = np.unique(channel[valid], return_counts=True)
+def _saturated(
+    channel: NDArray[Any], valid: Mask, levels: NDArray[Any], counts: NDArray[np.intp]
+) -> Mask:
+    """Return the saturated pixels of a channel, by its sorted levels and how often each occurs."""
     if len(levels) <= LEVELS or counts[-1] < PLATEAU:
         return np.zeros(channel.shape, bool)
     is_detached = levels[-1] - levels[-2] > DETACHED_GAP * (levels[-1] - levels[0])
@@ -122,55 +143,80 @@ def _saturated(channel: NDArray[Any], valid: Mask) -> Mask:
     return np.asarray(valid & (channel == levels[-1]) & is_plateau)
 
 
-def _dead_and_hot(channel: Array, valid: Mask) -> NDArray[np.bool_]:
+def _dead_and_hot(channel: Array, valid: Mask, levels: Array) -> NDArray[np.bool_]:
     """Return the dead and the hot pixels of a channel, (2, rows, columns), some of it valid."""
-    from scipy import ndimage
+    # A frame keeps the pixels around each one within the array; NaN is no pixel.
+    framed = np.pad(np.where(valid, channel, np.nan), 2, constant_values=np.nan)
+    light, width = framed.ravel(), framed.shape[1]
+    beside, ring = (np.array([i * width + j for i, j in each]) for each in (BESIDE, RING))
+    around = np.concatenate([beside, ring])
 
-    beside = np.ones((3, 3), bool)
-    beside[1, 1] = False
-    around = np.pad(beside, 1, constant_values=True)
-    # What is not valid shows the nearest valid pixel: its own value must move no median.
-    nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
-    light = channel[tuple(nearest)]
-    median = ndimage.median_filter(light, footprint=around, mode="mirror")
-    above = light - median
-    lit = valid & (light > 0)
-    measured = lit if lit.any() else valid  # black cut off at zero shows no noise
-    level = float(np.median(light[measured]))
-    steps = np.diff(np.unique(light[valid]))
+    measured = np.flatnonzero(light > 0)
+    if not len(measured):  # black cut off at zero shows no noise
+        measured = np.flatnonzero(np.isfinite(light))
+    few = measured[:: max(1, len(measured) // NOISE_PIXELS)]
+    level = float(np.median(light[few]))
+    steps = np.diff(levels)
     step = float(steps.min(initial=np.inf))
     # Steps of quantization hide noise that is smaller than they are; steps above the level are no
     # quantization but a picture of a few values.
-    noise = _spread(above[measured]) + (step if len(steps) > 1 and step <= level else 0.0)
+    deviations = light[few] - _medians(light[few[:, np.newaxis] + around])
+    noise = _spread(deviations) + (step if len(steps) > 1 and step <= level else 0.0)
 
-    is_bright = light > max(THRESHOLD * noise, 0.1 * level)
-    bright, dim = (
-        ndimage.correlate((valid & each).astype(np.int8), beside.astype(np.int8), mode="constant")
-        for each in (is_bright, ~is_bright)
-    )
-    dead = valid & (light <= 0) & (bright > 0) & (3 * dim <= bright)  # three in four are bright
+    black, lit = np.flatnonzero(light <= 0), max(THRESHOLD * noise, 0.1 * level)
+    bright, dim = np.zeros((2, len(black)), np.int8)
+    for each in beside:
+        bright += light[black + each] > lit
+        dim += light[black + each] <= lit
+    dead = black[(bright > 0) & (3 * dim <= bright)]  # three in four are bright
 
-    # The second brightest of the eight beside: half as far above at most one of them may be.
-    second = ndimage.rank_filter(light, -2, footprint=beside, mode="constant", cval=-np.inf)
-    hot = valid & (above > np.maximum(THRESHOLD * noise, HOT_EXCESS * np.maximum(median, 0)))
-    hot &= second <= median + above / 2
+    shown = np.where(np.isnan(light), -np.inf, light)
+    # At most one pixel beside a hot one is half as far above, so those of one half are darker.
+    hot = _peaks(shown, np.split(beside, 2), THRESHOLD * noise / 2)
+    median = _medians(light[hot[:, np.newaxis] + around])
+    above = light[hot] - median
+    second = np.sort(shown[hot[:, np.newaxis] + beside], axis=1)[:, -2]
+    is_hot = above > np.maximum(THRESHOLD * noise, HOT_EXCESS * np.maximum(median, 0))
+    is_hot &= second <= median + above / 2
     # Light of an edge reaches the pixels beside it: those of a defect are sound, or defects too.
-    lit_too, candidates = median + np.maximum(above / 4, THRESHOLD * noise), 0
-    while candidates != (candidates := int(hot.sum())):
-        others = np.where(hot, -np.inf, light)
-        brightest = ndimage.maximum_filter(others, footprint=beside, mode="constant", cval=-np.inf)
-        hot &= brightest <= lit_too
+    candidates, count = np.zeros(len(light), bool), -1
+    while count != (count := int(is_hot.sum())):
+        candidates[hot] = is_hot
+        sides = hot[:, np.newaxis] + beside
+        brightest = np.where(candidates[sides], -np.inf, shown[sides]).max(axis=1)
+        is_hot &= brightest <= median + np.maximum(above / 4, THRESHOLD * noise)
     # The channel's noise may hide that of a place: texture makes its own pixels stand out.
-    for row, column in np.argwhere(hot):
-        window = slice(max(row - 2, 0), row + 3), slice(max(column - 2, 0), column + 3)
-        near = valid[window].copy()
-        near[row - window[0].start, column - window[1].start] = False
-        hot[row, column] &= above[row, column] > THRESHOLD * _spread(
-            light[window][near] - median[row, column]
-        )
-    return np.stack([dead, hot])
+    hot, median, above = hot[is_hot], median[is_hot], above[is_hot]
+    texture = np.abs(light[hot[:, np.newaxis] + around] - median[:, np.newaxis])
+    hot = hot[above > THRESHOLD * GAUSSIAN * np.nanmedian(texture, axis=1)]
+
+    defects = np.zeros((2, len(light)), bool)
+    defects[0, dead] = defects[1, hot] = True
+    return defects.reshape(2, *framed.shape)[:, 2:-2, 2:-2]
+
+
+def _peaks(light: Array, sides: Sequence[NDArray[np.intp]], least: float) -> NDArray[np.intp]:
+    """Return the places of light that exceeds all of one side, or of the other, by `least`."""
+    edge, places = int(np.max(sides)), []
+    for start in range(edge, len(light) - edge, BLOCK):  # whole arrays would not stay in the cache
+        stop = min(start + BLOCK, len(light) - edge)
+        highest = [
+            reduce(np.maximum, (light[start + each : stop + each] for each in side))
+            for side in sides
+        ]
+        exceeds = np.minimum(*highest) < light[start:stop] - least
+        places.append(start + np.flatnonzero(exceeds))
+    return np.concatenate(places)
+
+
+def _medians(values: Array) -> Array:
+    """Return the upper median of each row of numbers, without those that are NaN."""
+    ordered = np.sort(values, axis=1)  # NaN comes last
+    middle = np.isfinite(ordered).sum(axis=1, keepdims=True) // 2
+    return np.take_along_axis(ordered, middle, axis=1)[:, 0]
 
 
 def _spread(deviations: Array) -> float:
-    """Return the standard deviation of Gaussian noise with this median deviation, 0.6745 of it."""
-    return 1.4826 * float(np.median(np.abs(deviations))) if deviations.size else 0.0
+    """Return the standard deviation of Gaussian noise of these deviations, without those NaN."""
+    known = deviations[np.isfinite(deviations)]
+    return GAUSSIAN * float(np.median(np.abs(known))) if known.size else 0.0

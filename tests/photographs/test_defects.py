@@ -240,3 +240,18 @@ def test_two_hot_pixels_side_by_side_are_found():
     image = photograph("slope", 0.01)
     image[10, 10:12] = 3
     assert np.argwhere(defective_pixels(image).hot).tolist() == [[10, 10], [10, 11]]
+
+
+def test_a_hot_pixel_beside_masked_ones_is_found():
+    y, mask = photograph("slope"), np.ones((ROWS, COLUMNS), bool)
+    y[10, 10], mask[9:12, 9], mask[11, 11] = 3, False, False
+    assert np.argwhere(defective_pixels(y, mask).hot).tolist() == [[10, 10]]
+
+
+def test_some_of_the_pixels_show_the_noise_of_all(monkeypatch):
+    """In photographs of many megapixels the noise comes from every so many pixels."""
+    hot, dead = photograph("slope", 0.03), planted(0.0)
+    hot[tuple(np.transpose(PLACES))] *= 3
+    whole = [counts(y) for y in (hot, dead)]
+    monkeypatch.setattr(defects, "NOISE_PIXELS", 1000)
+    assert [counts(y) for y in (hot, dead)] == whole == [[0, 0, 6], [0, 6, 0]]
