@@ -112,8 +112,8 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc", "sg_download_links"],
     "footer_start": ["about"],
     "footer_end": ["copyright"],
-    "pygments_light_style": "tango",
-    "pygments_dark_style": "github-dark",
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
 }
 html_context = {"repository": links.get("Repository", "")}
 toc_object_entries_show_parents = "hide"
@@ -121,7 +121,14 @@ html_sidebars = {"index": [], "start": [], "changes": [], "leaderboard": []}
 
 
 def setup(app: Any) -> None:
-    """Show what is typed into a shell as such; Pygments takes lines without a prompt for output."""
-    from pygments.lexers import BashLexer
+    """Colour only comments in commands; Pygments takes the 0 of 0.01 for a number."""
+    from pygments.lexer import RegexLexer
+    from pygments.token import Comment, Text
 
-    app.add_lexer("console", BashLexer)
+    class Commands(RegexLexer):  # type: ignore[misc, unused-ignore]
+        """Lines for a shell."""
+
+        tokens = {"root": [(r"(?<!\S)#.*", Comment), (r"\s+|\S+", Text)]}  # noqa: RUF012
+
+    for name in ("console", "sh"):
+        app.add_lexer(name, Commands)
