@@ -156,7 +156,7 @@ class View:
         )
 
     def moved(self, scene: Scene, motions: Mapping[str, Array]) -> "View | None":
-        """Return the view in a scene whose things moved; None where only rays can tell.
+        """Return the view in a scene whose things moved; None where only rays can show it.
 
         The motions, (4, 4), are by id. The camera's rays meet the wall's plane elsewhere: exact
         while the wall is a plain rectangle and no shape comes near the camera's view of it.

@@ -15,6 +15,7 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
+from periscopy_sim.photographs.defects import gaussian_spread
 from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.prepare import film_areas, used_pixels
@@ -24,7 +25,7 @@ from periscopy_sim.storage.formats.decoding import LINEAR
 from periscopy_sim.storage.formats.srgb import srgb_light
 
 EXPOSURE = 0.05
-"""Change of the light's logarithm, alike in all pixels, that counts as another exposure."""
+"""Change of the light's logarithm, the same in all pixels, that counts as another exposure."""
 
 LINES = 40
 """Rows and columns of pixels, at least, that show such a change."""
@@ -254,7 +255,7 @@ class PreparedFrames:
             return 0.0
         ratios = np.log(new[lit] / old[lit])
         change = float(np.median(ratios))
-        spread = 1.4826 * float(np.median(np.abs(ratios - change)))
+        spread = gaussian_spread(ratios - change)
         is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
         return float(np.exp(change)) if is_other else 0.0
 
@@ -265,7 +266,7 @@ class PreparedFrames:
         difference = (frame.values - self._latest.values)[used]
         level = float(np.mean(frame.values[used])) or 1.0
         # A median, since the hidden picture may move; two frames' noise differ.
-        variance = (1.4826 * float(np.median(np.abs(difference))) / level) ** 2 / 2
+        variance = (gaussian_spread(difference) / level) ** 2 / 2
         self._differences += 1
         self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
 

@@ -8,6 +8,7 @@ which tests/photographs/test_defects.py finds every planted defect, and none on 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,9 +45,8 @@ GAUSSIAN = 1.4826
 BLOCK = 2**16
 """Pixels that are compared at a time."""
 
-BESIDE = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
-RING = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if max(abs(i), abs(j)) == 2]
-"""Rows and columns from a pixel to the 8 beside it, and to the 16 around those."""
+AROUND = sorted(product(range(-2, 3), repeat=2), key=lambda step: max(map(abs, step)))[1:]
+"""Rows and columns from a pixel to the 24 around it, the 8 beside it first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,34 +145,41 @@ def _saturated(
 
 def _dead_and_hot(channel: Array, valid: Mask, levels: Array) -> NDArray[np.bool_]:
     """Return the dead and the hot pixels of a channel, (2, rows, columns), some of it valid."""
-    # A frame keeps the pixels around each one within the array; NaN is no pixel.
-    framed = np.pad(np.where(valid, channel, np.nan), 2, constant_values=np.nan)
-    light, width = framed.ravel(), framed.shape[1]
-    beside, ring = (np.array([i * width + j for i, j in each]) for each in (BESIDE, RING))
-    around = np.concatenate([beside, ring])
+    if not valid.all():
+        from scipy.ndimage import distance_transform_edt
 
-    measured = np.flatnonzero(light > 0)
+        # What is not valid shows the nearest valid pixel: its own value must move no median.
+        nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
+        channel = channel[tuple(nearest)]
+    # A frame keeps the pixels around each one within the arrays.
+    framed = np.pad(channel, 2, mode="reflect")
+    light, inside = framed.ravel(), np.pad(valid, 2).ravel()
+    shown = np.pad(channel, 2, constant_values=-np.inf).ravel()
+    around = np.array([i * framed.shape[1] + j for i, j in AROUND])
+    beside = around[:8]
+
+    measured = np.flatnonzero(inside & (light > 0))
     if not len(measured):  # black cut off at zero shows no noise
-        measured = np.flatnonzero(np.isfinite(light))
+        measured = np.flatnonzero(inside)
     few = measured[:: max(1, len(measured) // NOISE_PIXELS)]
     level = float(np.median(light[few]))
     steps = np.diff(levels)
     step = float(steps.min(initial=np.inf))
     # Steps of quantization hide noise that is smaller than they are; steps above the level are no
     # quantization but a picture of a few values.
-    deviations = light[few] - _medians(light[few[:, np.newaxis] + around])
-    noise = _spread(deviations) + (step if len(steps) > 1 and step <= level else 0.0)
+    noise = gaussian_spread(light[few] - _medians(light[few[:, np.newaxis] + around]))
+    noise += step if len(steps) > 1 and step <= level else 0.0
 
-    black, lit = np.flatnonzero(light <= 0), max(THRESHOLD * noise, 0.1 * level)
+    black, lit = np.flatnonzero(inside & (light <= 0)), max(THRESHOLD * noise, 0.1 * level)
     bright, dim = np.zeros((2, len(black)), np.int8)
-    for each in beside:
-        bright += light[black + each] > lit
-        dim += light[black + each] <= lit
+    for near in (black + each for each in beside):
+        bright += inside[near] & (light[near] > lit)
+        dim += inside[near] & (light[near] <= lit)
     dead = black[(bright > 0) & (3 * dim <= bright)]  # three in four are bright
 
-    shown = np.where(np.isnan(light), -np.inf, light)
     # At most one pixel beside a hot one is half as far above, so those of one half are darker.
     hot = _peaks(shown, np.split(beside, 2), THRESHOLD * noise / 2)
+    hot = hot[inside[hot]]
     median = _medians(light[hot[:, np.newaxis] + around])
     above = light[hot] - median
     second = np.sort(shown[hot[:, np.newaxis] + beside], axis=1)[:, -2]
@@ -186,12 +193,13 @@ def _dead_and_hot(channel: Array, valid: Mask, levels: Array) -> NDArray[np.bool
         brightest = np.where(candidates[sides], -np.inf, shown[sides]).max(axis=1)
         is_hot &= brightest <= median + np.maximum(above / 4, THRESHOLD * noise)
     # The channel's noise may hide that of a place: texture makes its own pixels stand out.
-    hot, median, above = hot[is_hot], median[is_hot], above[is_hot]
-    texture = np.abs(light[hot[:, np.newaxis] + around] - median[:, np.newaxis])
-    hot = hot[above > THRESHOLD * GAUSSIAN * np.nanmedian(texture, axis=1)]
+    for k in np.flatnonzero(is_hot):
+        near = hot[k] + around
+        texture = gaussian_spread(light[near[inside[near]]] - median[k])
+        is_hot[k] = above[k] > THRESHOLD * texture
 
     defects = np.zeros((2, len(light)), bool)
-    defects[0, dead] = defects[1, hot] = True
+    defects[0, dead] = defects[1, hot[is_hot]] = True
     return defects.reshape(2, *framed.shape)[:, 2:-2, 2:-2]
 
 
@@ -210,13 +218,11 @@ def _peaks(light: Array, sides: Sequence[NDArray[np.intp]], least: float) -> NDA
 
 
 def _medians(values: Array) -> Array:
-    """Return the upper median of each row of numbers, without those that are NaN."""
-    ordered = np.sort(values, axis=1)  # NaN comes last
-    middle = np.isfinite(ordered).sum(axis=1, keepdims=True) // 2
-    return np.take_along_axis(ordered, middle, axis=1)[:, 0]
+    """Return the upper median of each row."""
+    middle = values.shape[1] // 2
+    return np.asarray(np.partition(values, middle, axis=1)[:, middle])
 
 
-def _spread(deviations: Array) -> float:
-    """Return the standard deviation of Gaussian noise of these deviations, without those NaN."""
-    known = deviations[np.isfinite(deviations)]
-    return GAUSSIAN * float(np.median(np.abs(known))) if known.size else 0.0
+def gaussian_spread(deviations: Array) -> float:
+    """Return the standard deviation of Gaussian noise with this median deviation; 0 of none."""
+    return GAUSSIAN * float(np.median(np.abs(deviations))) if deviations.size else 0.0

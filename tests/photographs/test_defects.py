@@ -242,10 +242,11 @@ def test_two_hot_pixels_side_by_side_are_found():
     assert np.argwhere(defective_pixels(image).hot).tolist() == [[10, 10], [10, 11]]
 
 
-def test_a_hot_pixel_beside_masked_ones_is_found():
-    y, mask = photograph("slope"), np.ones((ROWS, COLUMNS), bool)
-    y[10, 10], mask[9:12, 9], mask[11, 11] = 3, False, False
-    assert np.argwhere(defective_pixels(y, mask).hot).tolist() == [[10, 10]]
+@pytest.mark.parametrize("used", [0.7, 0.5, 0.3])
+def test_scattered_masks_make_no_pixel_hot(used):
+    for seed in range(10):
+        mask = np.random.default_rng(seed).random((ROWS, COLUMNS)) < used
+        assert counts(photograph("steps", 0.01, seed), mask) == [0, 0, 0]
 
 
 def test_some_of_the_pixels_show_the_noise_of_all(monkeypatch):

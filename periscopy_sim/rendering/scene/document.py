@@ -3,7 +3,7 @@
 This is the only reader of which files belong to a scene: rendering, digests and copies ask here. It
 searches as Mitsuba 3.9 does (`mi.load_file`), but for the folder that the process started in. An
 included file and a spectrum are found where the tag stands: beside the documents that include it,
-then in the ``<path>`` folders so far, the latest first; an include is looked for beside its own
+then in the ``<path>`` folders so far, the latest first; Mitsuba searches an include beside its own
 document first. What plugins read (meshes, textures, volumes) is found when all is parsed: in the
 scene's ``<path>`` folders, the latest first, then beside the scene.
 """
