@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
+from periscopy_sim.cli.output import outcome_of
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
@@ -86,13 +87,15 @@ def option(
 
 
 class _WithoutTypes:
-    """A command, or a group, whose help gives no type to options without a value."""
+    """A command, or a group, whose help gives no type to arguments and to flags."""
 
     def get_params(self, ctx: Any) -> Any:
         """Return the command's arguments and options, that of its help last."""
         parameters = super().get_params(ctx)  # type: ignore[misc]
         for each in parameters:
-            if getattr(each, "is_flag", False):
+            if each.param_type_name == "argument":
+                each.display_type_rich = lambda ctx: ""  # noqa: ARG005
+            elif getattr(each, "is_flag", False):
                 each.metavar = ""
         return parameters
 
@@ -119,8 +122,19 @@ class OptionGroup:
         return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
 
 
+def _for_all(
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print warnings and errors alone.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print all numbers, files and warnings as JSON.")
+    ] = False,
+) -> None:
+    """Have the options of all commands."""
+
+
 def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes the options of its groups one by one."""
+    """Return a command that takes the options of its groups one by one, and those of all."""
     parameters: list[inspect.Parameter] = []
     groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
     for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
@@ -131,15 +145,17 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
             groups[name] = group, [each.name for each in members]
         parameters += members
 
-    def run(**values: Any) -> None:
-        for name, (group, members) in groups.items():
-            values[name] = group(**{each: values.pop(each) for each in members})
-        command(**values)
+    def run(*, quiet: bool = False, as_json: bool = False, **values: Any) -> None:
+        with outcome_of(quiet, as_json):
+            for name, (group, members) in groups.items():
+                values[name] = group(**{each: values.pop(each) for each in members})
+            command(**values)
 
     def place(parameter: inspect.Parameter) -> int:
         *_, described = (None, *get_args(parameter.annotation))
         return GROUPS.index(getattr(described, "rich_help_panel", None))
 
+    parameters += inspect.signature(_for_all).parameters.values()
     keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
     described: Any = run
     described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
@@ -270,21 +286,23 @@ COUPLINGS = tuple(dict.fromkeys(each for video in _VIDEOS.values() for each in v
 
 def _one_of(words: str, names: Collection[str]) -> Any:
     """Return an option that takes one of some names, which the shell completes."""
-    return option("NAME", f"{words}.", group=SOLVER, autocompletion=lambda: list(names))
+    return option("NAME", words, group=SOLVER, autocompletion=lambda: list(names))
 
 
 def _listed(offered: Offered) -> str:
-    """Return each method's help, with its certainty for stills."""
+    """Return a line for each method: its help, with its certainty for stills."""
     certain = {n: METHODS[n].certainty for n in offered if offered is FOR_STILLS}
     known = {name: f" (with {words})" for name, words in certain.items() if words}
-    return "; ".join(f"{name}: {METHODS[name].help}{known.get(name, '')}" for name in offered)
+    lines = (f"- {name}: {METHODS[name].help}{known.get(name, '')}." for name in offered)
+    return "\n\n".join(lines)
 
 
 _OWN = "yours as module:callable or file.py:callable"
-MethodOption = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+MethodOption = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}\n\n- {_OWN}.", FOR_STILLS)]
+FirstMethodOption = Annotated[str, option("NAME", f"First method; {_OWN}.")]
 VideoMethodOption = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
 Coupling = Annotated[
-    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
+    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}.", COUPLINGS)
 ]
 
 

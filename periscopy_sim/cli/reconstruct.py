@@ -13,7 +13,14 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.output import (
+    conclude,
+    fixable,
+    output_folder,
+    progress,
+    say,
+    show_table,
+)
 from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
@@ -136,10 +143,12 @@ def reconstruct(
         say(messages.sentence(note.code, **note.values))
     if reflecting := session.scenario.scene.reflecting:
         say(messages.sentence("reflecting", names=", ".join(reflecting)))
-    for name, each in compared.items():
-        say(messages.comparison(each, name if len(compared) > 1 else ""))
+    rows = [["method", method], ["time", f"{sum(session.seconds.values()):.1f} s"]]
+    rows += messages.comparison(compared) if compared else []
+    show_table(rows, ["", *compared] if len(compared) > 1 else ())
     for camera, verdict in verdicts.items():
-        say(f"{camera}: {verdict}" if several else verdict)
+        line = f"{camera}: {verdict}" if several else verdict
+        conclude(line, messages.colour(reports[camera]))
 
 
 def _of_views(

@@ -51,9 +51,7 @@ def view(
     ambient: Annotated[
         str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
     ] = None,
-    method: Annotated[
-        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
-    ] = DEFAULT,
+    method: options.FirstMethodOption = DEFAULT,
     mask: options.MaskOption = None,
     host: Host = "127.0.0.1",
     port: Port = 8080,

@@ -53,9 +53,7 @@ def watch(
     linear: Annotated[
         bool, typer.Option("--linear", help="Video is linear light, not encoded for screens.")
     ] = False,
-    method: Annotated[
-        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
-    ] = DEFAULT,
+    method: options.FirstMethodOption = DEFAULT,
     host: Host = "127.0.0.1",
     port: Port = 8080,
 ) -> None:
