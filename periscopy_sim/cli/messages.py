@@ -166,5 +166,7 @@ def _shift(compared: Mapping[str, Any]) -> str:
     """Return the best shift in words."""
     limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
     ways = zip(compared["shift"], (("down", "up"), ("right", "left")), strict=True)
-    moves = [f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n]
+    moves = [
+        f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n
+    ]
     return f"{', '.join(moves) or 'none'}{limit}"

@@ -111,19 +111,24 @@ def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> No
     """Print rows: on a terminal as a table, else in aligned columns."""
     from rich.box import ROUNDED
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
-    if outcome().is_silent or outcome().as_json:
+    rows = [*rows]
+    if not rows or outcome().is_silent or outcome().as_json:
         return
     console = Console(highlight=False)
-    plain = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
-    form: dict[str, Any] = {"box": ROUNDED} if console.is_terminal else plain
-    table = Table(*map(Text, map(printable, columns)), show_header=bool(columns), **form)
+    if console.is_terminal:
+        form: dict[str, Any] = {"box": ROUNDED}
+    else:
+        console = Console(highlight=False, width=WIDEST)
+        form = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
+    headers = (Column(Text(printable(name))) for name in columns)
+    table = Table(*headers, show_header=bool(columns), **form)
     for row in rows:
         table.add_row(*(Text(printable(cell)) for cell in row))
     with console.capture() as capture:
-        console.print(table, width=None if console.is_terminal else WIDEST, crop=False)
+        console.print(table)
     print("\n".join(map(str.rstrip, capture.get().splitlines())), flush=True)
 
 

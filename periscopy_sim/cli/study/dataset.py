@@ -1,6 +1,5 @@
 """`periscopy dataset`: make a data set, check it, look at it."""
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,8 +18,9 @@ from periscopy_sim.cli.options import (
     option,
     parse_indices,
     place_of,
+    with_options_of_groups,
 )
-from periscopy_sim.cli.output import progress, say, warn
+from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError, PeriscopyError
 from periscopy_sim.extras import require_all
@@ -54,6 +54,7 @@ app = typer.Typer(
 
 
 @app.command("make", cls=Command)
+@with_options_of_groups
 def make(
     configuration: Annotated[
         Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
@@ -93,28 +94,27 @@ def make(
     seconds = time.perf_counter() - start
     if result.empty_splits:
         warn(sentence("empty_splits", splits=" or ".join(result.empty_splits)))
-    say(
-        f"wrote {out}: {result.made} samples of {result.geometries} geometries in {seconds:.1f} s; "
-        f"{result.count} in all"
-        if result.made else f"{out} is complete: {result.count} samples"
+    numbers = {"made": result.made, "geometries": result.geometries, "samples": result.count}
+    record(**numbers, seconds=seconds)
+    written(out)
+    conclude(
+        f"{result.made} samples of {result.geometries} geometries in {seconds:.1f} s; "
+        f"{result.count} samples in all"
+        if result.made else f"{out} is complete: {result.count} samples", "green"
     )  # fmt: skip
 
 
 @app.command("info", cls=Command)
-def info(
-    data: Archive,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
-) -> None:
+@with_options_of_groups
+def info(data: Archive) -> None:
     """Print the size and the contents of a data set."""
     description = describe(data)
-    if as_json:
-        print(json.dumps(description, indent=2))
-        return
-    for name, value in description.items():
-        say(f"{name.replace('_', ' '):13} {value}")
+    record(**description)
+    show_table([name.replace("_", " "), str(value)] for name, value in description.items())
 
 
 @app.command("verify", cls=Command)
+@with_options_of_groups
 def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
     with progress("verifying", "blocks") as report:
@@ -125,10 +125,11 @@ def verify(data: Archive) -> None:
         raise DatasetError(
             f"{data}: is unfinished or damaged; run 'periscopy dataset CONFIG.yaml' again"
         )
-    say(f"{data}: all samples are whole")
+    conclude(f"{data}: all samples are whole", "green")
 
 
 @app.command("export", cls=Command)
+@with_options_of_groups
 def export(
     data: Archive,
     out: Out,
@@ -138,4 +139,5 @@ def export(
     count = open_dataset(data, incomplete=True).sizes["sample"]
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
         files = export_samples(data, folder, parse_indices(samples, count), report)
-    say(f"wrote {out}: {len(files)} files, and among them sheet.png")
+    written(out)
+    conclude(f"{len(files)} files, among them sheet.png")

@@ -9,6 +9,9 @@ import typer
 from periscopy_sim.cli.options import SCENE, option
 from periscopy_sim.errors import ConfigurationError
 
+OWN = "study", "example", "quiet", "as_json"
+"""Options that a study file cannot have."""
+
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 
@@ -24,7 +27,7 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
 
     from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
 
-    options = [each for each in context.command.params if each.name not in ("study", "example")]
+    options = [each for each in context.command.params if each.name not in OWN]
     fields: dict[str, Any] = {
         str(each.name): (Any, Field(None, alias=str(each.name).replace("_", "-")))
         for each in options

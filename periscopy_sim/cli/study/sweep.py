@@ -11,7 +11,7 @@ import typer
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import progress, say, say_written
+from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
@@ -188,11 +188,15 @@ def sweep(
             )  # fmt: skip
         with staged_file(out / "sweep.png") as file:
             draw_sweep(file, results, metadata=session.metadata)
-    _say_means(results)
-    for name, of_method in seconds.items():
-        if of_method:
-            say(f"{name}: {np.median(of_method):.2g} s of a core for a photograph, the median")
-    say(f"computed {sum(map(len, seconds.values()))} of {results['failure'].size} results")
+    _show_means(results)
+    medians = {name: float(np.median(each)) for name, each in seconds.items() if each}
+    show_table(
+        ([name, f"{median:.2g} s"] for name, median in medians.items()),
+        ["method", "median time of a core for a photograph"],
+    )
+    computed = sum(map(len, seconds.values()))
+    say(f"computed {computed} of {results['failure'].size} results")
+    record(seconds=medians, computed=computed, results=results["failure"].size)
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
@@ -202,7 +206,7 @@ def sweep(
             f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
             f"{', '.join(more)}, too, which 'periscopy plot' shows"
         )
-    say_written(*(out / name for name in RESULTS))
+    written(*(out / name for name in RESULTS))
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
@@ -255,23 +259,33 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
     return shown
 
 
-def _say_means(results: "xr.Dataset") -> None:
-    """Print the mean error of each method at each SBR, the differences, and the failures."""
+def _show_means(results: "xr.Dataset") -> None:
+    """Print the mean PSNR of each method at each SBR, the differences, and the failures."""
     from periscopy_sim.evaluation.statistics import UNITS, counted, differences, interval
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
-    for name in surfaces_of(results, "mean_squared_error"):
-        errors = results[name]  # without failures
-        means = errors.mean([axis for axis in errors.dims if axis not in (*kept, "sbr")])
+    surfaces = surfaces_of(results, "psnr")
+    for surface in surfaces:
+        values = results[surface]  # without failures
+        means = values.mean([axis for axis in values.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
-        say(f"mean squared error {name.removeprefix('mean_squared_error')[1:]}".strip())
-        say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+        names = [", ".join(each) if len(kept) > 1 else str(each) for each in table.index]
+        ratios = [f"{sbr:g}" for sbr in table.columns]
+        rows = [
+            [name, *("failed" if np.isnan(psnr) else f"{psnr:.1f} dB" for psnr in row)]
+            for name, row in zip(names, table.values, strict=True)
+        ]
+        show_table(rows, [f"mean {surface}", *(f"SBR {ratio}" for ratio in ratios)])
+        cells = table.astype(object).where(table.notna(), None).values.tolist()
+        numbers = (dict(zip(ratios, row, strict=True)) for row in cells)
+        record(**{surface: dict(zip(names, numbers, strict=True))})
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
         say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' tells them apart")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
-    for surface in surfaces_of(results, "psnr") if others else ():
+    rows = []
+    for surface in surfaces if others else ():
         compared = differences(results, [surface], first, axis)[surface]
         found = interval(-compared.mean([n for n in compared.dims if n not in (*kept, *UNITS)]))
         for method in names if axis != "algorithm" else [""]:
@@ -281,10 +295,9 @@ def _say_means(results: "xr.Dataset") -> None:
                 mean, half = one["mean"].item(), one["half"].item()
                 within = f" ± {half:.1f}" if np.isfinite(half) else ""
                 if np.isfinite(mean):
-                    say(
-                        f"{surface}: {method and f'{method}, '}{first} minus {name}: "
-                        f"{mean:.1f}{within} dB (95 %, n = {counted([one])})"
-                    )
+                    what = f"{surface}: {method and f'{method}, '}{first} minus {name}"
+                    rows.append([what, f"{mean:.1f}{within} dB", counted([one])])
+    show_table(rows, ["difference", "95 %", "n"])
     if "trusted" in results:  # each by one calibration for all methods
         trusted = results["trusted"].max("algorithm")
         if count := trusted.count().item():

@@ -10,7 +10,7 @@ import numpy as np
 
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
-from periscopy_sim.cli.output import fixable, progress
+from periscopy_sim.cli.output import fixable, part_of_command, progress
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
@@ -298,7 +298,8 @@ class Worlds:
         # A picture or a scene of this name may have been another.
         if not (file.is_file() and as_text(made).items() <= read_exr(file)[1].items()):
             images = [f"{surface}={image}" for surface, image in self.shown[name].items()]
-            take_photograph(session=session, images=images, out=file)
+            with part_of_command():
+                take_photograph(session=session, images=images, out=file)
         mask, monitor_off = session.companions()
         return replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
 
@@ -375,7 +376,8 @@ class Worlds:
         rays += f"_{plan.across}_across" if rays and plan.across > 1 else ""
         file = folder / f"A{rays}.npy"
         if not (file.is_file() and plan.origin.items() <= read_record(file).items()):
-            write_transport(session, light, plan, file)
+            with part_of_command():
+                write_transport(session, light, plan, file)
         return session.transport(light, matrix=file)
 
 
