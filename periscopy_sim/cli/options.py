@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -270,6 +271,19 @@ OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
 Scheduler = Annotated[
     str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
+
+
+def example_of(module: str, what: str) -> Any:
+    """Return an option that prints the ``EXAMPLE`` of a module, and ends."""
+
+    def show(is_asked: bool) -> None:
+        if is_asked:
+            print(import_module(module).EXAMPLE.read_text("utf-8"), end="")
+            raise typer.Exit
+
+    words = f"Print {what} and exit."
+    return typer.Option("--example", help=words, is_eager=True, callback=show)
+
 
 # -- the options of the methods ------------------------------------------------------------------
 

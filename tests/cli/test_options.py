@@ -79,7 +79,7 @@ def test_command_takes_the_options_of_its_groups():
 
     taken = with_options_of_groups(command)
     parameters = inspect.signature(taken).parameters
-    assert list(parameters) == ["name", "width", "height", "out"]
+    assert list(parameters) == ["name", "width", "height", "out", "quiet", "as_json"]
     assert (parameters["width"].default, parameters["height"].default) == (3.0, 2.0)
     taken(name="a", width=1.0, height=2.5, out=Path("b"))
     assert made == [("a", Room(1.0, 2.5), Path("b"))]

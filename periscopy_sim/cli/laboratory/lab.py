@@ -8,36 +8,28 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, option, require_suffix
+from periscopy_sim.cli.options import OUTPUT, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.variant import require_vectorized
+
+Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "commented measurements")]
 
 
 def lab(
     measurements: Annotated[
-        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements.")
-    ] = None,
+        Path, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements; see --example.")
+    ],
     out: Annotated[
-        Path | None,
+        Path,
         option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
-    ] = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print commented measurements and exit.")
-    ] = False,
+    ],
+    example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make a scene of a laboratory from a ruler's measurements.
 
     Each number and its error become <default>s of the scene.
     """
-    from periscopy_sim.laboratory.document import EXAMPLE
-
-    if example:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        return
-    if measurements is None or out is None:
-        raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
     written(*ps.build_laboratory(measurements, out))
     _Trial(str(out), []).check_shadows()

@@ -10,11 +10,12 @@ import periscopy_sim as ps
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import (
     HELP,
-    OUTPUT,
     Command,
     CommandGroup,
     Out,
     Scheduler,
+    Store,
+    example_of,
     option,
     parse_indices,
     place_of,
@@ -22,7 +23,7 @@ from periscopy_sim.cli.options import (
 )
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
-from periscopy_sim.errors import DatasetError, PeriscopyError
+from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -31,6 +32,11 @@ Archive = Annotated[
     typer.Argument(
         metavar="DATA", help="A data set, as 'periscopy dataset' writes it.", parser=place_of
     ),
+]
+
+
+Example = Annotated[
+    bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
 ]
 
 
@@ -57,33 +63,16 @@ app = typer.Typer(
 @with_options_of_groups
 def make(
     configuration: Annotated[
-        Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        option(
-            "FOLDER",
-            "The Zarr archive, made or continued; or a URL, as s3://bucket/name.",
-            group=OUTPUT,
-            parser=place_of,
-        ),
-    ] = None,
+        Path, typer.Argument(metavar="CONFIG.yaml", help="The configuration; see --example.")
+    ],
+    out: Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
     ] = None,
     scheduler: Scheduler = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print a commented configuration and exit.")
-    ] = False,
+    example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
-    from periscopy_sim.dataset.configuration import EXAMPLE
-
-    if example:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        return
-    if configuration is None or out is None:
-        raise PeriscopyError("name CONFIG.yaml and --out; --example prints a configuration")
     require_all()
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()

@@ -161,7 +161,7 @@ def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     words = (f"{name.replace('_', ' ')}, of white" for name in NUMBERS)
     show_table(shown, ["scene", "values", *words])
     if best is None:
-        conclude(sentence("no_best"), "red")
+        warn(sentence("no_best"))
     else:
         place = ", ".join(f"{name}={value}" for name, value in values_of(best).items())
         conclude(f"best: {place}", "green")

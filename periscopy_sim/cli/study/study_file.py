@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from periscopy_sim.cli.options import SCENE, option
+from periscopy_sim.cli.options import SCENE, example_of, option
 from periscopy_sim.errors import ConfigurationError
 
 OWN = "study", "example", "quiet", "as_json"
@@ -76,12 +76,6 @@ def _words(value: Any) -> str | bool:
     return ",".join(map(str, value if isinstance(value, list) else [value]))
 
 
-def _print_example(_: typer.Context, is_asked: bool) -> None:
-    if is_asked:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        raise typer.Exit
-
-
 StudyOption = Annotated[
     Path | None,
     option(
@@ -89,10 +83,4 @@ StudyOption = Annotated[
         group=SCENE, is_eager=True, callback=_read,
     ),
 ]  # fmt: skip
-ExampleOption = Annotated[
-    bool,
-    typer.Option(
-        "--example", help="Print a commented study file and exit.", is_eager=True,
-        callback=_print_example,
-    ),
-]  # fmt: skip
+ExampleOption = Annotated[bool, example_of(__name__, "a commented study file")]

@@ -264,40 +264,40 @@ def _show_means(results: "xr.Dataset") -> None:
     from periscopy_sim.evaluation.statistics import UNITS, counted, differences, interval
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
-    surfaces = surfaces_of(results, "psnr")
+    surfaces, shown = surfaces_of(results, "psnr"), list[list[str]]()
     for surface in surfaces:
-        values = results[surface]  # without failures
-        means = values.mean([axis for axis in values.dims if axis not in (*kept, "sbr")])
+        psnr = results[surface]  # without failures
+        means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
-        names = [", ".join(each) if len(kept) > 1 else str(each) for each in table.index]
-        ratios = [f"{sbr:g}" for sbr in table.columns]
-        rows = [
-            [name, *("failed" if np.isnan(psnr) else f"{psnr:.1f} dB" for psnr in row)]
-            for name, row in zip(names, table.values, strict=True)
-        ]
-        show_table(rows, [f"mean {surface}", *(f"SBR {ratio}" for ratio in ratios)])
-        cells = table.astype(object).where(table.notna(), None).values.tolist()
-        numbers = (dict(zip(ratios, row, strict=True)) for row in cells)
-        record(**{surface: dict(zip(names, numbers, strict=True))})
+        table = table.rename(columns="{:g}".format)
+        record(
+            **{
+                surface: table.astype(object)
+                .where(table.notna(), None)
+                .reset_index()
+                .to_dict("records")
+            }
+        )
+        cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
+        title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
+        header = [title, *kept[1:], *(f"SBR {ratio}" for ratio in table.columns)]
+        show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
         say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' tells them apart")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
-    rows = []
     for surface in surfaces if others else ():
         compared = differences(results, [surface], first, axis)[surface]
         found = interval(-compared.mean([n for n in compared.dims if n not in (*kept, *UNITS)]))
-        for method in names if axis != "algorithm" else [""]:
-            of_method = found.sel(algorithm=method) if method else found
-            for name in others:
-                one = of_method.sel({axis: name})
-                mean, half = one["mean"].item(), one["half"].item()
+        for _, one in found.stack(each=kept).groupby("each", squeeze=False):
+            *method, name = one["each"].item()
+            mean, half = one["mean"].item(), one["half"].item()
+            if name != first and np.isfinite(mean):
                 within = f" ± {half:.1f}" if np.isfinite(half) else ""
-                if np.isfinite(mean):
-                    what = f"{surface}: {method and f'{method}, '}{first} minus {name}"
-                    rows.append([what, f"{mean:.1f}{within} dB", counted([one])])
-    show_table(rows, ["difference", "95 %", "n"])
+                what = ", ".join([surface, *method, f"{first} minus {name}"])
+                shown.append([what, f"{mean:.1f}{within} dB", counted([one])])
+    show_table(shown, ["difference", "95 %", "n"])
     if "trusted" in results:  # each by one calibration for all methods
         trusted = results["trusted"].max("algorithm")
         if count := trusted.count().item():
