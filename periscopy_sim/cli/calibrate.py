@@ -11,17 +11,9 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import (
-    conclude,
-    fixable,
-    output_files,
-    progress,
-    say,
-    show_table,
-    written,
-)
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
@@ -153,8 +145,8 @@ def find_parameters(
     errors = arguments.known_errors(named, document) if uncertain else None
     colours = session.colours
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
-    with output_files(*outputs, inputs=session.inputs) as staged, ExitStack() as stack:
-        with progress("loading"):  # takes seconds
+    with output.output_files(*outputs, inputs=session.inputs) as staged, ExitStack() as stack:
+        with output.progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
             from periscopy_sim.calibration.search import ASIDES
 
@@ -163,7 +155,11 @@ def find_parameters(
         files = session.read()
         scene, json, png = staged
         _write_copy(session, scene, {}, out)  # proves now that it can be written
-        with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
+        with (
+            session.timed("calibrate"),
+            output.fixable("calibrate"),
+            output.progress("calibrating") as report,
+        ):
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
@@ -178,7 +174,7 @@ def find_parameters(
             values = _written(result, rival.values)
             _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
     beside = asides[: len(result.rivals)]
-    written(*beside)
+    output.written(*beside)
     for stale in asides[len(beside) :]:
         stale.unlink(missing_ok=True)
     show_calibration(result, document.units)
@@ -206,7 +202,7 @@ def say_rivals(
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
         shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
-    say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
+    output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
 
 
 def _about(probability: float) -> str:
@@ -222,11 +218,10 @@ def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[s
     effects = np.sqrt(np.sum((result.moves / free[:, None]) ** 2, axis=0))
     most = [k for k in np.argsort(-effects)[:3] if effects[k] > NEGLIGIBLE]
     if most:
+        values, errors = fixed.values, fixed.standard_errors
         numbers = (
-            f"{name} {with_error(value, error, units.get(name, ''))}"
-            for name, value, error in (
-                (fixed.names[k], fixed.values[k], fixed.standard_errors[k]) for k in most
-            )
+            f"{fixed.names[k]} {with_error(values[k], errors[k], units.get(fixed.names[k], ''))}"
+            for k in most
         )
         yield f"fixed numbers may be wrong, above all {', '.join(numbers)}: free these"
 
@@ -237,11 +232,7 @@ def _distrust(result: str, doubts: Sequence[str]) -> str:
 
 
 def _write_copy(
-    session: PhotoSession,
-    staged: Path,
-    values: Mapping[str, str],
-    out: Path,
-    remark: str = "",
+    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults; without any, see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
@@ -267,9 +258,9 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    with output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
+    with output.output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
-        with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
+        with session.timed(doing), output.fixable("--silhouette"), output.progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
@@ -338,7 +329,7 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
             source += f" ({alone} then)"
         rows.append([p.name, value, with_error(p.start, p.ruler_error), source])
-    show_table(rows, ["parameter", "calibrated", "measured", "determined"])
+    output.show_table(rows, ["parameter", "calibrated", "measured", "determined"])
     before, after = percentages(*result.unexplained)
     rows = [
         ["unexplained", f"{after} %", f"{before} % with the measured values"],
@@ -350,13 +341,13 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
     if fixed := result.uncertain.names:
         names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
         rows.append(["fixed numbers", names, "counted in the errors; not by --uncertain none"])
-    show_table(rows)
+    output.show_table(rows)
     if result.colour_matrix is None or result.colour_errors is None:
-        say(sentence("any_place"))
+        output.say(sentence("any_place"))
     else:
         pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
         channels = "red", "green", "blue"
-        show_table(
+        output.show_table(
             [
                 [name, *(f"{m:.2f} ± {error:.2f}" for m, error in row)]
                 for name, row in zip(channels, pairs, strict=True)
@@ -364,15 +355,15 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
             ["camera, from the monitor's", *channels],
         )
         if result.assumes_colours and result.trusted:
-            say(sentence("assumed_colours"))
+            output.say(sentence("assumed_colours"))
     if not result.trusted:
-        conclude(sentence("distrusted"), "red")
+        output.conclude(sentence("distrusted"), "red")
     elif result.rivals:
-        conclude(sentence("rival", count=len(result.rivals)), "yellow")
+        output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
     elif not result.moved:
-        conclude(sentence("kept"), "yellow")
+        output.conclude(sentence("kept"), "yellow")
     else:
-        conclude(sentence("trusted", before=before, after=after), "green")
+        output.conclude(sentence("trusted", before=before, after=after), "green")
 
 
 def show_silhouette(solution: "Silhouette") -> None:
@@ -380,13 +371,13 @@ def show_silhouette(solution: "Silhouette") -> None:
     from periscopy_sim.model.residual import percentages
 
     for row in solution.opaque:
-        say("  " + "".join("##" if cell else " ." for cell in row))
+        output.say("  " + "".join("##" if cell else " ." for cell in row))
     cells, seen = solution.opaque.size, solution.seen.sum()
-    say(f"of {cells} cells the photograph shows the shadows of {seen}")
+    output.say(f"of {cells} cells the photograph shows the shadows of {seen}")
     if solution.starts:
-        say("silhouette and image may both be shifted, against each other")
+        output.say("silhouette and image may both be shifted, against each other")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)
     if solution.doubts:
-        conclude(sentence("distrusted_silhouette"), "red")
+        output.conclude(sentence("distrusted_silhouette"), "red")
     else:
-        conclude(sentence("silhouette", without=without, with_it=with_it), "green")
+        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")

@@ -6,19 +6,9 @@ from typing import Annotated
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli import options
+from periscopy_sim.cli import options, output
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import Out, option
-from periscopy_sim.cli.output import (
-    conclude,
-    output_files,
-    output_folder,
-    part_of_command,
-    record,
-    say,
-    show_table,
-    written,
-)
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
@@ -45,9 +35,9 @@ def demo(
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
-    with output_files(ambient) as (file,):
+    with output.output_files(ambient) as (file,):
         require_vectorized("the demo")
-        say(f"rendering with {use_variant()}")
+        output.say(f"rendering with {use_variant()}")
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
@@ -61,32 +51,32 @@ def demo(
     pictures.append(("photograph of the wall", panels.displayable(y)))
     rows = []
     for method, title in METHODS.items():
-        with part_of_command() as part:
+        with output.part_of_command() as part:
             reconstruct(
                 photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
                 method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
             )  # fmt: skip
-        written(out / method)
-        record(**{method: part.numbers})
+        output.written(out / method)
+        output.record(**{method: part.numbers})
         psnr, registered = (part.numbers[name] for name in ("psnr", "psnr_registered"))
         rows.append([method, f"{psnr:.2f} dB", f"{registered:.2f} dB"])
         matched = ps.gain_matched(np.load(out / method / "reconstruction.npy"), truth)
         pictures.append((f"{title}: {psnr:.1f} dB", matched))
-    with output_files(out / "demo.png") as (file,):
+    with output.output_files(out / "demo.png") as (file,):
         caption = "chair scene, SBR 0.5; PSNR after one gain per channel"
         panels.draw_panels(file, pictures, caption=caption, metadata=scene.metadata)
-    show_table(rows, ["method", "PSNR against the truth", "after the best shift"])
-    conclude(*part.verdicts[-1])  # of the noise-aware method
+    output.show_table(rows, ["method", "PSNR against the truth", "after the best shift"])
+    output.conclude(*part.verdicts[-1])  # of the noise-aware method
 
 
 def tutorial(out: Out) -> None:
     """Copy the tutorial's files; overwrite nothing."""
     shipped = scenes_folder() / "tutorial"
-    with output_folder(out) as folder:
+    with output.output_folder(out) as folder:
         for file in sorted(shipped.rglob("*")):
             target = out / file.relative_to(shipped)
             if file.is_file() and target.exists():
                 raise OutputError(f"{target} exists already and stays; name another folder")
         # Not their modes: an installed package may be read-only.
         shutil.copytree(shipped, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
-    conclude(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")
+    output.conclude(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")

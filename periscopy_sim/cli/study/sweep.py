@@ -24,11 +24,7 @@ from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.places import mirrored
-from periscopy_sim.storage.outputs.provenance import (
-    array_sha256,
-    scene_sha256,
-    sha256_of,
-)
+from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import attributes_of

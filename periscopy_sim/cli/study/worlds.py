@@ -421,28 +421,21 @@ def _uncertain(
 
 def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
+    words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*Model]}
+    if axis == "scene":
+        return
     if axis == "hidden":
         if min(size_of(str(value))) < 1:
             raise PeriscopyError(f"--vary hidden={value}: give at least one patch")
-        return
-    if axis == "scene":
-        return
-    if axis == KNOWN:
-        if value not in (TRUE, RULER, CALIBRATED):
-            known = f"{TRUE}, {RULER} and {CALIBRATED}"
-            raise PeriscopyError(f"--vary {axis}={value}: there are {known}")
-        return
-    if axis == "model":
-        if value not in [*Model]:
-            raise PeriscopyError(f"--vary model={value}: there are {', '.join(Model)}")
-        return
-    if not isinstance(value, float):
+    elif axis in words:
+        if value not in words[axis]:
+            raise PeriscopyError(f"--vary {axis}={value}: there are {', '.join(words[axis])}")
+    elif not isinstance(value, float):
         form = f"numbers in {unit}" if unit else "numbers"
         raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
-    if axis == DRAW and not (value.is_integer() and in_range("seed", value)):
-        raise PeriscopyError(f"--vary {DRAW}={value:g}: write the numbers of draws, such as 0:7:8")
-    if axis == "samples" and not (value.is_integer() and in_range("rays", value)):
-        limits = "{} to {}".format(*RANGES["rays"])
-        raise PeriscopyError(f"--vary samples={value:g}: write whole numbers from {limits}")
-    if option is not None:
+    elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
+        if not (value.is_integer() and in_range(kind, value)):
+            limits = "{} to {}".format(*RANGES[kind])
+            raise PeriscopyError(f"--vary {axis}={value:g}: write whole numbers from {limits}")
+    elif option is not None:
         settings_for(option[0], {option[1]: value}, FOR_STILLS)
