@@ -276,7 +276,7 @@ def _show_means(results: "xr.Dataset") -> None:
         )
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
-        header = [title, *kept[1:], *(f"SBR {ratio}" for ratio in table.columns)]
+        header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]
         show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
