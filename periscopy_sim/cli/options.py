@@ -3,17 +3,15 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
-from periscopy_sim.cli.output import outcome_of
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
@@ -25,9 +23,6 @@ SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
 GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 """Titles of the groups of options, in the order of ``--help``; None: the command's own."""
-
-HELP = {"help_option_names": ["-h", "--help"]}
-"""Settings of every command's context."""
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
@@ -87,28 +82,6 @@ def option(
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
-class _WithoutTypes:
-    """A command, or a group, whose help gives no type to arguments and to flags."""
-
-    def get_params(self, ctx: Any) -> Any:
-        """Return the command's arguments and options, that of its help last."""
-        parameters = super().get_params(ctx)  # type: ignore[misc]
-        for each in parameters:
-            if each.param_type_name == "argument":
-                each.display_type_rich = lambda ctx: ""  # noqa: ARG005
-            elif getattr(each, "is_flag", False):
-                each.metavar = ""
-        return parameters
-
-
-class Command(_WithoutTypes, TyperCommand):
-    """A command."""
-
-
-class CommandGroup(_WithoutTypes, TyperGroup):
-    """A group of commands."""
-
-
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -121,47 +94,6 @@ class OptionGroup:
         """Return the parameters of the constructor, some of them with other defaults."""
         members = inspect.signature(cls, eval_str=True).parameters.values()
         return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
-
-
-def _for_all(
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print warnings and errors alone.")
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print all numbers, files and warnings as JSON.")
-    ] = False,
-) -> None:
-    """Have the options of all commands."""
-
-
-def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes the options of its groups one by one, and those of all."""
-    parameters: list[inspect.Parameter] = []
-    groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
-    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
-        group, *others = get_args(parameter.annotation) or (parameter.annotation,)
-        members = [parameter]
-        if isinstance(group, type) and issubclass(group, OptionGroup):
-            members = group.parameters(*others or ({},))
-            groups[name] = group, [each.name for each in members]
-        parameters += members
-
-    def run(*, quiet: bool = False, as_json: bool = False, **values: Any) -> None:
-        with outcome_of(quiet, as_json):
-            for name, (group, members) in groups.items():
-                values[name] = group(**{each: values.pop(each) for each in members})
-            command(**values)
-
-    def place(parameter: inspect.Parameter) -> int:
-        *_, described = (None, *get_args(parameter.annotation))
-        return GROUPS.index(getattr(described, "rich_help_panel", None))
-
-    parameters += inspect.signature(_for_all).parameters.values()
-    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
-    described: Any = run
-    described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
-    described.__signature__ = inspect.Signature(sorted(keywords, key=place))
-    return run
 
 
 def file_of_view(entry: str) -> Path:

@@ -10,6 +10,7 @@ import typer
 from rich.markup import render
 
 from periscopy_sim.cli import MODULES, app
+from periscopy_sim.cli.commands import with_options_of_groups
 from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
@@ -19,7 +20,6 @@ from periscopy_sim.cli.options import (
     parse_list,
     parse_ranges,
     settings_for,
-    with_options_of_groups,
 )
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.limits import size_of

@@ -7,11 +7,9 @@ from typing import Annotated, Any
 import typer
 
 import periscopy_sim as ps
+from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import (
-    HELP,
-    Command,
-    CommandGroup,
     Out,
     Scheduler,
     Store,
@@ -19,7 +17,6 @@ from periscopy_sim.cli.options import (
     option,
     parse_indices,
     place_of,
-    with_options_of_groups,
 )
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
