@@ -14,7 +14,8 @@ from typing import Annotated, Any
 
 import typer
 
-from periscopy_sim.cli.options import HELP, RENAMED, Command, CommandGroup, with_options_of_groups
+from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
+from periscopy_sim.cli.options import RENAMED
 from periscopy_sim.cli.output import interrupt, warn, warn_defect
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.extras import EXTRA_OF, missing

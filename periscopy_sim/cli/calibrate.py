@@ -11,9 +11,9 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
+from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import fixable, output_files, progress, say, say_written, warn_boxed
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
@@ -83,9 +83,13 @@ class CalibrationSession(PhotoSession):
         entries = text.split(",") if len(self.scenario.hidden) > 1 else [text]
         return self.hidden_image(self.by_surface(entries, "--shown"))
 
+    def doubt(self, *reasons: str, advice: str) -> None:
+        """Warn of reasons not to trust a result, if there are any, and advise."""
+        for reason in (*reasons, sentence(advice)) if reasons else ():
+            self.warn(reason)
+
     def write(self, file: Path, record: dict[str, Any]) -> None:
         """Write a result's record, and where it is from, as JSON."""
-        self.warnings += record["doubts"]
         origin = {
             "photograph": str(self.photo[0]),
             "photographs": [str(file) for file in self.photo],
@@ -121,21 +125,8 @@ def calibrate(
         find_silhouette(session, out, silhouette, cells)
 
 
-DISTRUSTED = (
-    "Look at the picture. Measure again what is named above, free fewer parameters (--free), leave "
-    "out what is not bare wall (--mask), or add a photograph with the monitor off (--monitor-off)."
-)
-"""What to do with a calibration that is not to be trusted."""
-
 NEGLIGIBLE = 0.1
 """Of how far an error of a fixed number moves the free ones, over the errors of their rulers."""
-
-DOUBTED = (
-    "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
-    "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask for "
-    "fewer --cells."
-)
-"""What to do with a silhouette that is not to be trusted."""
 
 PARAMETER = "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
 SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence"
@@ -154,19 +145,26 @@ def find_parameters(
     errors = arguments.known_errors(named, document) if uncertain else None
     colours = session.colours
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
-    with output_files(outputs, session.inputs) as (scene, json, png), ExitStack() as stack:
-        with progress("loading"):  # takes seconds
+    with output.output_files(*outputs, inputs=session.inputs) as staged, ExitStack() as stack:
+        with output.progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
             from periscopy_sim.calibration.search import ASIDES
 
         asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
         spare_inputs(asides, session.inputs)
         files = session.read()
+        scene, json, png = staged
         _write_copy(session, scene, {}, out)  # proves now that it can be written
-        with session.timed("calibrate"), fixable("calibrate"), progress("calibrating") as report:
+        with (
+            session.timed("calibrate"),
+            output.fixable("calibrate"),
+            output.progress("calibrating") as report,
+        ):
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
+        reasons = fixed_numbers(result, document.units) if result.doubts else ()
+        session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
         draw_calibration(
@@ -175,16 +173,13 @@ def find_parameters(
         for rival, aside in zip(result.rivals, asides, strict=False):
             values = _written(result, rival.values)
             _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
-    written = [*outputs, *asides[: len(result.rivals)]]
-    for stale in asides[len(result.rivals) :]:
+    beside = asides[: len(result.rivals)]
+    output.written(*beside)
+    for stale in asides[len(beside) :]:
         stale.unlink(missing_ok=True)
-    say_calibration(result, document.units)
+    show_calibration(result, document.units)
     if result.rivals:
-        say_rivals(result, [out, *written[len(outputs) :]], document.units, outputs[-1])
-    say_written(*written)
-    if result.doubts:
-        reasons = (*result.doubts, *fixed_numbers(result, document.units))
-        warn_boxed("this calibration is not to be trusted", reasons, DISTRUSTED)
+        say_rivals(result, [out, *beside], document.units, outputs[-1])
 
 
 def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, str]:
@@ -207,7 +202,7 @@ def say_rivals(
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
         shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
-    say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
+    output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
 
 
 def _about(probability: float) -> str:
@@ -223,11 +218,10 @@ def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[s
     effects = np.sqrt(np.sum((result.moves / free[:, None]) ** 2, axis=0))
     most = [k for k in np.argsort(-effects)[:3] if effects[k] > NEGLIGIBLE]
     if most:
+        values, errors = fixed.values, fixed.standard_errors
         numbers = (
-            f"{name} {with_error(value, error, units.get(name, ''))}"
-            for name, value, error in (
-                (fixed.names[k], fixed.values[k], fixed.standard_errors[k]) for k in most
-            )
+            f"{fixed.names[k]} {with_error(values[k], errors[k], units.get(fixed.names[k], ''))}"
+            for k in most
         )
         yield f"fixed numbers may be wrong, above all {', '.join(numbers)}: free these"
 
@@ -238,11 +232,7 @@ def _distrust(result: str, doubts: Sequence[str]) -> str:
 
 
 def _write_copy(
-    session: PhotoSession,
-    staged: Path,
-    values: Mapping[str, str],
-    out: Path,
-    remark: str = "",
+    session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults; without any, see that it loads from where it lies."""
     from periscopy_sim.calibration.calibrated_scene import write_copy
@@ -268,19 +258,17 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
-    with output_files(outputs, session.inputs) as (scene, ply, json, png):
+    with output.output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
-        with session.timed(doing), fixable("--silhouette"), progress(doing) as report:
+        with session.timed(doing), output.fixable("--silhouette"), output.progress(doing) as report:
             solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
+        session.doubt(*solution.doubts, advice="look_at_silhouette")
         session.write(json, silhouette_record(solution))
         draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
-    say_silhouette(solution)
-    say_written(*outputs)
-    if solution.doubts:
-        warn_boxed("this silhouette is not to be trusted", solution.doubts, DOUBTED)
+    show_silhouette(solution)
 
 
 def calibration_record(result: "Calibration") -> dict[str, Any]:
@@ -328,48 +316,68 @@ def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
     }
 
 
-def say_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
-    """Print what is unexplained, the parameters with their units, the gain and the colours."""
+def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
+    """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
 
-    before, after = percentages(*result.unexplained)
-    verdict = "" if result.moved else "; no significant improvement, the measured values are kept"
-    say(f"unexplained in calibration: {before} % by the measured scene, {after} % now{verdict}")
-    if result.overdispersion > 1:
-        reason = "because the scene does not explain it fully"
-        say(f"the photograph's weight was divided by {result.overdispersion:g} {reason}")
-    width = max(len(p.name) for p in result.parameters)
+    rows = []
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
-        trust: str = p.determined_by
+        source: str = p.determined_by
         if p.determined_by is DeterminedBy.PHOTOGRAPH_ALONE:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
-            trust += f" ({alone} then)"
-        say(f"{p.name:{width}}  {value}  measured {with_error(p.start, p.ruler_error)}  {trust}")
+            source += f" ({alone} then)"
+        rows.append([p.name, value, with_error(p.start, p.ruler_error), source])
+    output.show_table(rows, ["parameter", "calibrated", "measured", "determined"])
+    before, after = percentages(*result.unexplained)
+    rows = [
+        ["unexplained", f"{after} %", f"{before} % with the measured values"],
+        ["gain over the wall", f"{result.gain.min():.2f} to {result.gain.max():.2f}", ""],
+    ]
+    if result.overdispersion > 1:
+        reason = "because the scene does not explain it fully"
+        rows.append(["photograph's weight", f"1/{result.overdispersion:g}", reason])
     if fixed := result.uncertain.names:
         names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
-        say(f"standard errors include those of fixed numbers ({names}); --uncertain none does not")
-    say(f"smooth gain over the wall: {result.gain.min():.2f} to {result.gain.max():.2f}")
+        rows.append(["fixed numbers", names, "counted in the errors; not by --uncertain none"])
+    output.show_table(rows)
     if result.colour_matrix is None or result.colour_errors is None:
-        say(sentence("any_place"))
+        output.say(sentence("any_place"))
     else:
         pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
-        rows = "; ".join(", ".join(f"{m:.2f} ± {error:.2f}" for m, error in row) for row in pairs)
-        say(f"colour matrix, from the monitor's to the camera's, up to exposure: {rows}")
+        channels = "red", "green", "blue"
+        output.show_table(
+            [
+                [name, *(f"{m:.2f} ± {error:.2f}" for m, error in row)]
+                for name, row in zip(channels, pairs, strict=True)
+            ],
+            ["camera, from the monitor's", *channels],
+        )
         if result.assumes_colours and result.trusted:
-            say(sentence("assumed_colours"))
+            output.say(sentence("assumed_colours"))
+    if not result.trusted:
+        output.conclude(sentence("distrusted"), "red")
+    elif result.rivals:
+        output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
+    elif not result.moved:
+        output.conclude(sentence("kept"), "yellow")
+    else:
+        output.conclude(sentence("trusted", before=before, after=after), "green")
 
 
-def say_silhouette(solution: "Silhouette") -> None:
-    """Print what the mask looks like and how far it is to be believed."""
+def show_silhouette(solution: "Silhouette") -> None:
+    """Print what the mask looks like and whether to trust it."""
     from periscopy_sim.model.residual import percentages
 
     for row in solution.opaque:
-        say("  " + "".join("##" if cell else " ." for cell in row))
+        output.say("  " + "".join("##" if cell else " ." for cell in row))
     cells, seen = solution.opaque.size, solution.seen.sum()
-    say(f"of {cells} cells the photograph shows the shadows of {seen}")
-    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
-    say(f"unexplained: {without} % of the photograph without it, {with_it} % with it")
+    output.say(f"of {cells} cells the photograph shows the shadows of {seen}")
     if solution.starts:
-        say("silhouette and image may both be shifted, against each other")
+        output.say("silhouette and image may both be shifted, against each other")
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    if solution.doubts:
+        output.conclude(sentence("distrusted_silhouette"), "red")
+    else:
+        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")

@@ -6,20 +6,17 @@ from typing import Annotated
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli import options
+from periscopy_sim.cli import options, output
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import Out, option
-from periscopy_sim.cli.output import output_folder, say, say_written
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
-from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs.staging import staged_file
 
 METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware method"}
 """The methods compared, and how the picture calls them."""
@@ -38,9 +35,9 @@ def demo(
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
-    with staged_file(ambient) as file:
+    with output.output_files(ambient) as (file,):
         require_vectorized("the demo")
-        say(f"rendering with {use_variant()}")
+        output.say(f"rendering with {use_variant()}")
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
@@ -50,32 +47,36 @@ def demo(
         ambient=str(ambient), sbr=0.5, snr=60.0,
     )  # fmt: skip
     truth, y = scene.hidden_image(image), scene.photograph(photo).values
-    noise = camera_noise(np.moveaxis(y, -1, 0))  # that of few samples, too
-    snr = 60.0 if noise is None else 10 * np.log10(np.mean(y**2) / np.mean(noise**2))
     pictures = [("hidden image", panels.displayable(truth, white=1))]
     pictures.append(("photograph of the wall", panels.displayable(y)))
+    rows = []
     for method, title in METHODS.items():
-        reconstruct(
-            photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
-            method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
-        )  # fmt: skip
-        recovered = np.load(out / method / "reconstruction.npy")
-        matched = ps.gain_matched(recovered, truth)
-        pictures.append((f"{title}: {ps.psnr_gain_matched(recovered, truth):.1f} dB", matched))
-    caption = f"chair scene, SBR 0.5, SNR {min(snr, 60):.0f} dB; PSNR after one gain per channel"
-    with staged_file(out / "demo.png") as file:
+        with output.part_of_command() as part:
+            reconstruct(
+                photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
+                method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
+            )  # fmt: skip
+        output.written(out / method)
+        output.record(**{method: part.numbers})
+        psnr, registered = (part.numbers[name] for name in ("psnr", "psnr_registered"))
+        rows.append([method, f"{psnr:.2f} dB", f"{registered:.2f} dB"])
+        matched = ps.gain_matched(np.load(out / method / "reconstruction.npy"), truth)
+        pictures.append((f"{title}: {psnr:.1f} dB", matched))
+    with output.output_files(out / "demo.png") as (file,):
+        caption = "chair scene, SBR 0.5; PSNR after one gain per channel"
         panels.draw_panels(file, pictures, caption=caption, metadata=scene.metadata)
-    say_written(out / "demo.png")
+    output.show_table(rows, ["method", "PSNR against the truth", "after the best shift"])
+    output.conclude(*part.verdicts[-1])  # of the noise-aware method
 
 
 def tutorial(out: Out) -> None:
     """Copy the tutorial's files; overwrite nothing."""
     shipped = scenes_folder() / "tutorial"
-    with output_folder(out) as folder:
+    with output.output_folder(out) as folder:
         for file in sorted(shipped.rglob("*")):
             target = out / file.relative_to(shipped)
             if file.is_file() and target.exists():
                 raise OutputError(f"{target} exists already and stays; name another folder")
         # Not their modes: an installed package may be read-only.
         shutil.copytree(shipped, folder, copy_function=shutil.copyfile, dirs_exist_ok=True)
-    say(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")
+    output.conclude(f"begin with: periscopy lab {out / 'measurements.yaml'} --out lab.xml")

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import output_folder, progress, say
+from periscopy_sim.cli.output import output_folder, progress, record, show_table, written
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.published import fetch as fetch_set
 from periscopy_sim.storage.published import published_sets
@@ -26,18 +26,19 @@ def fetch(name: Name = "", out: Out = None) -> None:
     if not name and out is not None:
         raise PeriscopyError("--out: name the set to fetch")
     if not name:
-        for each, data in sets.items():
-            say(f"{each}: {data.what} ({len(data.files)} files)")
+        show_table([each, f"{len(data.files)} files", data.what] for each, data in sets.items())
+        record(**{each: data.what for each, data in sets.items()})
         return
     with progress(f"fetching {name}", "files") as report:
         folder = fetch_set(name, report)
     data_set = sets[name]
-    for entry in ("cite", "licence", "geometry"):
-        say(f"{entry}: {getattr(data_set, entry)}")
     values = "".join(f" -D {key}={value:g}" for key, value in data_set.parameters.items())
-    say(f"scene: --scene {data_set.scene}{values}")
+    about = {entry: getattr(data_set, entry) for entry in ("cite", "licence", "geometry")}
+    about["scene"] = f"--scene {data_set.scene}{values}"
+    show_table(about.items())
+    record(**about)
     if out is None:
-        say(f"files are in {folder}")
+        written(folder)
         return
     with output_folder(out) as staged:
         for file in data_set.files:

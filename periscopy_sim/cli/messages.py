@@ -48,6 +48,22 @@ SENTENCES = {
     ),
     "default_method": "Try the default method.",
     "defects": "{name}: left out pixels that do not measure the wall ({defects})",
+    "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
+    "kept": "No significant improvement; the measured values are kept.",
+    "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
+    "distrusted": "Do not trust this calibration.",
+    "look_at_numbers": (
+        "Look at the picture. Measure again what is named above, free fewer parameters (--free), "
+        "leave out what is not bare wall (--mask), or add a photograph with the monitor off "
+        "(--monitor-off)."
+    ),
+    "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
+    "distrusted_silhouette": "Do not trust this silhouette.",
+    "look_at_silhouette": (
+        "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
+        "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask "
+        "for fewer --cells."
+    ),
     "rivals": (
         "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
         "compare the images in {picture}"
@@ -115,6 +131,13 @@ def report_sentences(report: "Report") -> list[str]:
     return [sentence(note.code, **note.values) for note in (*report.warnings, *report.notes)]
 
 
+def colour(report: "Report") -> str:
+    """Return the colour of a report's verdict: green where the scene fits, yellow if in doubt."""
+    return {"fits": "green", "does_not_fit": "red", "unexplained": "red"}.get(
+        report.verdict.code, "yellow"
+    )
+
+
 def verdict(report: "Report", remedy: str = "") -> str:
     """Return one line: whether the scene fits, what is unexplained beside noise, and a remedy."""
     return f"{sentence(report.verdict.code, **report.verdict.values)} {remedy}".rstrip()
@@ -128,16 +151,22 @@ def assumptions(uncertain: Iterable[str]) -> str:
     return f"{scene}, and that unseen details vary like seen ones"
 
 
-def comparison(compared: Mapping[str, Any], surface: str = "") -> str:
-    """Return metrics against the truth, of a surface if it is named."""
+def comparison(compared: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    """Return rows of metrics against the truth, a value for each surface."""
+    surfaces = compared.values()
+    return [
+        ["PSNR against the truth", *(f"{each['psnr']:.2f} dB" for each in surfaces)],
+        ["after the best shift", *(f"{each['psnr_registered']:.2f} dB" for each in surfaces)],
+        ["best shift", *map(_shift, surfaces)],
+        ["after the best colours", *(f"{each['psnr_colour_matched']:.2f} dB" for each in surfaces)],
+    ]
+
+
+def _shift(compared: Mapping[str, Any]) -> str:
+    """Return the best shift in words."""
     limit = ", at the limit of the search" if compared["shift_at_limit"] else ""
-    ways = zip(compared["shift"], (("down", "up"), ("to the right", "to the left")), strict=True)
+    ways = zip(compared["shift"], (("down", "up"), ("right", "left")), strict=True)
     moves = [
         f"{abs(n):g} {'patch' if abs(n) <= 1 else 'patches'} {to[n < 0]}" for n, to in ways if n
     ]
-    return (
-        f"{surface and f'{surface} '}against the truth: PSNR {compared['psnr']:.2f} dB, "
-        f"{compared['psnr_registered']:.2f} dB "
-        f"after the best shift ({', '.join(moves) or 'none'}{limit}), "
-        f"{compared['psnr_colour_matched']:.2f} dB after the matrix of colours that fits it best"
-    )
+    return f"{', '.join(moves) or 'none'}{limit}"

@@ -3,13 +3,13 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
@@ -23,9 +23,6 @@ SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
 GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 """Titles of the groups of options, in the order of ``--help``; None: the command's own."""
-
-HELP = {"help_option_names": ["-h", "--help"]}
-"""Settings of every command's context."""
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
@@ -85,26 +82,6 @@ def option(
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
-class _WithoutTypes:
-    """A command, or a group, whose help gives no type to options without a value."""
-
-    def get_params(self, ctx: Any) -> Any:
-        """Return the command's arguments and options, that of its help last."""
-        parameters = super().get_params(ctx)  # type: ignore[misc]
-        for each in parameters:
-            if getattr(each, "is_flag", False):
-                each.metavar = ""
-        return parameters
-
-
-class Command(_WithoutTypes, TyperCommand):
-    """A command."""
-
-
-class CommandGroup(_WithoutTypes, TyperGroup):
-    """A group of commands."""
-
-
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -117,34 +94,6 @@ class OptionGroup:
         """Return the parameters of the constructor, some of them with other defaults."""
         members = inspect.signature(cls, eval_str=True).parameters.values()
         return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
-
-
-def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that takes the options of its groups one by one."""
-    parameters: list[inspect.Parameter] = []
-    groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
-    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
-        group, *others = get_args(parameter.annotation) or (parameter.annotation,)
-        members = [parameter]
-        if isinstance(group, type) and issubclass(group, OptionGroup):
-            members = group.parameters(*others or ({},))
-            groups[name] = group, [each.name for each in members]
-        parameters += members
-
-    def run(**values: Any) -> None:
-        for name, (group, members) in groups.items():
-            values[name] = group(**{each: values.pop(each) for each in members})
-        command(**values)
-
-    def place(parameter: inspect.Parameter) -> int:
-        *_, described = (None, *get_args(parameter.annotation))
-        return GROUPS.index(getattr(described, "rich_help_panel", None))
-
-    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
-    described: Any = run
-    described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
-    described.__signature__ = inspect.Signature(sorted(keywords, key=place))
-    return run
 
 
 def file_of_view(entry: str) -> Path:
@@ -255,6 +204,19 @@ Scheduler = Annotated[
     str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
 ]
 
+
+def example_of(module: str, what: str) -> Any:
+    """Return an option that prints the ``EXAMPLE`` of a module, and ends."""
+
+    def show(is_asked: bool) -> None:
+        if is_asked:
+            print(import_module(module).EXAMPLE.read_text("utf-8"), end="")
+            raise typer.Exit
+
+    words = f"Print {what} and exit."
+    return typer.Option("--example", help=words, is_eager=True, callback=show)
+
+
 # -- the options of the methods ------------------------------------------------------------------
 
 Offered = Mapping[str, tuple[Option, ...]]
@@ -270,21 +232,23 @@ COUPLINGS = tuple(dict.fromkeys(each for video in _VIDEOS.values() for each in v
 
 def _one_of(words: str, names: Collection[str]) -> Any:
     """Return an option that takes one of some names, which the shell completes."""
-    return option("NAME", f"{words}.", group=SOLVER, autocompletion=lambda: list(names))
+    return option("NAME", words, group=SOLVER, autocompletion=lambda: list(names))
 
 
 def _listed(offered: Offered) -> str:
-    """Return each method's help, with its certainty for stills."""
+    """Return a line for each method: its help, with its certainty for stills."""
     certain = {n: METHODS[n].certainty for n in offered if offered is FOR_STILLS}
     known = {name: f" (with {words})" for name, words in certain.items() if words}
-    return "; ".join(f"{name}: {METHODS[name].help}{known.get(name, '')}" for name in offered)
+    lines = (f"- {name}: {METHODS[name].help}{known.get(name, '')}." for name in offered)
+    return "\n\n".join(lines)
 
 
 _OWN = "yours as module:callable or file.py:callable"
-MethodOption = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}; {_OWN}", FOR_STILLS)]
+MethodOption = Annotated[str, _one_of(f"{_listed(FOR_STILLS)}\n\n- {_OWN}.", FOR_STILLS)]
+FirstMethodOption = Annotated[str, option("NAME", f"First method; {_OWN}.")]
 VideoMethodOption = Annotated[str, _one_of(_listed(FOR_VIDEOS), FOR_VIDEOS)]
 Coupling = Annotated[
-    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}", COUPLINGS)
+    str, _one_of(f"Coupling of a frame to the one before: {', '.join(COUPLINGS)}.", COUPLINGS)
 ]
 
 

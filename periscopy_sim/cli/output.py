@@ -1,4 +1,4 @@
-"""Lines, warnings, progress, times and JSON of the commands."""
+"""What the commands print: lines, tables, warnings, progress, files, verdicts, JSON."""
 
 import json
 import math
@@ -8,6 +8,8 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
@@ -27,18 +29,128 @@ def fixable(what: str) -> Iterator[None]:
         raise PeriscopyError(f"{what}: {error}") from error
 
 
+@dataclass
+class Outcome:
+    """What a command has done, for its last lines or for ``--json``."""
+
+    quiet: bool = False
+    as_json: bool = False
+    is_part: bool = False  # of another command, which shows the result instead
+    numbers: dict[str, Any] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+    verdicts: list[tuple[str, str]] = field(default_factory=list)  # each with its colour
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether only warnings and errors are printed."""
+        return self.quiet or self.is_part
+
+    def show(self) -> None:
+        """Print the files and then the verdicts, coloured on a terminal; or all as JSON."""
+        if self.as_json:
+            lines = [line for line, _ in self.verdicts]
+            verdict = {"verdict": "; ".join(lines)} if lines else {}
+            warnings = [*dict.fromkeys([*self.numbers.get("warnings", ()), *self.warnings])]
+            files = {"files": [*map(str, self.files)], "warnings": warnings}
+            print(json_of({**verdict, **self.numbers, **files}), flush=True)
+            return
+        if self.files:
+            say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
+        for line, colour in [] if self.is_silent else self.verdicts:
+            from rich.console import Console
+            from rich.text import Text
+
+            Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
+
+
+_OUTCOME: ContextVar[Outcome] = ContextVar("_OUTCOME")
+
+
+def outcome() -> Outcome:
+    """Return the outcome of the command at work."""
+    return _OUTCOME.get(None) or Outcome()
+
+
+@contextmanager
+def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
+    """Collect the outcome of a command, and show it at the end; after an error only the files."""
+    token = _OUTCOME.set(Outcome(quiet, as_json))
+    try:
+        yield
+    except BaseException:
+        replace(outcome(), as_json=False, verdicts=[]).show()
+        raise
+    else:
+        outcome().show()
+    finally:
+        _OUTCOME.reset(token)
+
+
+@contextmanager
+def part_of_command() -> Iterator[Outcome]:
+    """Collect the outcome of a command that another one runs, and show none of it."""
+    part = replace(outcome(), is_part=True, numbers={}, files=[], verdicts=[])
+    token = _OUTCOME.set(part)
+    try:
+        yield part
+    finally:
+        _OUTCOME.reset(token)
+
+
 def say(message: str) -> None:
-    """Print one line, or several."""
-    print("\n".join(map(printable, message.split("\n"))), flush=True)
+    """Print one line, or several; beside JSON to standard error."""
+    for line in [] if outcome().is_silent else message.split("\n"):
+        if outcome().as_json:
+            print(f"periscopy: {printable(line)}", file=sys.stderr, flush=True)
+        else:
+            print(printable(line), flush=True)
 
 
-def say_written(*paths: Path) -> None:
-    """Print the paths of written files."""
-    say(f"wrote {', '.join(map(str, paths))}")
+def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
+    """Print rows: on a terminal as a table, else in aligned columns."""
+    from rich.box import ROUNDED
+    from rich.console import Console
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    rows = [*rows]
+    if not rows or outcome().is_silent or outcome().as_json:
+        return
+    console = Console(highlight=False)
+    if console.is_terminal:
+        form: dict[str, Any] = {"box": ROUNDED}
+    else:
+        console = Console(highlight=False, width=WIDEST)
+        form = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
+    headers = (Column(Text(printable(name))) for name in columns)
+    table = Table(*headers, show_header=bool(columns), **form)
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
+    with console.capture() as capture:
+        console.print(table)
+    print("\n".join(map(str.rstrip, capture.get().splitlines())), flush=True)
+
+
+def record(**numbers: Any) -> None:
+    """Keep numbers for ``--json``; `write_json` keeps those of its file."""
+    outcome().numbers.update(numbers)
+
+
+def written(*paths: Path) -> None:
+    """Keep the paths of written files, which the command prints before its verdict."""
+    outcome().files.extend(paths)
+
+
+def conclude(line: str, colour: str = "") -> None:
+    """Keep a verdict, the command's last line, and its colour on a terminal."""
+    outcome().verdicts.append((line, colour))
 
 
 def warn(message: str, kind: str = "warning") -> None:
-    """Print one line of a warning, or of an error."""
+    """Print one line of a warning, or of an error, to standard error."""
+    if kind == "warning":
+        outcome().warnings.append(message)
     print(f"periscopy: {kind}: {printable(message)}", file=sys.stderr, flush=True)
 
 
@@ -54,16 +166,6 @@ def warn_defect(error: BaseException) -> None:
     )  # fmt: skip
 
 
-def warn_boxed(title: str, reasons: Sequence[str], advice: str) -> None:
-    """Print a boxed warning with its reasons and advice."""
-    from rich.console import Console
-    from rich.panel import Panel
-    from rich.text import Text
-
-    text = Text("\n".join([*(f"- {printable(reason)}" for reason in reasons), "", advice]))
-    Console(stderr=True).print(Panel(text, title=title.upper()))
-
-
 _INTERRUPTS: list[int] = []
 """The signals that `interrupt` received."""
 
@@ -75,31 +177,35 @@ def interrupt(number: int, _frame: object) -> NoReturn:
 
 
 @contextmanager
-def output_files(outputs: Sequence[Path], inputs: Iterable[Path | None]) -> Iterator[list[Path]]:
+def output_files(*outputs: Path, inputs: Iterable[Path | None] = ()) -> Iterator[list[Path]]:
     """Yield staged files; an OutputError if one would replace an input."""
     spare_inputs(outputs, inputs)
     with ExitStack() as stack:
         yield [stack.enter_context(staged_file(file)) for file in outputs]
+    written(*outputs)
 
 
 @contextmanager
 def output_folder(out: Path, optional: Iterable[str] = ()) -> Iterator[Path]:
-    """Yield a staged folder; print the path of each of its entries when all are complete.
+    """Yield a staged folder, whose entries count as written when all are complete.
 
     Files of the `optional` patterns that this run did not write are removed: they belong to a
     former run.
     """
     with staged_folder(out) as folder:
         yield folder
-        written = {entry.relative_to(folder) for entry in folder.rglob("*")}
+        entries = {entry.relative_to(folder) for entry in folder.rglob("*")}
     for file in (file for pattern in optional for file in out.glob(pattern)):
-        if file.relative_to(out) not in written:
+        if file.relative_to(out) not in entries:
             file.unlink()
-    say_written(*(out / path for path in sorted(written) if len(path.parts) == 1))
+    written(*(out / path for path in sorted(entries) if len(path.parts) == 1))
 
 
 _AT_WORK: list[str] = []
 """Labels of the computations at work, of which `progress` shows the outermost."""
+
+WIDEST = 100_000
+"""Columns of a table without a terminal, whose lines must stay whole."""
 
 SILENCE = 30.0
 """Seconds between lines without a terminal: a day's log stays below 3,000 lines."""
@@ -118,9 +224,9 @@ def progress(
     from rich.markup import escape  # a label may quote names
     from rich.progress import Progress, TimeElapsedColumn
 
-    console, is_inner = Console(stderr=True), bool(_AT_WORK)
+    console, is_hidden = Console(stderr=True), bool(_AT_WORK) or outcome().quiet
     latest = clock()
-    if not (is_inner or console.is_terminal):
+    if not (is_hidden or console.is_terminal):
         print(f"periscopy: {label}", file=sys.stderr, flush=True)
 
     def update(done: float, total: float = 1.0) -> None:
@@ -129,7 +235,8 @@ def progress(
             raise KeyboardInterrupt
         text = printable(f"{label}: {done} of {total} {unit}" if unit else label)
         bar.update(task, description=escape(text), completed=done, total=total or 1)
-        if not console.is_terminal and clock() - latest >= SILENCE:
+        is_due = clock() - latest >= SILENCE and not outcome().quiet
+        if is_due and not console.is_terminal:
             latest, state = clock(), bar.tasks[task]
             seconds = state.time_remaining  # without what a former run did
             text += f": {state.percentage:.0f} %"
@@ -140,7 +247,7 @@ def progress(
     _AT_WORK.append(label)
     try:
         with Progress(
-            *columns, console=console, transient=True, disable=is_inner or not console.is_terminal,
+            *columns, console=console, transient=True, disable=is_hidden or not console.is_terminal,
             get_time=clock, speed_estimate_period=math.inf,
         ) as bar:  # fmt: skip
             task = bar.add_task(escape(printable(label)), total=None)
@@ -149,11 +256,16 @@ def progress(
         _AT_WORK.pop()
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write values as readable JSON, arrays as lists; a ValueError if one is not finite."""
+def json_of(values: Mapping[str, Any]) -> str:
+    """Return values as readable JSON, arrays as lists; a ValueError if one is not finite."""
 
     def plain(value: Any) -> Any:
         return value.tolist() if hasattr(value, "tolist") else str(value)
 
-    text = json.dumps(values, indent=2, default=plain, allow_nan=False)
-    path.write_text(text + "\n", "utf-8")
+    return json.dumps(values, indent=2, default=plain, allow_nan=False)
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write values as `json_of`, and keep them for ``--json``."""
+    path.write_text(json_of(values) + "\n", "utf-8")
+    record(**values)

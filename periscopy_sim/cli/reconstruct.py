@@ -10,10 +10,9 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
-from periscopy_sim.cli import messages, options
+from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
 from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
@@ -80,7 +79,7 @@ def reconstruct(
     if errors and not counts_errors:
         raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
     light.check_methods(method)
-    with output_folder(out, OPTIONAL) as folder:
+    with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
         for (camera, view), file in zip(views.items(), photo, strict=True):
             view.check_scene(method)
@@ -96,8 +95,8 @@ def reconstruct(
         of = ", ".join(map(str, photo))
         with (
             session.timed("reconstruct"),
-            progress("reconstructing"),
-            fixable(f"{of} by {method}"),
+            output.progress("reconstructing"),
+            output.fixable(f"{of} by {method}"),
             own_errors(method, f"failed on {of}"),
         ):
             joint: Any = METHODS[method].of_views(methods) if several else methods[session.sensor]
@@ -106,7 +105,7 @@ def reconstruct(
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
-        with session.timed(doing), progress(f"computing {doing}"):
+        with session.timed(doing), output.progress(f"computing {doing}"):
             report = joint.report(wall, solution)
             report, reports = report if several else (report, {session.sensor: report})
             verdicts = {
@@ -118,7 +117,7 @@ def reconstruct(
         titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
         used = (np.moveaxis(wall.planes, 0, -1) for wall in walls.values())
         shown = dict(zip(titles, used, strict=True))
-        with session.timed("draw"), progress("drawing"):
+        with session.timed("draw"), output.progress("drawing"):
             write_report(folder, report, session.scenario, images, shown, session.metadata)
             for camera, own in reports.items() if several else ():
                 file = folder / f"residual_{camera}.png"
@@ -133,13 +132,15 @@ def reconstruct(
         }
         session.write_summary(folder / "summary.json", summary)
     for note in chain(*(own.notes for own in reports.values() if several), report.notes):
-        say(messages.sentence(note.code, **note.values))
+        output.say(messages.sentence(note.code, **note.values))
     if reflecting := session.scenario.scene.reflecting:
-        say(messages.sentence("reflecting", names=", ".join(reflecting)))
-    for name, each in compared.items():
-        say(messages.comparison(each, name if len(compared) > 1 else ""))
+        output.say(messages.sentence("reflecting", names=", ".join(reflecting)))
+    rows = [["method", method], ["time", f"{sum(session.seconds.values()):.1f} s"]]
+    rows += messages.comparison(compared) if compared else []
+    output.show_table(rows, ["", *compared] if len(compared) > 1 else ())
     for camera, verdict in verdicts.items():
-        say(f"{camera}: {verdict}" if several else verdict)
+        line = f"{camera}: {verdict}" if several else verdict
+        output.conclude(line, messages.colour(reports[camera]))
 
 
 def _of_views(
@@ -178,7 +179,7 @@ def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.Uncertain
         return None
     if given or has_areas(scenario):
         return ps.uncertain_transport(scenario, errors)
-    say(messages.sentence("no_derivatives", scene=scene))
+    output.say(messages.sentence("no_derivatives", scene=scene))
     return None
 
 

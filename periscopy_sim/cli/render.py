@@ -10,13 +10,12 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import MonitorLight
 from periscopy_sim.cli.options import LIGHT, option
-from periscopy_sim.cli.output import progress, say
+from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
-from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
@@ -65,7 +64,7 @@ def photograph(
         "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
-    with staged_file(out) as file:
+    with output_files(out) as (file,):
         session.check_shadows()
         picture = session.hidden_image(names)
         background = None if ambient is None else session.ambient_light(ambient, target)
@@ -79,7 +78,7 @@ def photograph(
         y = y if snr is None else ps.add_noise(y, snr, session.seed)
         settings["image_sha256"] = image_sha256(picture)
         write_exr(file, y, as_text({**settings, **session.provenance}))
-    say(f"wrote {out} {y.shape[0]}x{y.shape[1]}")
+    record(**settings)
 
 
 def ambient(
@@ -99,10 +98,17 @@ def ambient(
     chosen = names or CONDITIONS
     scenario = Session(scene, [], define).scenario
     ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
-    for file in (out / f"{Path(name).stem}.exr" for name in chosen):
+    files, errors = [out / f"{Path(name).stem}.exr" for name in chosen], dict[str, float]()
+    for file in files:
         metadata = read_exr(file)[1]
-        error = np.hypot(float(metadata["relative_error"]), float(metadata["brightness_error"]))
-        say(f"wrote {file}  relative error of a pixel {error:.1e}")
+        parts = float(metadata["relative_error"]), float(metadata["brightness_error"])
+        errors[file.stem] = float(np.hypot(*parts))
+    show_table(
+        ([name, f"{error:.1e}"] for name, error in errors.items()),
+        ["light", "relative error of a pixel"],
+    )
+    record(relative_error=errors)
+    written(*files)
 
 
 def transport(session: Session, light: MonitorLight, out: options.OutFile) -> None:
@@ -122,18 +128,20 @@ def transport(session: Session, light: MonitorLight, out: options.OutFile) -> No
 def write_transport(
     session: Session, light: MonitorLight, plan: "TransportPlan", out: Path
 ) -> None:
-    """Compute A as planned; write it with the files beside it, and print their names."""
+    """Compute A as planned; write it with the files beside it, and show how."""
     from periscopy_sim.storage.transport_matrix import transport_writer
 
     with transport_writer(out, light.most_bounces) as write:
         A = light.transport(session.scenario, plan, session.seed)
-        record = {
+        origin = {
             "photograph_shape": session.scenario.photograph_shape,
             "hidden_shape": session.hidden_shape,
             **plan.origin,
             **session.provenance,
         }
-        beside = ", ".join(map(str, write(A, record)))
+        beside = write(A, origin)
     way = "areas" if plan.samples is None else f"{plan.samples} rays"
-    how = f"by {way}, error {100 * plan.error:.2g} % of the light"
-    say(f"wrote {out} {A.shape[0]}x{A.shape[1]} and {beside}; {how}")
+    rows = ["A", f"{A.shape[0]}x{A.shape[1]}"], ["by", way]
+    show_table([*rows, ["error of the light", f"{100 * plan.error:.2g} %"]])
+    record(**origin)
+    written(out, *beside)

@@ -11,7 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, option
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
 from periscopy_sim.figures.panels import draw_residual
@@ -111,11 +111,12 @@ def video(
             "frames_per_second": 1 / medians["seconds"],
         }
         session.write_summary(folder / "summary.json", summary)
-    say(f"{len(names)} frames, {1 / medians['seconds']:.1f} a second")
-    for of, name in named("", {name: name for name in known}).items():
-        psnr = f"median gain-matched PSNR {medians[f'psnr{of}']:.2f} dB"
-        say(f"{name} against the truth: {psnr}" if of else f"against the truth: {psnr}")
-    say(f"first frame: {verdict}")
+    rows = [["frames", f"{len(names)}"], ["frames a second", f"{1 / medians['seconds']:.1f}"]]
+    if known:
+        psnr = (f"{medians[f'psnr{of}']:.2f} dB" for of in named("", known))
+        rows.append(["median PSNR against the truth", *psnr])
+    show_table(rows, ["", *known] if len(known) > 1 else ())
+    conclude(f"first frame: {verdict}", messages.colour(report))
 
 
 def _frames_of(session: PhotoSession, name: str, images: str, count: int) -> Image:

@@ -74,8 +74,8 @@ def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallT
         view = fit_view(known, (light.cell * light.size[0], light.cell * light.size[1]))
         if not view.view.shows(on_wall):
             raise PhotographError(
-                "the marks put part of the camera's field of view behind the photograph's camera, "
-                "or beyond its lens; check them, and the scene's camera"
+                "the points or tags put part of the camera's field of view behind the photograph's "
+                "camera, or beyond its lens; check them, and the scene's camera"
             )
     except PhotographError as error:
         named = marks.source in str(error)
@@ -192,14 +192,14 @@ def film_areas(
         warnings = [f"the photograph does not show tag {number}" for number in film.missing]
         if film.placement > LARGEST_PLACEMENT_ERROR:
             warnings.append(
-                f"the marks place the photograph to {film.placement:.1f} of the scene's pixels "
-                "only, where it is worst; measure more of them, further apart"
+                f"the points or tags place the photograph to {film.placement:.1f} of the scene's "
+                "pixels only, where it is worst; measure more of them, further apart"
             )
     elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
         raise PhotographError(
             f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
             f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
-            "film, crop the photograph, or give marks on the wall"
+            "film, crop the photograph, or give points or tags of the wall"
         )
     on_photograph, on_film = None, np.ones(shape, bool)
     if mask is not None and mask.shape == shape != light.size:
@@ -224,7 +224,7 @@ def used_pixels(kinds: NDArray[np.uint8]) -> Mask:
     if not used.any():
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
-            "saturated or masked; check the marks and the exposure"
+            "saturated or masked; check the points or tags and the exposure"
         )
     return used
 

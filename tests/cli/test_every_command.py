@@ -1,5 +1,6 @@
 """Every command once, in a process of its own, as a user starts it after installation."""
 
+import json
 import os
 import signal
 import subprocess
@@ -100,3 +101,45 @@ def test_command_runs_in_a_fresh_process(command, inputs):
     if command == "view":
         assert said == "closed\n" and time.monotonic() - interrupted < 2
     assert "--out" not in WORDS[command] or (inputs / WORDS[command][-1]).exists()
+
+
+KEYS = {
+    "demo": ["noise-aware", "preconditioned", "verdict"],
+    "doctor": ["python", "numpy", "cores", "verdict"],
+    "fetch": ["saunders2019-chair"],
+    "watch": ["frames_shown", "frames_dropped"],
+    "prepare": ["pixels_left_out", "defects_left_out"],
+    "reconstruct": ["method", "unexplained", "verdict", "seconds"],
+    "video": ["median", "frames_per_second", "verdict"],
+    "calibrate": ["parameters", "trusted", "verdict"],
+    "photograph": ["image_sha256", "samples"],
+    "transport": ["samples", "transport_error"],
+    "ambient": ["relative_error"],
+    "sweep": ["psnr", "computed", "results"],
+    "dataset": ["made", "samples"],
+    "analyze": ["condition_A", "bound_ratio"],
+    "design": ["best", "ranking"],
+}
+"""Some of what `--json` prints of each command, beside files and warnings."""
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("command", [name for name in MODULES if name != "view"])
+def test_quiet_prints_nothing_and_json_one_object(command, inputs, periscopy, monkeypatch):
+    pytest.importorskip(EXTRAS.get(command, "numpy"))
+    monkeypatch.chdir(inputs)
+    *words, out = WORDS[command]
+    writes = "--out" in words
+    files = [f"{each}_{out}" if writes else out for each in ("quiet", "json")]
+    quiet, as_json = (
+        periscopy(*words, file, option)
+        for file, option in zip(files, ("-q", "--json"), strict=True)
+    )
+    assert (quiet.code, quiet.out) == (0, "")
+    assert all(line.startswith("periscopy: warning: ") for line in quiet.told.splitlines())
+    assert as_json.code == 0 and "\x1b" not in as_json.out + as_json.told
+    numbers = json.loads(as_json.out)
+    assert {*KEYS.get(command, ()), "files", "warnings"} <= numbers.keys()
+    assert bool(numbers["files"]) == writes and all((inputs / f).exists() for f in numbers["files"])
+    warned = [line for line in as_json.told.splitlines() if "warning: " in line]
+    assert {line.removeprefix("periscopy: warning: ") for line in warned} <= {*numbers["warnings"]}

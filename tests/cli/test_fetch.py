@@ -19,7 +19,7 @@ def nowhere(monkeypatch, tmp_path):
 
 
 def test_sets_are_listed_without_a_name(succeeds):
-    assert [line.split(":")[0] for line in succeeds("fetch").splitlines()] == [*published_sets()]
+    assert [line.split()[0] for line in succeeds("fetch").splitlines()] == [*published_sets()]
 
 
 @pytest.mark.usefixtures("nowhere")

@@ -10,6 +10,7 @@ import typer
 from rich.markup import render
 
 from periscopy_sim.cli import MODULES, app
+from periscopy_sim.cli.commands import with_options_of_groups
 from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
@@ -19,7 +20,6 @@ from periscopy_sim.cli.options import (
     parse_list,
     parse_ranges,
     settings_for,
-    with_options_of_groups,
 )
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.limits import size_of
@@ -79,7 +79,7 @@ def test_command_takes_the_options_of_its_groups():
 
     taken = with_options_of_groups(command)
     parameters = inspect.signature(taken).parameters
-    assert list(parameters) == ["name", "width", "height", "out"]
+    assert list(parameters) == ["name", "width", "height", "out", "quiet", "as_json"]
     assert (parameters["width"].default, parameters["height"].default) == (3.0, 2.0)
     taken(name="a", width=1.0, height=2.5, out=Path("b"))
     assert made == [("a", Room(1.0, 2.5), Path("b"))]

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from periscopy_sim.cli import output
-from periscopy_sim.cli.output import fixable, progress, write_json
+from periscopy_sim.cli.output import (
+    conclude,
+    fixable,
+    outcome_of,
+    part_of_command,
+    progress,
+    record,
+    say,
+    show_table,
+    warn,
+    write_json,
+    written,
+)
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.validation import InputError
 
@@ -33,7 +45,7 @@ def test_json_refuses_what_is_no_number(value, tmp_path):
 
 @pytest.fixture(autouse=True)
 def plain_environment(monkeypatch):
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    for name in ("FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
         monkeypatch.delenv(name, raising=False)
 
 
@@ -69,3 +81,70 @@ def test_no_name_controls_the_terminal(show, capfd):
     show("shape 'a\x1b[2J\x9b[red]\u202e'")
     (line,) = "".join(capfd.readouterr()).splitlines()
     assert line.isprintable() and line.endswith(r"shape 'a\x1b[2J\x9b[red]\u202e'")
+
+
+def run_command(**options):
+    """Do what a command does, in another order than its lines should have."""
+    with outcome_of(**{"quiet": False, "as_json": False, **options}):
+        conclude("The scene fits.", "green")
+        written(Path("out/a.png"), Path("out/b.npy"))
+        show_table([["PSNR", "27.10 dB"], ["[shift]", "1 patch \u202e"]], ["", "monitor"])
+        with part_of_command() as part:
+            say("of the part")
+            record(psnr=[np.float64(1.5)])
+        record(**part.numbers)
+        warn("few samples")
+
+
+PLAIN = """\
+         monitor
+PSNR     27.10 dB
+[shift]  1 patch \\u202e
+wrote out/a.png, out/b.npy
+The scene fits.
+"""
+WARNED = "periscopy: warning: few samples\n"
+
+
+def test_table_files_and_verdict_follow_each_other_in_plain_text(capfd):
+    run_command()
+    assert capfd.readouterr() == (PLAIN, WARNED)
+
+
+@pytest.mark.parametrize("colours", [True, False])
+def test_terminal_has_a_table_and_a_coloured_verdict(colours, monkeypatch, capfd):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    if not colours:
+        monkeypatch.setenv("NO_COLOR", "1")
+    run_command()
+    out, _ = capfd.readouterr()
+    assert "\u2502" in out and (out.splitlines()[-1] == "\x1b[32mThe scene fits.\x1b[0m") == colours
+    assert colours or out.splitlines()[-1] == "The scene fits."
+
+
+def test_quiet_prints_warnings_alone(capfd):
+    run_command(quiet=True)
+    with outcome_of(quiet=True, as_json=False), progress("rendering"):
+        say("a line")
+    assert capfd.readouterr() == ("", WARNED)
+
+
+def test_json_is_all_of_standard_output(capfd):
+    run_command(as_json=True)
+    out, err = capfd.readouterr()
+    assert json.loads(out) == {
+        "psnr": [1.5],
+        "verdict": "The scene fits.",
+        "files": ["out/a.png", "out/b.npy"],
+        "warnings": ["few samples"],
+    }
+    assert err == WARNED
+
+
+def test_files_that_were_written_before_an_error_are_named(capfd):
+    with pytest.raises(PeriscopyError), outcome_of(quiet=False, as_json=False):
+        conclude("The scene fits.")
+        written(Path("a.png"))
+        raise PeriscopyError("no space is left")
+    assert capfd.readouterr().out == "wrote a.png\n"

@@ -11,7 +11,7 @@ from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter, Rival
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
-from periscopy_sim.cli.calibrate import fixed_numbers, say_calibration
+from periscopy_sim.cli.calibrate import fixed_numbers, show_calibration
 from periscopy_sim.figures.calibration import draw_calibration, draw_silhouette
 from tests.scenes.calibration import calibration
 from tests.scenes.pictures import read
@@ -79,9 +79,10 @@ def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
     shown = replace(calibration(), parameters=measured, path=path, correlation=np.eye(3))
     assert [parameter.determined_by for parameter in measured] == sources
     labels = draw(shown).axes[-1].get_legend_handles_labels()[1]
-    say_calibration(shown, {})
-    lines = [line for line in capsys.readouterr().out.splitlines() if "measured" in line]
-    for source, line in zip(sources, lines[-3:], strict=True):
+    show_calibration(shown, {})
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["parameter", "calibrated", "measured", "determined"]
+    for source, line in zip(sources, lines[:3], strict=True):
         assert any(label.endswith(source) for label in labels) and source in line
     doubted = replace(measured[0], trusted=False)
     assert doubted.determined_by is DeterminedBy.NOTHING and not doubted.determined

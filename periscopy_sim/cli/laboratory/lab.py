@@ -8,41 +8,32 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, option, require_suffix
-from periscopy_sim.cli.output import progress, say, say_written
+from periscopy_sim.cli.options import OUTPUT, example_of, option, require_suffix
+from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.storage.outputs.staging import staged_file
+
+Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "commented measurements")]
 
 
 def lab(
     measurements: Annotated[
-        Path | None, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements.")
-    ] = None,
+        Path, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements; see --example.")
+    ],
     out: Annotated[
-        Path | None,
+        Path,
         option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
-    ] = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print commented measurements and exit.")
-    ] = False,
+    ],
+    example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make a scene of a laboratory from a ruler's measurements.
 
     Each number and its error become <default>s of the scene.
     """
-    from periscopy_sim.laboratory.document import EXAMPLE
-
-    if example:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        return
-    if measurements is None or out is None:
-        raise PeriscopyError("name MEASUREMENTS.yaml and --out; --example prints measurements")
     require_suffix(out, ".xml", "the scene")
-    say_written(*ps.build_laboratory(measurements, out))
+    written(*ps.build_laboratory(measurements, out))
     _Trial(str(out), []).check_shadows()
-    say(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
+    conclude(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
 
 def draw(
@@ -58,13 +49,12 @@ def draw(
     from periscopy_sim.figures.laboratory.projections import laboratory_figure
 
     options.require_suffix(out, ".png", "the drawing")
-    with staged_file(out) as staged:
+    with output_files(out) as (staged,):
         require_vectorized("a drawing")
         session = _Trial(scene, [], define, camera=camera)
         figure = laboratory_figure(session.scenario)
         with progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
-    say_written(out)
     session.check_shadows()
 
 

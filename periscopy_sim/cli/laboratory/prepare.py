@@ -12,7 +12,7 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import output_files, progress, say, say_written, warn
+from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.panels import displayable, write_enlarged
@@ -70,7 +70,7 @@ def prepare(
     marks = marks_of(points, tags)
     outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
-    with output_files(outputs, inputs) as staged:
+    with output_files(*outputs, inputs=inputs) as staged:
         with progress("reading the photograph"):
             light = _developed(photos, black, dark, flat, white)
         film: list[str] = []
@@ -90,11 +90,11 @@ def prepare(
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
         write_enlarged(staged[2], displayable(prepared.values), text)
-    _say_prepared(prepared, light.size)
-    say_written(*outputs)
+    record(**prepared.record())
+    _show_prepared(prepared, light.size)
     if film:
         definitions = " ".join(f"-D {each}" for each in film)
-        say(f"the scene's film has this size with {definitions}: give it with every command")
+        conclude(f"the scene's film has this size with {definitions}: give it with every command")
 
 
 def marks_of(points: Path | None, tags: Path | None) -> WallPoints | WallTags | None:
@@ -155,15 +155,18 @@ def _film(
     )
 
 
-def _say_prepared(prepared: "ps.Prepared", size: tuple[int, int]) -> None:
-    """Print how well marks place the scene's pixels, and what the mask leaves out."""
+def _show_prepared(prepared: "ps.Prepared", size: tuple[int, int]) -> None:
+    """Print how well points or tags place the scene's pixels, and what the mask leaves out."""
+    rows = [
+        ["photograph", "{}x{} pixels".format(*size)],
+        ["film", "{}x{} pixels".format(*prepared.mask.shape)],
+        ["averaged in each", f"{prepared.coverage:.3g} pixels of the photograph"],
+        ["dead or hot", f"{prepared.defects} pixels of the photograph"],
+        ["masked", f"{np.count_nonzero(~prepared.mask)} of {prepared.mask.size} pixels"],
+    ]
     if (fit := prepared.view) is not None:
         rms = f"{fit.rms:.2f} pixels of the photograph ({1e3 * fit.rms_on_wall:.2g} mm on the wall)"
-        fits = f"fit to {rms} rms" if fit.freedom else "are as many as the view needs"
-        say(f"{len(fit.marks)} marks {fits}, film pixels placed to {prepared.placement:.2f} of one")
-    rows, columns = prepared.mask.shape
-    say(
-        f"{size[0]}x{size[1]} pixels averaged to {rows}x{columns}: {prepared.coverage:.3g} in "
-        f"each, {prepared.defects} dead or hot; the mask leaves out "
-        f"{np.count_nonzero(~prepared.mask)} of {prepared.mask.size}"
-    )
+        fits = f"fit to {rms} rms" if fit.freedom else "as many as the view needs"
+        rows.append(["tags" if fit.marks.are_tags else "points", f"{len(fit.marks)}, {fits}"])
+        rows.append(["placement", f"± {prepared.placement:.2f} pixels of the film"])
+    show_table(rows)

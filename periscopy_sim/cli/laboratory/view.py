@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from contextvars import copy_context
 from dataclasses import asdict
 from pathlib import Path
 from threading import Lock, Thread
@@ -15,7 +16,7 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import output_folder, progress, say, warn, write_json
+from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
@@ -51,9 +52,7 @@ def view(
     ambient: Annotated[
         str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
     ] = None,
-    method: Annotated[
-        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
-    ] = DEFAULT,
+    method: options.FirstMethodOption = DEFAULT,
     mask: options.MaskOption = None,
     host: Host = "127.0.0.1",
     port: Port = 8080,
@@ -96,7 +95,9 @@ def view(
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
     """Serve a page until its session ends, or until Ctrl-C, which calls `close` first."""
     try:
-        worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
+        worker = Thread(
+            target=copy_context().run, args=(live.run,), daemon=True
+        )  # its long steps would delay Ctrl-C
         worker.start()
         if live.page.gate.is_open:
             warn(
@@ -111,6 +112,7 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
             live.stop()  # also processes of its own
             close()
             say("closed")
+            outcome().show()
             os._exit(0)
 
 

@@ -14,8 +14,8 @@ from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, expo
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import OUTPUT, option
-from periscopy_sim.cli.output import progress, say, say_written
+from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, option
+from periscopy_sim.cli.output import output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession, files_of_view
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
@@ -24,7 +24,7 @@ from periscopy_sim.photographs.develop import average as averaged
 from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
-from periscopy_sim.storage.outputs.staging import staged_file, unwritable_reported
+from periscopy_sim.storage.outputs.staging import unwritable_reported
 from periscopy_sim.storage.photographs import read_mask
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def watch(
     linear: Annotated[
         bool, typer.Option("--linear", help="Video is linear light, not encoded for screens.")
     ] = False,
-    method: Annotated[
-        str, option("NAME", "First method; yours as module:callable or file.py:callable.")
-    ] = DEFAULT,
+    method: FirstMethodOption = DEFAULT,
     host: Host = "127.0.0.1",
     port: Port = 8080,
 ) -> None:
@@ -96,6 +94,7 @@ def watch(
     def close() -> None:
         if recorder is not None:
             recorder.close()
+        record(frames_shown=stream.shown, frames_dropped=stream.dropped)
         say(f"{stream.shown} frames shown, {stream.dropped} dropped")
 
     with live:
@@ -207,7 +206,7 @@ class Recorder:
         with unwritable_reported(self._folder), closing(self._file):
             for stack in self._stacks.values():
                 stack.close()
-        with staged_file(self._folder / "summary.json") as staged:
+        with output_files(self._folder / "summary.json") as (staged,):
             self._session.write_summary(staged, summary)
-        files = "metrics.csv", "summary.json", *(f"{stem}.npy" for stem in self._stacks)
-        say_written(*(self._folder / name for name in sorted(files)))
+        files = "metrics.csv", *(f"{stem}.npy" for stem in self._stacks)
+        written(*(self._folder / name for name in files))

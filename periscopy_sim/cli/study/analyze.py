@@ -8,7 +8,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import fixable, output_folder, progress, say
+from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
 from periscopy_sim.hidden import named
@@ -72,9 +72,10 @@ def analyze(
             folder / "summary.json", {"rank_tolerance": rank_tolerance, **numbers}
         )
     median, worst = 100 * np.median(both), 100 * both.max()
-    say(
-        f"median patch ± {median:.2g} % of white, worst ± {worst:.2g} %, at noise of 0.1 % of a "
-        "white screen's mean photograph"
+    show_table(
+        [name.replace("_", " "), f"{value:.4g}", MEANINGS[name]] for name, value in numbers.items()
     )
-    for name, value in numbers.items():
-        say(f"{name.replace('_', ' '):24} {value:<11.6g}  {MEANINGS[name]}")
+    conclude(
+        f"The median patch is known to ± {median:.2g} % of white, the worst to ± {worst:.2g} %, at "
+        "noise of 0.1 % of a white screen's mean photograph."
+    )

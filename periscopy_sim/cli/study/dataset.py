@@ -1,6 +1,5 @@
 """`periscopy dataset`: make a data set, check it, look at it."""
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,21 +7,20 @@ from typing import Annotated, Any
 import typer
 
 import periscopy_sim as ps
+from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import (
-    HELP,
-    OUTPUT,
-    Command,
-    CommandGroup,
     Out,
     Scheduler,
+    Store,
+    example_of,
     option,
     parse_indices,
     place_of,
 )
-from periscopy_sim.cli.output import progress, say, warn
+from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
-from periscopy_sim.errors import DatasetError, PeriscopyError
+from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -31,6 +29,11 @@ Archive = Annotated[
     typer.Argument(
         metavar="DATA", help="A data set, as 'periscopy dataset' writes it.", parser=place_of
     ),
+]
+
+
+Example = Annotated[
+    bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
 ]
 
 
@@ -54,35 +57,19 @@ app = typer.Typer(
 
 
 @app.command("make", cls=Command)
+@with_options_of_groups
 def make(
     configuration: Annotated[
-        Path | None, typer.Argument(metavar="CONFIG.yaml", help="The configuration.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        option(
-            "FOLDER",
-            "The Zarr archive, made or continued; or a URL, as s3://bucket/name.",
-            group=OUTPUT,
-            parser=place_of,
-        ),
-    ] = None,
+        Path, typer.Argument(metavar="CONFIG.yaml", help="The configuration; see --example.")
+    ],
+    out: Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
     ] = None,
     scheduler: Scheduler = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print a commented configuration and exit.")
-    ] = False,
+    example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
-    from periscopy_sim.dataset.configuration import EXAMPLE
-
-    if example:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        return
-    if configuration is None or out is None:
-        raise PeriscopyError("name CONFIG.yaml and --out; --example prints a configuration")
     require_all()
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()
@@ -93,28 +80,27 @@ def make(
     seconds = time.perf_counter() - start
     if result.empty_splits:
         warn(sentence("empty_splits", splits=" or ".join(result.empty_splits)))
-    say(
-        f"wrote {out}: {result.made} samples of {result.geometries} geometries in {seconds:.1f} s; "
-        f"{result.count} in all"
-        if result.made else f"{out} is complete: {result.count} samples"
+    numbers = {"made": result.made, "geometries": result.geometries, "samples": result.count}
+    record(**numbers, seconds=seconds)
+    written(out)
+    conclude(
+        f"{result.made} samples of {result.geometries} geometries in {seconds:.1f} s; "
+        f"{result.count} samples in all"
+        if result.made else f"{out} is complete: {result.count} samples", "green"
     )  # fmt: skip
 
 
 @app.command("info", cls=Command)
-def info(
-    data: Archive,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
-) -> None:
+@with_options_of_groups
+def info(data: Archive) -> None:
     """Print the size and the contents of a data set."""
     description = describe(data)
-    if as_json:
-        print(json.dumps(description, indent=2))
-        return
-    for name, value in description.items():
-        say(f"{name.replace('_', ' '):13} {value}")
+    record(**description)
+    show_table([name.replace("_", " "), str(value)] for name, value in description.items())
 
 
 @app.command("verify", cls=Command)
+@with_options_of_groups
 def verify(data: Archive) -> None:
     """Compare every file with its checksum; exit 2 if one is damaged."""
     with progress("verifying", "blocks") as report:
@@ -125,10 +111,11 @@ def verify(data: Archive) -> None:
         raise DatasetError(
             f"{data}: is unfinished or damaged; run 'periscopy dataset CONFIG.yaml' again"
         )
-    say(f"{data}: all samples are whole")
+    conclude(f"{data}: all samples are whole", "green")
 
 
 @app.command("export", cls=Command)
+@with_options_of_groups
 def export(
     data: Archive,
     out: Out,
@@ -138,4 +125,5 @@ def export(
     count = open_dataset(data, incomplete=True).sizes["sample"]
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
         files = export_samples(data, folder, parse_indices(samples, count), report)
-    say(f"wrote {out}: {len(files)} files, and among them sheet.png")
+    written(out)
+    conclude(f"{len(files)} files, among them sheet.png")

@@ -14,7 +14,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import progress, say, say_written, warn, write_json
+from periscopy_sim.cli.output import conclude, progress, show_table, warn, write_json, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_to_signal
@@ -105,8 +105,8 @@ def design(
         ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
         _write_results(session, out, rows, ranking, {**settings, "by": by.value})
     best = ranking[0] if ranking else None
-    _say_rows(rows, best)
-    say_written(*(out / name for name in FILES if name != BEST or best is not None))
+    _show_rows(rows, best)
+    written(*(out / name for name in FILES if name != BEST or best is not None))
 
 
 def _write_results(
@@ -146,17 +146,22 @@ def _write_results(
         write_json(file, record)
 
 
-def _say_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
+def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     """Print the errors of the given and the best scene; warn of points that are no scenes."""
     from periscopy_sim.evaluation.design import NUMBERS, values_of
 
+    shown, place = [], ""
     for row in rows:
         place = ", ".join(f"{name}={value}" for name, value in values_of(row).items())
         if row["failure"]:
             warn(f"{place}: {row['failure']}")
         elif row["point"] == 0 or row is best:
-            numbers = {name: row[name] for name in NUMBERS if row[name] is not None}
-            errors = ", ".join(f"{name} {100 * each:.3g} %" for name, each in numbers.items())
-            say(f"{'best' if row is best else 'given scene'} ({place}): {errors} of white")
+            numbers = ("" if row[n] is None else f"{100 * row[n]:.3g} %" for n in NUMBERS)
+            shown.append(["best" if row is best else "given", place, *numbers])
+    words = (f"{name.replace('_', ' ')}, of white" for name in NUMBERS)
+    show_table(shown, ["scene", "values", *words])
     if best is None:
         warn(sentence("no_best"))
+    else:
+        place = ", ".join(f"{name}={value}" for name, value in values_of(best).items())
+        conclude(f"best: {place}", "green")

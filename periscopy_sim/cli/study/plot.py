@@ -8,7 +8,7 @@ import typer
 
 from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, option
-from periscopy_sim.cli.output import say, say_written
+from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.sweeps import (
@@ -21,7 +21,6 @@ from periscopy_sim.figures.sweeps import (
     table_of,
 )
 from periscopy_sim.numerics.limits import number_of
-from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,14 +90,13 @@ def plot(
 
         results = differences(results, surfaces_of(results, metric), value, axis)
     results = labelled(results, metric, options.parse_definitions(label, "--label"))
-    with staged_file(out) as file:
+    with output_files(out) as (file,):
         if out.suffix == ".csv":
             table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
         elif out.suffix == ".tex":
             file.write_text(latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
             say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
-    say_written(out)
 
 
 def _read(folder: Path) -> "xr.Dataset":

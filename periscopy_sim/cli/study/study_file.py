@@ -6,8 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
-from periscopy_sim.cli.options import SCENE, option
+from periscopy_sim.cli.options import SCENE, example_of, option
 from periscopy_sim.errors import ConfigurationError
+
+OWN = "study", "example", "quiet", "as_json"
+"""Options that a study file cannot have."""
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
@@ -24,7 +27,7 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
 
     from periscopy_sim.storage.formats.yaml_document import Strict, read_yaml
 
-    options = [each for each in context.command.params if each.name not in ("study", "example")]
+    options = [each for each in context.command.params if each.name not in OWN]
     fields: dict[str, Any] = {
         str(each.name): (Any, Field(None, alias=str(each.name).replace("_", "-")))
         for each in options
@@ -73,12 +76,6 @@ def _words(value: Any) -> str | bool:
     return ",".join(map(str, value if isinstance(value, list) else [value]))
 
 
-def _print_example(_: typer.Context, is_asked: bool) -> None:
-    if is_asked:
-        print(EXAMPLE.read_text("utf-8"), end="")
-        raise typer.Exit
-
-
 StudyOption = Annotated[
     Path | None,
     option(
@@ -86,10 +83,4 @@ StudyOption = Annotated[
         group=SCENE, is_eager=True, callback=_read,
     ),
 ]  # fmt: skip
-ExampleOption = Annotated[
-    bool,
-    typer.Option(
-        "--example", help="Print a commented study file and exit.", is_eager=True,
-        callback=_print_example,
-    ),
-]  # fmt: skip
+ExampleOption = Annotated[bool, example_of(__name__, "a commented study file")]

@@ -11,7 +11,7 @@ import typer
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
-from periscopy_sim.cli.output import progress, say, say_written
+from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
@@ -24,11 +24,7 @@ from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.places import mirrored
-from periscopy_sim.storage.outputs.provenance import (
-    array_sha256,
-    scene_sha256,
-    sha256_of,
-)
+from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.outputs.store import attributes_of
@@ -188,11 +184,15 @@ def sweep(
             )  # fmt: skip
         with staged_file(out / "sweep.png") as file:
             draw_sweep(file, results, metadata=session.metadata)
-    _say_means(results)
-    for name, of_method in seconds.items():
-        if of_method:
-            say(f"{name}: {np.median(of_method):.2g} s of a core for a photograph, the median")
-    say(f"computed {sum(map(len, seconds.values()))} of {results['failure'].size} results")
+    _show_means(results)
+    medians = {name: float(np.median(each)) for name, each in seconds.items() if each}
+    show_table(
+        ([name, f"{median:.2g} s"] for name, median in medians.items()),
+        ["method", "median time of a core for a photograph"],
+    )
+    computed = sum(map(len, seconds.values()))
+    say(f"computed {computed} of {results['failure'].size} results")
+    record(seconds=medians, computed=computed, results=results["failure"].size)
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
@@ -202,7 +202,7 @@ def sweep(
             f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
             f"{', '.join(more)}, too, which 'periscopy plot' shows"
         )
-    say_written(*(out / name for name in RESULTS))
+    written(*(out / name for name in RESULTS))
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
@@ -255,36 +255,45 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
     return shown
 
 
-def _say_means(results: "xr.Dataset") -> None:
-    """Print the mean error of each method at each SBR, the differences, and the failures."""
+def _show_means(results: "xr.Dataset") -> None:
+    """Print the mean PSNR of each method at each SBR, the differences, and the failures."""
     from periscopy_sim.evaluation.statistics import UNITS, counted, differences, interval
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
-    for name in surfaces_of(results, "mean_squared_error"):
-        errors = results[name]  # without failures
-        means = errors.mean([axis for axis in errors.dims if axis not in (*kept, "sbr")])
+    surfaces, shown = surfaces_of(results, "psnr"), list[list[str]]()
+    for surface in surfaces:
+        psnr = results[surface]  # without failures
+        means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
-        say(f"mean squared error {name.removeprefix('mean_squared_error')[1:]}".strip())
-        say(table.to_string(float_format="{:.5f}".format, na_rep="failed"))
+        table = table.rename(columns="{:g}".format)
+        record(
+            **{
+                surface: table.astype(object)
+                .where(table.notna(), None)
+                .reset_index()
+                .to_dict("records")
+            }
+        )
+        cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
+        title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
+        header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]
+        show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
         say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' tells them apart")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
-    for surface in surfaces_of(results, "psnr") if others else ():
+    for surface in surfaces if others else ():
         compared = differences(results, [surface], first, axis)[surface]
         found = interval(-compared.mean([n for n in compared.dims if n not in (*kept, *UNITS)]))
-        for method in names if axis != "algorithm" else [""]:
-            of_method = found.sel(algorithm=method) if method else found
-            for name in others:
-                one = of_method.sel({axis: name})
-                mean, half = one["mean"].item(), one["half"].item()
+        for _, one in found.stack(each=kept).groupby("each", squeeze=False):
+            *method, name = one["each"].item()
+            mean, half = one["mean"].item(), one["half"].item()
+            if name != first and np.isfinite(mean):
                 within = f" ± {half:.1f}" if np.isfinite(half) else ""
-                if np.isfinite(mean):
-                    say(
-                        f"{surface}: {method and f'{method}, '}{first} minus {name}: "
-                        f"{mean:.1f}{within} dB (95 %, n = {counted([one])})"
-                    )
+                what = ", ".join([surface, *method, f"{first} minus {name}"])
+                shown.append([what, f"{mean:.1f}{within} dB", counted([one])])
+    show_table(shown, ["difference", "95 %", "n"])
     if "trusted" in results:  # each by one calibration for all methods
         trusted = results["trusted"].max("algorithm")
         if count := trusted.count().item():

@@ -10,7 +10,7 @@ import numpy as np
 
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
-from periscopy_sim.cli.output import fixable, progress
+from periscopy_sim.cli.output import fixable, part_of_command, progress
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
@@ -298,7 +298,8 @@ class Worlds:
         # A picture or a scene of this name may have been another.
         if not (file.is_file() and as_text(made).items() <= read_exr(file)[1].items()):
             images = [f"{surface}={image}" for surface, image in self.shown[name].items()]
-            take_photograph(session=session, images=images, out=file)
+            with part_of_command():
+                take_photograph(session=session, images=images, out=file)
         mask, monitor_off = session.companions()
         return replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
 
@@ -375,7 +376,8 @@ class Worlds:
         rays += f"_{plan.across}_across" if rays and plan.across > 1 else ""
         file = folder / f"A{rays}.npy"
         if not (file.is_file() and plan.origin.items() <= read_record(file).items()):
-            write_transport(session, light, plan, file)
+            with part_of_command():
+                write_transport(session, light, plan, file)
         return session.transport(light, matrix=file)
 
 
@@ -419,28 +421,21 @@ def _uncertain(
 
 def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
+    words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*Model]}
+    if axis == "scene":
+        return
     if axis == "hidden":
         if min(size_of(str(value))) < 1:
             raise PeriscopyError(f"--vary hidden={value}: give at least one patch")
-        return
-    if axis == "scene":
-        return
-    if axis == KNOWN:
-        if value not in (TRUE, RULER, CALIBRATED):
-            known = f"{TRUE}, {RULER} and {CALIBRATED}"
-            raise PeriscopyError(f"--vary {axis}={value}: there are {known}")
-        return
-    if axis == "model":
-        if value not in [*Model]:
-            raise PeriscopyError(f"--vary model={value}: there are {', '.join(Model)}")
-        return
-    if not isinstance(value, float):
+    elif axis in words:
+        if value not in words[axis]:
+            raise PeriscopyError(f"--vary {axis}={value}: there are {', '.join(words[axis])}")
+    elif not isinstance(value, float):
         form = f"numbers in {unit}" if unit else "numbers"
         raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
-    if axis == DRAW and not (value.is_integer() and in_range("seed", value)):
-        raise PeriscopyError(f"--vary {DRAW}={value:g}: write the numbers of draws, such as 0:7:8")
-    if axis == "samples" and not (value.is_integer() and in_range("rays", value)):
-        limits = "{} to {}".format(*RANGES["rays"])
-        raise PeriscopyError(f"--vary samples={value:g}: write whole numbers from {limits}")
-    if option is not None:
+    elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
+        if not (value.is_integer() and in_range(kind, value)):
+            limits = "{} to {}".format(*RANGES[kind])
+            raise PeriscopyError(f"--vary {axis}={value:g}: write whole numbers from {limits}")
+    elif option is not None:
         settings_for(option[0], {option[1]: value}, FOR_STILLS)

@@ -72,7 +72,7 @@ def test_points_rectify(succeeds, tmp_path):
     save(tmp_path / "y.tif", light)
     write_points(tmp_path / "p.csv", wall_points())
     printed = succeeds("prepare", "y.tif", *SCENE, "--points", "p.csv", "--out", "wall.exr")
-    assert printed.startswith("8 marks fit to 0.00 pixels")
+    assert "points            8, fit to 0.00 pixels" in printed
     pixels, metadata = read_exr(tmp_path / "wall.exr")
     assert np.nanmean(pixels) == pytest.approx(2000, rel=1e-3)
     assert metadata["view_distortion"] == "none"
@@ -135,7 +135,7 @@ def test_tags_are_found_rectified_and_left_out(succeeds, refused, tmp_path):
     printed = succeeds("prepare", "y.tif", *SCENE, "--tags", "t.csv", "--out", "wall.exr")
     mask = read_mask(tmp_path / "wall_mask.png")
     pixels, _ = read_exr(tmp_path / "wall.exr")
-    assert printed.startswith("4 marks fit to 0.0")
+    assert "tags              4, fit to 0.0" in printed
     assert not mask[1:4, 2:4].any() and mask[9:13].all()
     assert np.allclose(pixels[mask], 15000, rtol=1e-3)
     more = [*rows, rows[0].replace("0,", "9,", 1)]

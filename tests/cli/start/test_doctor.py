@@ -43,6 +43,6 @@ def test_llvm_that_the_users_variable_names_in_vain_is_shown_with_the_variable()
         pytest.skip("CUDA works here, which is preferred to LLVM")
     ended = examine(PERISCOPY_VARIANT="", DRJIT_LIBLLVM_PATH="no-such-library")
     assert ended.returncode == 0
-    assert ended.stdout.splitlines()[-1] == "rendering    with scalar_rgb"
+    assert ended.stdout.splitlines()[-1] == "rendering with scalar_rgb"
     assert "no libLLVM loads (by DRJIT_LIBLLVM_PATH, no-such-library)" in ended.stdout
     assert INSTALL_LLVM not in ended.stdout
