@@ -147,6 +147,7 @@ class Way(ABC):
     normals: Array  # (M, K, 3)
     exponents: Array  # (2,) of the surface's profile
     scale: float  # of the light that `fill` computes
+    patches: int  # R C
 
     def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
         """Return the surface's columns of A, (M, R C)."""
@@ -160,11 +161,6 @@ class Way(ABC):
 
         in_parallel(part, ranges(len(A)))
         return A
-
-    @property
-    @abstractmethod
-    def patches(self) -> int:
-        """R C."""
 
     @abstractmethod
     def linearized(
@@ -185,11 +181,6 @@ class Outlines(Way):
     meshes: list[tuple[Array, NDArray[np.int64]]]  # vertices and faces of each
     shape: NDArray[np.int64]  # (2,)
     cut: NDArray[np.int64]  # (2,)
-
-    @property
-    def patches(self) -> int:
-        """R C."""
-        return int(np.prod(self.shape // self.cut))
 
     @cached_property
     def borders(self) -> Borders:
@@ -239,11 +230,6 @@ class Faces(Way):
 
     faces: Array  # (F, 3, 3)
     grid: Patches
-
-    @property
-    def patches(self) -> int:
-        """R C."""
-        return len(self.grid.centers)
 
     def fill(self, rows: slice, out: NDArray[Any]) -> None:
         """Fill `out` with the light of each patch in some rows, over the scale."""
@@ -308,7 +294,8 @@ def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
     if hides_itself(surface, tuple(view.corners[1].ravel())):
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
-    return Faces(view.points, view.normals, exponents, scale, stacked, patches_of(surface))
+    patches = len(surface.centers)
+    return Faces(view.points, view.normals, exponents, scale, patches, stacked, patches_of(surface))
 
 
 def outlines_on(
@@ -344,8 +331,8 @@ def outlines_on(
                 continue
             return None
         meshes.append((vertices, occluder.faces))
-    scale *= float(width * height)
-    return Outlines(points, normals, exponents, scale, cells, meshes, shape * cut, cut)
+    scale, patches = scale * float(width * height), len(surface.centers)
+    return Outlines(points, normals, exponents, scale, patches, cells, meshes, shape * cut, cut)
 
 
 def wall_plane(view: View) -> WallFrame:

@@ -29,26 +29,17 @@ MOST = {
 """What a scene may have at most, with all that its documents include."""
 
 Element = tuple[int, str, Mapping[str, str]]
-"""Of a scene: its level below the first one, its tag and its attributes."""
+"""Of a document: its level below the first one, its tag and its attributes."""
 
 
-def read_document(path: Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
-    """Return what a scene file and those that it includes declare; see `read_elements`."""
-    return read_elements(path, parameters)[0]
-
-
-def read_elements(
-    path: Path, parameters: Mapping[str, str] | None = None
-) -> tuple[SceneDocument, list[Element]]:
-    """Return what a scene file and those that it includes say, with values for its ``<default>``s.
-
-    The elements, but for the defaults, are in the order of the text, with the values filled in.
+def read_document(path: str | Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:
+    """Return what a scene file and those that it includes declare, with values for ``<default>``s.
 
     An unchanged file is parsed once in a process. A file that does not exist, is no regular file or
     no XML, includes itself or exceeds the limits above is a `SceneError`.
     """
-    reader = _Reader(path, parameters or {})
-    folders = [path.parent]
+    path, given = Path(path), dict(parameters or {})
+    reader, folders = _Reader(path, given), [path.parent]
     reader.read(path, folders, (), 0)
     files: dict[Path, Path] = {}
     for named in reader.named:
@@ -56,8 +47,7 @@ def read_elements(
         if file is not None:
             files.setdefault(file.resolve(), file)
     lists = tuple(files.values()), tuple(folders), tuple(reader.missing)
-    given = dict(parameters or {})
-    return SceneDocument(path, given, reader.defaults, *lists, reader.units), reader.elements
+    return SceneDocument(path, given, reader.defaults, *lists, reader.units)
 
 
 def check_values(document: SceneDocument) -> None:
@@ -114,7 +104,6 @@ class _Reader:
         """Files in order, and names that plugins look for once all is parsed."""
         self.missing: list[str] = []
         self.units: dict[str, str] = {}
-        self.elements: list[Element] = []
         self._count = 0
 
     def read(
@@ -137,8 +126,6 @@ class _Reader:
             attributes = texts  # which the cache shares: nothing may change them
             if varies:
                 attributes = {name: self._filled(text) for name, text in texts.items()}
-            if tag != "default":
-                self.elements.append((depth + below, tag, attributes))
             match tag, attributes:
                 case "default", {"name": name, "value": value}:
                     self.defaults.setdefault(name, value)

@@ -13,14 +13,8 @@ from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
-from periscopy_sim.rendering.scene.document import check_values, read_elements
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
-from periscopy_sim.rendering.scene.placement import (
-    CAMERAS,
-    SceneLayout,
-    only_motions,
-    written_layout,
-)
+from periscopy_sim.rendering.scene.placement import CAMERAS, SceneLayout, only_motions
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
     map_points,
@@ -161,7 +155,8 @@ class SceneLoader:
     """
 
     def __init__(self, nodes: SceneNodes) -> None:
-        self.layout, self._path = nodes.layout(), nodes.path
+        layout, self._path = nodes.layout(), nodes.path
+        self._layout: SceneLayout | None = layout
         reflecting = nodes.reflecting()  # before all shine
         nodes.show(None)
         self._cameras = nodes.cameras
@@ -169,13 +164,13 @@ class SceneLoader:
             nodes.average_pixels(sensor=name)
         check_nodes(nodes)
         # Instantiating consumes the nodes.
-        emission = {name: nodes.emission_profile(name) for name in nodes.hidden}
+        emission = layout.emission
         lights, transparent = nodes.other_lights(), tuple(nodes.transparent)
         self._materials = {name: nodes.material(name) for name in nodes.walls}
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
         boxes = {name: _box(shape, nodes.path) for name, shape in shapes.items()}
-        bodies = {n: _occluder(shape, self.layout, boxes[n]) for n, shape in shapes.items()}
+        bodies = {n: _occluder(shape, layout, boxes[n]) for n, shape in shapes.items()}
         walls = tuple(bodies.pop(name) for name in self._materials)
         self._views: dict[tuple[Size | None, int, str], View] = {}
         # A calibration asks for scenes that differ by little; most share a view.
@@ -185,8 +180,8 @@ class SceneLoader:
         self._wholes: dict[str, Surface] = {}
         self.scene = Scene(
             document=nodes.document,
-            places=self.layout.places,
-            plugins=self.layout.plugins,
+            places=layout.places,
+            plugins=layout.plugins,
             boxes={name: corners(box) for name, box in boxes.items()},
             occluders=tuple(body for name, body in bodies.items() if name not in emission),
             surfaces=tuple(body for name, body in bodies.items() if name in emission),
@@ -199,22 +194,24 @@ class SceneLoader:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out Mitsuba's scene, which cannot be pickled, and what a copy computes anew."""
-        return self.__dict__ | {"_built": (None, None), "_last_views": {}, "_last_hidden": {}}
+        """Leave out what is Mitsuba's, which cannot be pickled, and what a copy computes anew."""
+        of_mitsuba = {"_built": (None, None), "_layout": None}
+        return self.__dict__ | of_mitsuba | {"_last_views": {}, "_last_hidden": {}}
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
         """Return a scene at other values, moved where that suffices, else loaded anew."""
-        document, elements = read_elements(self._path, values)
-        check_values(document)
-        layout = written_layout(elements, list(self.layout.places))
+        nodes = SceneNodes(self._path, values)
+        layout = nodes.layout()
+        if self._layout is None:  # of a pickled copy
+            self._layout = SceneNodes(self._path, self.scene.parameters).layout()
         bodies = (*scene.occluders, *scene.walls)
         movable = [each.name for each in bodies if each.vertices is not None]
-        moved = only_motions(self.layout, layout, [*movable, *scene.emission, *self._cameras])
+        moved = only_motions(self._layout, layout, [*movable, *scene.emission, *self._cameras])
         if moved is None:
-            return SceneLoader(SceneNodes(self._path, values)).scene
+            return SceneLoader(nodes).scene
         return replace(
             self.scene,
-            document=document,
+            document=nodes.document,
             places=layout.places,
             motions=moved,
             boxes={
@@ -224,7 +221,7 @@ class SceneLoader:
             occluders=tuple(_moved_occluder(each, moved) for each in self.scene.occluders),
             surfaces=tuple(_moved_occluder(each, moved) for each in self.scene.surfaces),
             walls=tuple(_moved_occluder(each, moved) for each in self.scene.walls),
-            emission={n: layout.emission.get(n, each) for n, each in self.scene.emission.items()},
+            emission=layout.emission,
         )
 
     def view(self, scene: Scene, shape: Size | None, across: int, camera: str) -> View:
@@ -235,7 +232,7 @@ class SceneLoader:
         loaded = self._views[key]
         if not scene.motions:
             return replace(loaded, scene=scene)
-        if self.layout.plugins[camera] in CAMERAS:
+        if self.scene.plugins[camera] in CAMERAS:
             last = self._last_views.get(key, loaded)
             if scene.has_same_places((camera, loaded.wall), last.scene):
                 view = last.moved(scene, {})

@@ -5,12 +5,11 @@ short, vertices that are not finite, indices of no vertex, polygons with a notch
 fill, and what trimesh skips of GLB.
 """
 
-import hashlib
 import io
 import json
 import logging
-import os
 import re
+import uuid
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -132,13 +131,15 @@ def as_ply(path: Path, kind: str) -> Path:
 
     What is wrong is a ValueError, see `read_mesh`.
     """
-    digest = hashlib.sha256(kind.encode() + _content(path)).hexdigest()
-    copy = Path(_copies().name) / f"{digest}.ply"
-    if not copy.is_file():
-        mesh = read_mesh(path, kind)
-        begun = copy.with_suffix(f".{os.getpid()}")
-        write_ply(begun, mesh)
-        begun.replace(copy)
+    return _copy(path, kind, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _copy(path: Path, kind: str, _: int) -> Path:
+    """Write a mesh file as PLY, once as of a time."""
+    mesh = read_mesh(path, kind)
+    copy = Path(_copies().name) / f"{uuid.uuid4().hex}.ply"
+    write_ply(copy, mesh)
     return copy
 
 

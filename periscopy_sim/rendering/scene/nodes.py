@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.emitters.lcd import EXPONENTS
 from periscopy_sim.rendering.emitters.lcd import PLUGIN as LCD
-from periscopy_sim.rendering.scene.document import check_values, file_of, read_elements
-from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place, written_layout
+from periscopy_sim.rendering.scene.document import check_values, file_of, read_document
+from periscopy_sim.rendering.scene.placement import NUMBERS, SceneLayout, place
 from periscopy_sim.rendering.variant import SHARED, mi, one_line
 from periscopy_sim.scene import CAMERA, MONITOR, WALL, EmissionProfile, SceneDocument, is_hidden
 
@@ -38,7 +39,7 @@ class SceneNodes:
         parameters: Mapping[str, str] | None = None,
         required: Mapping[str, str] | None = None,
     ) -> None:
-        self.document, self._elements = read_elements(Path(path), parameters)
+        self.document = read_document(path, parameters)
         self._config, self._state = parse(self.document)
         if required is None:
             surfaces = dict.fromkeys(self.hidden or [MONITOR], "Shape")
@@ -130,22 +131,25 @@ class SceneNodes:
         )
 
     def layout(self) -> SceneLayout:
-        """Return the layout by the text where Mitsuba agrees, else Mitsuba's without a rest."""
-        parsed = SceneLayout()
-        for props in self.of_type("Shape", "Sensor"):
+        """Return where the scene has its shapes and sensors, and everything else that it says."""
+        plugins: dict[str, str] = {}
+        places: dict[str, Array] = {}
+        rest = []
+        for node in self._state.nodes:
+            props = mi.Properties(node.props)
             name, plugin = str(props.id()), str(props.plugin_name())
-            to_world = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, float)
             known = [each for each in NUMBERS.get(plugin, ()) if each in props]
-            numbers: dict[str, Any] = {each: np.array(props[each], float) for each in known}
-            parsed.plugins[name], parsed.places[name] = plugin, place(plugin, to_world, **numbers)
-        written = written_layout(self._elements, list(parsed.places))
-        # Mitsuba parses in double precision and renders in single.
-        same = float(np.finfo(np.float32).eps)
-        is_same = written.places.keys() == parsed.places.keys() and all(
-            np.abs(written.places[name] - place).max() <= same * np.abs(place).max()
-            for name, place in parsed.places.items()
-        )
-        return written if is_same else parsed
+            if str(node.type).endswith(("Shape", "Sensor")):
+                to_world = props.get("to_world", mi.ScalarTransform4f()).matrix
+                numbers = {each: np.array(props[each], np.float64) for each in known}
+                plugins[name] = plugin
+                places[name] = place(plugin, np.array(to_world, np.float64), **numbers)
+                known += ["to_world"] if "to_world" in props else []
+            for each in known:
+                del props[each]
+            rest.append(props)
+        emission = {name: self.emission_profile(name) for name in self.hidden}
+        return SceneLayout(plugins, places, emission, rest)
 
     def material(self, name: str) -> str:
         """Return the name of a shape's BSDF plugin, of a ``twosided`` one that of its front."""

@@ -7,8 +7,8 @@ import os
 import shutil
 import sys
 import uuid
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from periscopy_sim.errors import OutputError, path_fault
@@ -33,8 +33,7 @@ def spare_inputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None
             raise OutputError(f"cannot write {output}: it is one of the files given; name another")
 
 
-@contextmanager
-def staged_file(path: Path) -> Iterator[Path]:
+def staged_file(path: Path) -> AbstractContextManager[Path]:
     """Write a file under a temporary name in the same folder, flush it, and rename it.
 
     The block receives the temporary name, which has the same suffix. Missing parent folders are
@@ -44,55 +43,49 @@ def staged_file(path: Path) -> Iterator[Path]:
     device, or cannot be written; a later one that the disk is full. An object of a store is put
     there at once.
     """
-    if is_remote(path):
-        with uploaded(path) as staged:
-            staged.touch()
-            yield staged
-        return
-    with ExitStack() as undo:
-        with unwritable_reported(path):
-            target = Path(os.path.realpath(path))  # absolute: the block may change folder
-            if target.exists() and not target.is_file():
-                raise OutputError(f"cannot write {path}: it is no regular file; name another")
-            staged = _temporary_name(target, target.parent, undo)
-            staged.touch()  # shows before hours of work whether the place can be written
-            _hold(staged, undo)
-        with out_of_space_reported(path), original_named(path, staged):
-            yield staged
-        with unwritable_reported(path):
-            _flush(staged)
-            staged.replace(target)
+    return _staged(path, Path.touch, Path.is_file, "no regular file; name another")
 
 
-@contextmanager
-def staged_folder(path: Path) -> Iterator[Path]:
+def staged_folder(path: Path) -> AbstractContextManager[Path]:
     """Fill a folder under a temporary name, and rename it, as `staged_file` does with a file.
 
     If the folder exists, each file of the new one replaces the file of the same name, one atomic
     rename at a time, and all others stay. The temporary folder then lies inside `path`, which may
     be a mount point. An `OutputError` is raised if a file would replace a folder or vice versa.
     """
+    return _staged(path, Path.mkdir, Path.is_dir, "a file; name a folder")
+
+
+@contextmanager
+def _staged(
+    path: Path, make: Callable[[Path], None], is_kind: Callable[[Path], bool], other: str
+) -> Iterator[Path]:
+    """Make a file or a folder under a temporary name, and put it in its place after the block.
+
+    `other` is what else `path` may be, which is an error.
+    """
     if is_remote(path):
         with uploaded(path) as staged:
-            staged.mkdir()
+            make(staged)
             yield staged
         return
     with ExitStack() as undo:
         with unwritable_reported(path):
-            target = Path(os.path.realpath(path))
-            if target.exists() and not target.is_dir():
-                raise OutputError(f"cannot write {path}: it is a file; name a folder")
-            staged = _temporary_name(target, target if target.is_dir() else target.parent, undo)
-            staged.mkdir()
+            target = Path(os.path.realpath(path))  # absolute: the block may change folder
+            if target.exists() and not is_kind(target):
+                raise OutputError(f"cannot write {path}: it is {other}")
+            staged = _temporary_name(target, undo)
+            make(staged)  # shows before hours of work whether the place can be written
             _hold(staged, undo)
         with out_of_space_reported(path), original_named(path, staged):
             yield staged
         with unwritable_reported(path):
             entries = sorted(staged.rglob("*"))
-            for file in (entry for entry in entries if entry.is_file()):
-                _flush(file)
+            for file in filter(Path.is_file, (staged, *entries)):
+                with file.open("rb+") as stream:
+                    os.fsync(stream.fileno())  # until its content is on the disk
             if not target.is_dir():
-                staged.rename(target)
+                staged.replace(target)
                 return
             for entry in entries:
                 final = target / entry.relative_to(staged)
@@ -102,11 +95,13 @@ def staged_folder(path: Path) -> Iterator[Path]:
                     entry.replace(final)
 
 
-def _temporary_name(target: Path, folder: Path, undo: ExitStack) -> Path:
-    """Return a new name in a folder, which is made, and remove what killed processes left there.
+def _temporary_name(target: Path, undo: ExitStack) -> Path:
+    """Return a new name beside a target, or in it, and remove what killed processes left there.
 
-    `undo` removes the file or folder of that name, which is short, however long the target's is.
+    The folder is made. `undo` removes the file or folder of that name, which is short, however long
+    the target's is.
     """
+    folder = target if target.is_dir() else target.parent
     for parent in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
         undo.callback(_remove_empty, parent)
     folder.mkdir(parents=True, exist_ok=True)
@@ -163,12 +158,6 @@ def remove(path: Path) -> None:
     else:
         with suppress(OSError):
             path.unlink()
-
-
-def _flush(file: Path) -> None:
-    """Wait until a file's content is on the disk."""
-    with file.open("rb+") as stream:
-        os.fsync(stream.fileno())
 
 
 @contextmanager

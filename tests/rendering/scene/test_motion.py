@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene import load
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.shipped import find_scene
 
 ARRAYS = {"view": "points normals corners channel_gain", "hidden": "centers normals across up"}
@@ -34,7 +34,7 @@ def assert_same(scene, expected):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_no_parse(
+def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_no_build(
     name, monkeypatch
 ):
     path = find_scene(name)
@@ -49,7 +49,7 @@ def test_shipped_scene_at_other_values_is_the_scene_loaded_with_them_and_takes_n
     for draw in draws:
         expected = load_scenario(path, (3, 4), draw, photograph=(6, 8))
         with monkeypatch.context() as patch:
-            patch.setattr(load, "SceneNodes", None)
+            patch.setattr(SceneNodes, "instantiate", None)
             assert_same(scene.at(**draw), expected)
 
 
@@ -99,7 +99,7 @@ def test_scene_of_many_files_moves_by_any_of_its_references(room, monkeypatch):
     for values in ({"digit": 3}, {"turn": -40}, {"far": 0.41}, {"digit": 3, "far": 0.5}):
         expected = load_scenario(path, (2, 3), values)
         with monkeypatch.context() as patch:
-            patch.setattr(load, "SceneNodes", None)
+            patch.setattr(SceneNodes, "instantiate", None)
             assert_same(scene.at(**values), expected)
 
 
@@ -151,7 +151,7 @@ def test_scene_keeps_its_values_and_so_does_a_pickled_one(monkeypatch):
     expected = load_scenario("chair", (1, 2), {
         **scene.parameters, "occluder_dx": 0, "camera_dz": -0.002,
     })  # fmt: skip
-    monkeypatch.setattr(load, "SceneNodes", None)
+    monkeypatch.setattr(SceneNodes, "instantiate", None)
     for each in scene, copy, scene.at(occluder_dx=0.004).at(occluder_dx=0):
         assert_same(each.at(occluder_dx=0, camera_dz=-0.002), expected)
     assert scene.parameters == {"resolution": "8", "monitor_dx": "0.01"}
