@@ -77,10 +77,22 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
         for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
             axis.set_visible(size > 1)
     if picture.shape[2:] == (4,) or (picture.ndim == 2 and np.isnan(picture).any()):
-        everything = {"xy": (0, 0), "width": 1, "height": 1, "transform": ax.transAxes}
-        look = {"facecolor": "0.85", "edgecolor": "0.55", "hatch": "////////", "linewidth": 0}
-        ax.add_patch(mpl.patches.Rectangle(**everything, **look, zorder=-1))  # behind it
+        ax.add_patch(_hatched(transform=ax.transAxes, zorder=-1))  # behind it
     return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
+
+
+def _hatched(**settings: Any) -> Any:
+    look = {"facecolor": "0.85", "edgecolor": "0.55", "hatch": "////////", "linewidth": 0}
+    return mpl.patches.Rectangle((0, 0), 1, 1, **look, **settings)
+
+
+def hatching() -> NDArray[np.uint8]:
+    """Return the hatching of `show` as a tile, (72, 72, 4) RGBA, for pictures in a browser."""
+    figure = mpl.figure.Figure((1, 1), dpi=72)  # the hatching has a period of an inch
+    figure.add_artist(_hatched())
+    canvas = mpl.backends.backend_agg.FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())
 
 
 def proportions(picture: NDArray[Any]) -> float:
@@ -90,10 +102,10 @@ def proportions(picture: NDArray[Any]) -> float:
 
 def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
     """Show linear light, (rows, columns, 3), exposed by `displayable`; NaN is hatched."""
-    show(ax, title, _encoded(image, white))
+    show(ax, title, encoded(image, white))
 
 
-def _encoded(image: Image, white: float | None) -> NDArray[np.float64]:
+def encoded(image: Image, white: float | None) -> NDArray[np.float64]:
     """Return light exposed by `displayable`, in sRGB; with a fourth channel, 0 where NaN is."""
     known = ~np.isnan(np.asarray(image, np.float64)).any(axis=-1, keepdims=True)
     picture = srgb_encode(displayable(image, white))
@@ -151,7 +163,7 @@ def draw_panels(
     """
     named = panels if isinstance(panels, Mapping) else {"": panels}
     encoded = {
-        name: [(title, _encoded(image, 1)) for title, image in row] for name, row in named.items()
+        name: [(title, encoded(image, 1)) for title, image in row] for name, row in named.items()
     }
     with drawn(path, metadata) as figure:
         show_rows(figure, encoded, 2.6)

@@ -126,6 +126,8 @@ const shows = {
     if (!camera.distance) lookFrom(room.view);
     setImage("floor", room.floor);
     setImage("wall", room.wall);
+    document.body.style.setProperty("--hatching", `url(${room.hatching})`);
+    setHatching(room.hatching);
   },
   photograph: (image) => setImage("photograph", image),
   hidden: (images) => images.forEach((image, i) => setImage(`hidden ${i}`, image)),
@@ -205,10 +207,14 @@ uniform mat4 view; in vec3 point; in vec2 place; out vec3 world; out vec2 uv;
 void main() { world = point; uv = place; gl_Position = view * vec4(point, 1.0); }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform sampler2D image; uniform bool textured; uniform vec3 eye;
+uniform sampler2D image, hatching; uniform bool textured; uniform vec3 eye;
 in vec3 world; in vec2 uv; out vec4 colour;
 void main() {
-  if (textured) { colour = texture(image, uv); if (colour.a < 0.5) discard; return; }
+  if (textured) {
+    colour = texture(image, uv);
+    if (colour.a < 0.5) colour = texture(hatching, gl_FragCoord.xy / vec2(textureSize(hatching, 0)));
+    return;
+  }
   // A face is as bright as it turns towards the eye, flat and alike from both sides.
   vec3 normal = normalize(cross(dFdx(world), dFdy(world)));
   float facing = abs(dot(normal, normalize(eye - world)));
@@ -245,6 +251,27 @@ function setMesh(name, vertices, faces) {
   buffer(name, gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces)).count = faces.length;
 }
 
+function fill(texture, picture, wraps) {
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+  const settings = { MIN_FILTER: gl.LINEAR, MAG_FILTER: gl.NEAREST, ...wraps };
+  for (const key in settings) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${key}`], settings[key]);
+}
+
+/** Fill what is transparent in images with a tile. */
+function setHatching(source) {
+  if (!gl) return;
+  const tile = new Image();
+  tile.onload = () => {
+    gl.activeTexture(gl.TEXTURE1);
+    fill(gl.createTexture(), tile, {});
+    gl.activeTexture(gl.TEXTURE0);
+    gl.uniform1i(gl.getUniformLocation(program, "hatching"), 1);
+    redraw();
+  };
+  tile.src = source;
+}
+
 /** Show an image on a surface, whose grid of points begins at the image's upper left. */
 function setImage(name, { grid, source }) {
   if (!gl) return;
@@ -259,12 +286,8 @@ function setImage(name, { grid, source }) {
       faces.push(above, beneath, above + 1, above + 1, beneath, beneath + 1);
     }
     setMesh(name, vertices, faces);
-    const thing = things[name];
-    thing.texture ??= gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, thing.texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
-    const settings = { MIN_FILTER: gl.LINEAR, MAG_FILTER: gl.NEAREST, WRAP_S: gl.CLAMP_TO_EDGE, WRAP_T: gl.CLAMP_TO_EDGE };
-    for (const key in settings) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${key}`], settings[key]);
+    things[name].texture ??= gl.createTexture();
+    fill(things[name].texture, picture, { WRAP_S: gl.CLAMP_TO_EDGE, WRAP_T: gl.CLAMP_TO_EDGE });
     redraw();
   };
   picture.src = source;

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import common_white, displayable, residual_map
+from periscopy_sim.figures.panels import common_white, encoded, residual_map
 from periscopy_sim.figures.style import mpl
 from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.numerics import Array
-from periscopy_sim.storage.formats.srgb import srgb_bytes
 
 Pixels = NDArray[np.uint8]
+"""A picture, (rows, columns, 3 or 4) sRGB; the page hatches what is transparent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture, (rows, columns, 3), or None, and the text beneath it."""
+    """A picture, or None, and the text beneath it."""
 
     caption: str
     pixels: Pixels | None
@@ -41,21 +41,23 @@ class Panel:
 
 
 def photograph_pixels(pictures: LivePictures) -> Pixels:
-    """Return the photograph for display, (rows, columns, 3), grey where the mask excludes it."""
+    """Return the photograph for display; masked pixels are transparent."""
     photograph = pictures.photograph
-    shown = srgb_bytes(displayable(photograph.values))
-    if photograph.mask is not None:
-        shown[~photograph.mask] = 150
-    return shown
+    used = photograph.pixels[..., np.newaxis]
+    return _bytes(encoded(np.where(used, photograph.values, np.nan), None))
 
 
 def hidden_pixels(pictures: LivePictures) -> dict[str, Pixels]:
-    """Return images for display, (R, C, 3), by surface; the reconstructions if they are unknown."""
+    """Return images for display by surface; the reconstructions if they are unknown."""
     images = pictures.scenario.hidden.images(
         pictures.image if pictures.truth is None else pictures.truth
     )
     white = common_white(images.values()) if pictures.truth is None else 1.0
-    return {name: srgb_bytes(displayable(image, white)) for name, image in images.items()}
+    return {name: _bytes(encoded(image, white)) for name, image in images.items()}
+
+
+def _bytes(picture: Array) -> Pixels:
+    return np.rint(255 * picture).astype(np.uint8)
 
 
 def _side_by_side(images: Iterable[Pixels]) -> Pixels:
@@ -126,6 +128,6 @@ def _errors(pictures: LivePictures) -> Panel:
 
 
 def _colours(name: str, values: Array) -> Pixels:
-    """Return false colours of values in [0, 1]; NaN is grey."""
-    colormap: Any = mpl.colormaps[name].with_extremes(bad="0.6")
-    return np.ascontiguousarray(colormap(np.ma.masked_invalid(values), bytes=True)[..., :3])
+    """Return false colours of values in [0, 1]; NaN is transparent."""
+    colormap: Any = mpl.colormaps[name].with_extremes(bad=(0, 0, 0, 0))
+    return np.asarray(colormap(np.ma.masked_invalid(values), bytes=True))

@@ -19,7 +19,7 @@ from periscopy_sim.photographs.defects import gaussian_spread
 from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.prepare import film_areas, used_pixels
-from periscopy_sim.photographs.resampling import AreaMap, Flaw, average_areas
+from periscopy_sim.photographs.resampling import AreaMap, Flaw
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.decoding import LINEAR
 from periscopy_sim.storage.formats.srgb import srgb_light
@@ -95,9 +95,7 @@ class Preparation:
         light = self._light(first)
         self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
-        self._corners = areas.corners
-        self._flaws = areas.flaws & ~np.uint8(Flaw.SATURATED)
-        self._areas = AreaMap(self._flaws, areas.corners)
+        self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
         self.mask = used_pixels(self._areas.kinds | areas.excluded)
         self._offset: Array | float = companions.black
         if companions.dark is not None:
@@ -123,12 +121,12 @@ class Preparation:
     def __call__(self, frame: CameraFrame) -> PreparedFrame:
         """Return a frame in the film's pixels."""
         if isinstance(frame.values, SensorImage):
-            flaws = self._flaws | np.uint8(Flaw.SATURATED) * frame.values.saturated
-            values, kinds = average_areas(frame.values.values, flaws, self._corners)
-            values, full = np.nan_to_num(values), (kinds & np.uint8(Flaw.SATURATED)) > 0
+            values = self._areas.average(frame.values.values)
+            saturated = self._areas.average(frame.values.saturated[..., np.newaxis])
+            full = saturated[..., 0] > 0
         else:
             white = np.iinfo(frame.values.dtype).max
-            light, full = self._areas.average(frame.values, _table(frame), int(white))
+            light, full = self._areas.average_codes(frame.values, _table(frame), int(white))
             values = light.astype(np.float64)
         if values.shape[2] != self._channels:
             raise PhotographError(
@@ -139,7 +137,7 @@ class Preparation:
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.size, self.size, name)
-        return np.nan_to_num(average_areas(picture.values, self._flaws, self._corners)[0])
+        return self._areas.average(picture.values)
 
     @staticmethod
     def _light(frame: CameraFrame) -> SensorImage:

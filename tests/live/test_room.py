@@ -1,5 +1,6 @@
 from base64 import b64decode
 from io import BytesIO
+from types import SimpleNamespace
 
 import numpy as np
 from PIL import Image
@@ -7,31 +8,19 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.live.panels import hidden_pixels, panels_of
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
-from periscopy_sim.live.room import Rectangle, as_source, room_of, things_in
+from periscopy_sim.live.room import as_source, pixel_corners, room_of, things_in
 from tests.scenes.cards import SIZES, write_cards
 
 
-def test_photograph_seen_squarely_is_shown_pixel_by_pixel():
-    scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
-    frame = scene.view.frame
-    local = (scene.view.centers - frame.center) @ np.stack([frame.across, frame.up]).T
-    pixels = np.random.default_rng(0).integers(0, 256, (10, 12, 3), np.uint8)
-    rectangle = Rectangle.about(local, (10, 12))
-    image, low, high = rectangle.shown(pixels), rectangle.low, rectangle.high
-    np.testing.assert_array_equal(image[..., :3], pixels)
-    assert (image[..., 3] == 255).all()
-    np.testing.assert_allclose((low + high) / 2, local.mean(axis=0), atol=1e-6)
-
-
-def test_photograph_of_an_oblique_camera_covers_what_it_sees():
-    """A trapezoid of the wall: its corners are missing from the rectangle about it."""
-    v, u = np.mgrid[0:20, 0:20] / 19 - 0.5
-    local = np.stack([u * (1 + 0.5 * v), -v], axis=-1).reshape(-1, 2)
-    pixels = np.broadcast_to(np.arange(20, dtype=np.uint8)[:, None, None], (20, 20, 3))
-    image = Rectangle.about(local, (20, 20)).shown(pixels)
-    seen = image[..., 3] == 255
-    assert seen[-1].all() and not seen[0, 0] and not seen[0, -1] and seen[0, 10]
-    assert image[0, 10, 0] == 0 and image[-1, 10, 0] == 19
+def test_photograph_covers_what_its_pixels_see():
+    """Corners in the middle of four centres, and at the border half a pixel beyond them."""
+    v, u = np.mgrid[0:20, 0:30] / 19 - 0.5
+    local = np.stack([u * (1 + 0.5 * v), 0 * u, -v], axis=-1)  # a trapezoid of the wall
+    corners = pixel_corners(SimpleNamespace(centers=local.reshape(-1, 3), shape=(20, 30)))
+    assert corners.shape == (21, 31, 3)
+    inner = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
+    np.testing.assert_allclose(inner, local, atol=1e-9)
+    np.testing.assert_allclose(corners[[0, -1], :, 2].T, [[0.5 + 0.5 / 19, -0.5 - 0.5 / 19]] * 31)
 
 
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
