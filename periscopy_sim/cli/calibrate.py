@@ -169,9 +169,7 @@ def find_parameters(
         _write_copy(session, scene, _written(result, result.values), out, remark)
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
-        draw_calibration(
-            png, files["photograph"][0].values, result, document.units, session.metadata
-        )
+        draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
         for rival, aside in zip(result.rivals, asides, strict=False):
             values = _written(result, rival.values)
             _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
@@ -276,7 +274,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.write(json, silhouette_record(solution))
-        draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
+        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     say_silhouette(solution)
     say_written(*outputs)
     if solution.doubts:
