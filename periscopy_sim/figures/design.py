@@ -104,7 +104,8 @@ def _draw_maps(
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
     figure.supylabel(words[up])
-    figure.supxlabel(words[across])
+    for ax in grid[1]:
+        ax.set_xlabel(words[across])
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:
