@@ -11,6 +11,7 @@ from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.numerics import Array
+from periscopy_sim.storage.pictures import averaged_photograph
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -81,8 +82,12 @@ def _draw_residuals(axes: Any, photograph: "Photograph", calibration: "Calibrati
 
 
 def _percent(residual: Array, photograph: "Photograph") -> Array:
-    """Return the mean of a residual over its channels, in percent; NaN outside the mask."""
-    return np.where(photograph.pixels, 100 * residual.mean(axis=2), np.nan)
+    """Return the mean of a residual over its channels, in percent; NaN outside the mask.
+
+    The residual may have fewer pixels than the photograph.
+    """
+    used = averaged_photograph(photograph, residual.shape[:2]).pixels
+    return np.where(used, 100 * residual.mean(axis=2), np.nan)
 
 
 def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, str]) -> None:
