@@ -71,10 +71,8 @@ def hatched(pixels: Pixels, known: Mask) -> Pixels:
 
 def enlarged(image: Image, down: int, across: int) -> Pixels:
     """Return 8-bit sRGB of linear light in [0, 1], pixels repeated down and across, NaN hatched."""
-    pixels, known = (
-        each.repeat(down, axis=0).repeat(across, axis=1)
-        for each in (srgb_bytes(np.nan_to_num(image)), _known(image))
-    )
+    known = _known(image).repeat(down, axis=0).repeat(across, axis=1)
+    pixels = srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
     return hatched(pixels, known)
 
 
@@ -239,7 +237,7 @@ def draw_bounds(
             for ax, (title, percent) in zip(line, maps.items(), strict=False):
                 bounds = show(ax, title, percent, norm=norm, cmap="viridis")
             ratio = show(line[2], "ratio", both[name] / alone[name], vmin=1)
-            beneath = {"location": "bottom", "aspect": 12}
+            beneath: dict[str, Any] = {"location": "bottom", "aspect": 12}
             figure.colorbar(ratio, ax=line[2], label="[A, B] over A", **beneath)
             label = "standard error, % of white"
             bar = figure.colorbar(bounds, ax=line[:2], label=label, **beneath)
