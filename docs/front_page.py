@@ -119,9 +119,9 @@ def draw_real(path: Path, capture: Path) -> None:
     calibration = ps.calibrate(photograph, "chair", shape, shown=[truth])
     pictures = {"shown by the monitor": truth, "photograph": photograph / photograph.max()}
     for title, scene, colours in (
-        ("by the ruler's scene", ruler, None),
+        ("with ruler measurements", ruler, None),
         (
-            "calibrated by this picture",
+            "calibrated with\nthe picture known",
             ruler.at(**calibration.values),
             ps.ColourMatrix(calibration.colour_matrix),
         ),

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from experiments.report import Picture
 from periscopy_sim.figures import style
 from periscopy_sim.figures.panels import Rows, displayable, draw_panels
+from periscopy_sim.figures.style import PAGE as PAGE
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.view import wall_frame
-
-COLUMN, PAGE = 3.5, 7.16
-"""Inches: a column, and two columns with what is between them."""
 
 COLORS = {
     # In one figure each colour stands for one thing.

@@ -14,7 +14,8 @@ from experiments.report import Picture, Table
 from experiments.setting import SNR, Setting, package_sha256
 from periscopy_sim.cli import app
 from periscopy_sim.evaluation.sweep_store import read_sweep
-from periscopy_sim.figures.sweeps import COLUMN, PAGE, draw_sweep
+from periscopy_sim.figures.style import COLUMN, PAGE
+from periscopy_sim.figures.sweeps import draw_sweep
 from periscopy_sim.storage.formats.exr import write_exr
 
 if TYPE_CHECKING:

@@ -40,7 +40,7 @@ def blank_figures(request, monkeypatch):
 
     save = Figure.savefig
 
-    def save_blank(_, path, *, dpi="figure", metadata=None):  # noqa: ARG001
+    def save_blank(_, path, *, dpi="figure", metadata=None, bbox_inches=None):  # noqa: ARG001
         save(Figure(figsize=(0.1, 0.1)), path, metadata=metadata)
 
     monkeypatch.setattr(Figure, "savefig", save_blank)

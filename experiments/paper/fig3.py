@@ -67,12 +67,12 @@ def _draw(figure: Any, grid: Array, setting: Setting) -> None:
     extent = wall_extent(setting.scenario)
     _draw_room(room, grid, extent)
     for place, (light, color, name) in zip((0.5, 0.76), EXAMPLES, strict=True):
-        ax = figure.add_axes((place, 0.34, 0.215, 0.57))
+        ax = figure.add_axes((place, 0.34, 0.215, 0.53))
         column = int(np.flatnonzero(np.isclose(grid, light).all(axis=1))[0])
         response = setting.B[:, column].reshape(setting.scenario.photograph_shape)
         picture = ax.imshow(response, cmap="cividis", extent=extent)
         across, away, up = light
-        ax.set_title(f"{name}: ({across:g}, {away:g}, {up:g}) m".replace("-", "−"), color=color)
+        ax.set_title(f"{name}:\n({across:g}, {away:g}, {up:g}) m".replace("-", "−"), color=color)
         ax.set(xticks=(-200, 0, 200), yticks=(-200, 0, 200), xlabel="across the wall (mm)")
         for spine in ax.spines.values():
             spine.set(visible=True, color=color, linewidth=1.5)

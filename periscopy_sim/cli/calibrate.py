@@ -167,9 +167,7 @@ def find_parameters(
         session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
         record = calibration_record(result)
         session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
-        draw_calibration(
-            png, files["photograph"][0].values, result, document.units, session.metadata
-        )
+        draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
         for rival, aside in zip(result.rivals, asides, strict=False):
             values = _written(result, rival.values)
             _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
@@ -267,7 +265,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.doubt(*solution.doubts, advice="look_at_silhouette")
         session.write(json, silhouette_record(solution))
-        draw_silhouette(png, files["photograph"][0].values, solution, session.metadata)
+        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     show_silhouette(solution)
 
 

@@ -214,7 +214,8 @@ def write_report(
             name: [(title, panels.displayable(stage[name])) for title, stage in stages]
             for name in hidden
         }
-        shown = {name: [*_exposed(photographs), *row] for name, row in rows.items()}
+        walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
+        shown = {name: [*walls, *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
@@ -223,13 +224,6 @@ def write_report(
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)
     _draw_residual(folder / "residual.png", report, next(iter(photographs.values())), text)
-
-
-def _exposed(photographs: Mapping[str, Array]) -> list[tuple[str, Array]]:
-    """Return photographs as panels, NaN where they have NaN."""
-    return [
-        (title, panels.displayable(each) + 0 * each[..., :1]) for title, each in photographs.items()
-    ]
 
 
 def _draw_residual(file: Path, report: "Report", photograph: Array, text: dict[str, str]) -> None:
@@ -248,7 +242,7 @@ def _compare(
     """Return metrics against the truth by surface; draw both beside the photograph."""
     compared: dict[str, dict[str, Any]] = {}
     rows, lines = {}, []
-    walls = _exposed(photographs)
+    walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
     for name, image in images.items():
         truth = truths[name]
         psnr, best = metrics.psnr_gain_matched(image, truth), metrics.registered(image, truth)

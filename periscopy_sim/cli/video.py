@@ -77,12 +77,13 @@ def video(
             verdict = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         text, white = session.metadata, animation.white_of(flat)
+        walls = np.where(wall.pixels[..., np.newaxis], photographs, np.nan)
         with session.timed("draw"):
             for of, name in named("", {name: name for name in known}).items():
                 video_metrics.compare(records, images[name], known[name], of)
             if known:
                 sheet = folder / "frames_sheet.png"
-                animation.draw_sheet(sheet, photographs, known, images, text)
+                animation.draw_sheet(sheet, walls, known, images, text)
             for stem, stack in named("frames", images).items():
                 np.save(folder / f"{stem}.npy", stack)
                 with progress("drawing the frames") as drawn:
@@ -90,7 +91,7 @@ def video(
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
                     file = folder / f"video.{ending}"
-                    animation.draw_video(file, photographs, images, known, white, rate, text, drawn)
+                    animation.draw_video(file, walls, images, known, white, rate, text, drawn)
         if report.residual is not None:
             caption = messages.verdict(report)
             draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)

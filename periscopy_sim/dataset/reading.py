@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass
 
 from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.extras import require_all
-from periscopy_sim.figures.animation import draw_contact_sheet
+from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.hidden import named
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.places import address, bytes_in, place
@@ -291,8 +291,11 @@ def export_samples(
         kind, split = notes["hidden_kind"], notes["split"]
         titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")
         progress(done, len(indices))
-    draw_contact_sheet(
-        folder / "sheet.png", [(name, pictures[:24]) for name, pictures in sheet.items()],
-        titles=titles[:24], columns=6, fontsize=5.5,
-    )  # fmt: skip
+    rows = {}
+    for start in range(0, min(len(titles), 24), 6):
+        for name, pictures in sheet.items():
+            above = titles if name == next(iter(sheet)) else [""] * len(titles)
+            row = zip(above, pictures, strict=True)
+            rows[f"{name}\nfrom {start}"] = list(row)[start : start + 6]
+    draw_panels(folder / "sheet.png", rows)
     return [*written, "sheet.png"]

@@ -1,4 +1,4 @@
-"""Pictures of videos: frames, contact sheets, and panels side by side in time.
+"""Pictures of videos: frames, sheets of them, and panels side by side in time.
 
 Animations are PNG, MP4 (H.264) or WebM (VP9) files. Pillow keeps all frames of a PNG in memory (346
 MB for 400 frames of 756 x 286 pixels); PyAV encodes the others as they come.
@@ -12,19 +12,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
 from periscopy_sim.evaluation.metrics import gain_matched, mean_squared_error
 from periscopy_sim.extras import require
-from periscopy_sim.figures.panels import displayable, write_enlarged
-from periscopy_sim.figures.style import drawn
+from periscopy_sim.figures.panels import (
+    Pixels,
+    displayable,
+    draw_panels,
+    enlarged,
+    exposed,
+    lines_of,
+    write_enlarged,
+)
+from periscopy_sim.figures.style import COLUMN
 from periscopy_sim.numerics import Image
-from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.pictures import area_average
-
-Pixels = NDArray[np.uint8]
 
 ENCODINGS = {
     "mp4": ("libx264", {"crf": "14", "preset": "medium"}),
@@ -102,21 +106,34 @@ def _write_movie(path: Path, pictures: Iterator[Pixels], rate: float, text: dict
 def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
     """Return panels of linear images on white, (rows, columns, 3), each centred under its title.
 
-    The images are (rows, columns, 3) in [0, 1].
+    The images are (rows, columns, 3) in [0, 1]; NaN is hatched.
     """
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    font, gap = ImageFont.load_default(20), 8
+    font, gap = ImageFont.load_default(22), 8
     panels = [Pillow.fromarray(_panel(image)) for image in images]
-    rows, columns = max(panel.height for panel in panels), []
-    for title, panel in zip(titles, panels, strict=True):
-        width = max(panel.width, int(np.ceil(font.getlength(title)))) + 2 * gap
-        column = Pillow.new("RGB", (width, rows + 5 * gap), "white")
-        ImageDraw.Draw(column).text((width / 2, 2 * gap), title, "black", font, anchor="mm")
-        column.paste(panel, ((width - panel.width) // 2, 4 * gap + (rows - panel.height) // 2))
-        columns.append(column)
-    return np.hstack([np.asarray(column) for column in columns])
+    widths = [
+        max(p.width, int(np.ceil(font.getlength(t)))) for t, p in zip(titles, panels, strict=True)
+    ]
+    height = max(panel.height for panel in panels)
+    lines = lines_of([width / height for width in widths], COLUMN)
+    shape = (
+        max(sum(widths[k] + 2 * gap for k in line) for line in lines),
+        len(lines) * (height + 5 * gap),
+    )
+    sheet = Pillow.new("RGB", shape, "white")
+    draw = ImageDraw.Draw(sheet)
+    for number, line in enumerate(lines):
+        left, top = gap, number * (height + 5 * gap)
+        for k in line:
+            panel, middle = panels[k], left + widths[k] / 2
+            draw.text((middle, top + 2 * gap), titles[k], "black", font, anchor="mm")
+            sheet.paste(
+                panel, (int(middle - panel.width / 2), top + 4 * gap + (height - panel.height) // 2)
+            )
+            left += widths[k] + 2 * gap
+    return np.asarray(sheet)
 
 
 def _panel(image: Image) -> Pixels:
@@ -128,7 +145,7 @@ def _panel(image: Image) -> Pixels:
     factor = max(1, min(round(height / rows), 2 * height // columns))
     if rows > 1.5 * height:
         image = area_average(image, (height, max(1, round(columns * height / rows))))
-    return srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
+    return enlarged(image, factor, factor)
 
 
 def evenly_spaced(count: int, most: int) -> list[int]:
@@ -136,50 +153,12 @@ def evenly_spaced(count: int, most: int) -> list[int]:
     return [int(k) for k in np.linspace(0, count - 1, min(count, most)).round()]
 
 
-def draw_contact_sheet(
-    path: Path,
-    rows: Sequence[tuple[str, Sequence[Image]]],
-    *,
-    titles: Sequence[str],
-    notes: Sequence[str] | None = None,
-    columns: int | None = None,
-    fontsize: float = 9,
-    metadata: Mapping[str, str] | None = None,
-) -> None:
-    """Draw rows of linear images, (rows, columns, 3) in [0, 1], as in the paper's Fig. 7.
-
-    The titles stand above the columns, the notes beneath. Of more than `columns` columns, the
-    others follow below. The text is `fontsize` points high.
-    """
-    columns = min(columns or len(titles), len(titles))
-    lines = -(-len(titles) // columns)
-    aspects = [images[0].shape[0] / images[0].shape[1] for _, images in rows]
-    with drawn(path, metadata) as figure:
-        figure.set_size_inches(1.35 * columns + 0.35, lines * (1.43 * sum(aspects) + 0.6))
-        figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
-        shape = lines * len(rows), columns
-        axes = figure.subplots(*shape, height_ratios=aspects * lines, squeeze=False)
-        for ax in axes.flat:
-            ax.set(xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-        for k, title in enumerate(titles):
-            line, column = divmod(k, columns)
-            below = axes[line * len(rows) : (line + 1) * len(rows), column]
-            for ax, (name, images) in zip(below, rows, strict=True):
-                ax.imshow(srgb_encode(images[k]))
-                if column == 0:
-                    ax.set_ylabel(name, fontsize=fontsize)
-            below[0].set_title(title, fontsize=fontsize)
-            if notes is not None:
-                below[-1].set_xlabel(notes[k], fontsize=fontsize)
-
-
 def white_of(frames: Image) -> float:
     """Return one white for a whole sequence, whose brightness then does not flicker.
 
     It is the 99.5th percentile of up to 1000 frames, evenly chosen.
     """
-    return float(np.percentile(frames[evenly_spaced(len(frames), 1000)], 99.5))
+    return float(np.nanpercentile(frames[evenly_spaced(len(frames), 1000)], 99.5))
 
 
 def draw_frames(
@@ -206,20 +185,22 @@ def draw_sheet(
 ) -> None:
     """Draw photograph, hidden images and gain-matched images of 8 frames evenly chosen (Fig. 7).
 
-    The images are by the surfaces' ids; their mean squared errors stand beneath.
+    The images are by the surfaces' ids; their mean squared errors stand above.
     """
     chosen = evenly_spaced(len(photographs), 8)
     white = white_of(photographs)
-    rows = [("photograph", [displayable(photographs[k], white) for k in chosen])]
+    rows = {"photograph": [(f"frame {k}", exposed(photographs[k], white)) for k in chosen]}
     for name, truth in known.items():
         of = f"\n{name}" if len(known) > 1 else ""
-        matched = [displayable(gain_matched(images[name][k], truth[k]), 1) for k in chosen]
-        rows.append((f"hidden image{of}", [displayable(truth[k], 1) for k in chosen]))
-        rows.append((f"reconstruction{of}", matched))
-    errors = [[mean_squared_error(images[n][k], known[n][k]) for n in known] for k in chosen]
-    notes = ["\n".join(f"MSE {error:.2g}" for error in each) for each in errors]
-    titles = [f"frame {k}" for k in chosen]
-    draw_contact_sheet(path, rows, titles=titles, notes=notes, metadata=text)
+        rows[f"hidden image{of}"] = [("", displayable(truth[k], 1)) for k in chosen]
+        rows[f"reconstruction{of}"] = [
+            (
+                f"MSE {mean_squared_error(images[name][k], truth[k]):.2g}",
+                displayable(gain_matched(images[name][k], truth[k]), 1),
+            )
+            for k in chosen
+        ]
+    draw_panels(path, rows, metadata=text)
 
 
 def draw_video(
@@ -243,7 +224,7 @@ def draw_video(
 
     def moments() -> Iterator[list[Image]]:
         for k in range(len(photographs)):
-            yield [displayable(shown[k], level) for shown, level in panels.values()]
+            yield [exposed(shown[k], level) for shown, level in panels.values()]
             progress((k + 1) / len(photographs))
 
     draw_animation(path, list(panels), moments(), rate=rate, metadata=text)

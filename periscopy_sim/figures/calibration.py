@@ -1,6 +1,5 @@
 """A calibration, its residual and where each parameter ended; a silhouette and its image."""
 
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,13 +8,17 @@ import numpy as np
 
 from periscopy_sim.calibration.result import DeterminedBy
 from periscopy_sim.figures.panels import show, show_light, show_signed
-from periscopy_sim.figures.style import OKABE_ITO, drawn
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.numerics import Array
+from periscopy_sim.storage.pictures import averaged_photograph
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
     from periscopy_sim.calibration.silhouette.result import Silhouette
+    from periscopy_sim.photograph import Photograph
+
+WARNING = "#cb181d"
 
 _COLOURS = {
     DeterminedBy.PHOTOGRAPH: OKABE_ITO[1],
@@ -27,28 +30,28 @@ _COLOURS = {
 
 def draw_calibration(
     path: Path,
-    photograph: Array,
+    photograph: "Photograph",
     calibration: "Calibration",
     units: Mapping[str, str],
     metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Draw the photograph, its residual before and after, rivals' images, and the parameters.
 
-    The photograph is (rows, columns, 3), linear; `units` are those of the parameters that have one.
+    `units` are those of the parameters that have one.
     """
-    warning = 0.2 * (1 + 2 * len(calibration.doubts)) if calibration.doubts else 0.0
+    doubts = wrapped("\n".join(["NOT TO BE TRUSTED", *calibration.doubts]), COLUMN)
+    doubts = doubts if calibration.doubts else ""
     images = _images(calibration)
-    rows = [2.4 * len(images)] if images else []
-    heights = [2.9 + warning, *rows, 1.1 + 0.22 * len(calibration.parameters)]
+    heights = [1.5 + 0.14 * len(doubts.split("\n"))]
+    heights += [1.4 * len(images)] if images else []
+    heights += [1.3 + 0.2 * len(calibration.parameters)]
     with drawn(path, metadata) as figure:
-        figure.set_size_inches(9.3, sum(heights))
+        figure.set_size_inches(COLUMN, sum(heights))
         above, *middle, beneath = figure.subfigures(
             len(heights), 1, height_ratios=heights, squeeze=False
         )[:, 0]
         _draw_residuals(above.subplots(1, 3), photograph, calibration)
-        if calibration.doubts:
-            reasons = "\n".join(textwrap.fill(doubt, 120) for doubt in calibration.doubts)
-            above.suptitle(f"NOT TO BE TRUSTED\n{reasons}", color="#cb181d")
+        above.suptitle(doubts, color=WARNING, fontsize=8)
         probabilities = [rival.probability for rival in calibration.rivals]
         for part in middle:
             axes = part.subplots(len(images), len(calibration.images), squeeze=False)
@@ -66,17 +69,25 @@ def _images(calibration: "Calibration") -> dict[str, list[Array]]:
     return {name: [images[name] for images in each] for name in (each[0] if each else ())}
 
 
-def _draw_residuals(axes: Any, photograph: Array, calibration: "Calibration") -> None:
+def _draw_residuals(axes: Any, photograph: "Photograph", calibration: "Calibration") -> None:
     """Show the photograph and the mean residual over its channels, in percent, twice."""
-    times = "at the start", "after calibration"
     residuals = calibration.residual_before, calibration.residual
     numbers = percentages(*calibration.unexplained)
     maps = {
-        f"unexplained {time}: {number} %": 100 * residual.mean(axis=2)
-        for time, number, residual in zip(times, numbers, residuals, strict=True)
+        f"{time}\n{number} %": _percent(residual, photograph)
+        for time, number, residual in zip(("start", "calibrated"), numbers, residuals, strict=True)
     }
-    show_light(axes[0], "photograph", photograph)
-    show_signed(axes[1:], maps, "% of the photograph's root mean square")
+    show_light(axes[0], "photograph", np.moveaxis(photograph.planes, 0, -1))
+    show_signed(axes[1:], maps, "unexplained, % of rms")
+
+
+def _percent(residual: Array, photograph: "Photograph") -> Array:
+    """Return the mean of a residual over its channels, in percent; NaN outside the mask.
+
+    The residual may have fewer pixels than the photograph.
+    """
+    used = averaged_photograph(photograph, residual.shape[:2]).pixels
+    return np.where(used, 100 * residual.mean(axis=2), np.nan)
 
 
 def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, str]) -> None:
@@ -103,32 +114,35 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xlabel("value − measured value, over the measured value's standard error")
-    ax.figure.legend(loc="outside upper center", ncols=3)
+    ax.set_xlabel("(value − measured value) / its standard error")
+    ax.figure.legend(loc="outside upper center")
 
 
 def draw_silhouette(
-    path: Path, photograph: Array, solution: "Silhouette", metadata: Mapping[str, str] | None = None
+    path: Path,
+    photograph: "Photograph",
+    solution: "Silhouette",
+    metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw the photograph, the mask as seen facing the wall, each image, and the residual.
-
-    The photograph is (rows, columns, 3), linear.
-    """
-    residual = 100 * solution.residual.mean(axis=2)
+    """Draw the photograph, its residual, the mask as seen facing the wall, and each image."""
+    image = solution.image
+    images = image if isinstance(image, Mapping) else {"image": image}
+    lines = 1 + -(-(1 + len(images)) // 2)
     with drawn(path, metadata) as figure:
-        image = solution.image
-        images = image if isinstance(image, Mapping) else {"image": image}
-        figure.set_size_inches(9 + 3 * len(images), 3.4)
-        axes = figure.subplots(1, 3 + len(images))
-        show_light(axes[0], "photograph", photograph)
+        figure.set_size_inches(COLUMN, 1.75 * lines + 0.3 * len(solution.doubts))
+        axes = figure.subplots(lines, 2)
+        show_light(axes[0, 0], "photograph", np.moveaxis(photograph.planes, 0, -1))
+        title = f"unexplained: {100 * solution.unexplained:.2f} %"
+        show_signed(axes[0, 1:], {title: _percent(solution.residual, photograph)}, "% of rms")
         cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
         height, width = solution.plane.sides
-        title = "silhouette of {}, {} x {}".format(solution.name, *solution.opaque.shape)
-        show(axes[1], title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
-        axes[1].set_axis_on()
-        axes[1].set_xlabel("metres, facing the wall; grey: no shadow in view")
-        for ax, (name, image) in zip(axes[2:-1], images.items(), strict=True):
-            show_light(ax, f"{name} with this silhouette", image)
-        title = f"unexplained: {100 * solution.unexplained:.2f} %"
-        show_signed(axes[-1:], {title: residual}, "% of the photograph's rms")
-        figure.suptitle("\n".join(solution.doubts), color="#cb181d")
+        mask, *others = axes[1:].flat
+        title = "silhouette of {},\n{} x {}".format(solution.name, *solution.opaque.shape)
+        show(mask, title, cells, cmap="gray", vmin=0, vmax=1, extent=(0, width, 0, height))
+        mask.set_axis_on()
+        mask.set_xlabel("metres, facing the wall;\ngrey: no shadow in view")
+        for ax, (name, image) in zip(others, images.items(), strict=False):
+            show_light(ax, f"{name} with\nthis silhouette", image)
+        for ax in others[len(images) :]:
+            ax.remove()
+        figure.suptitle(wrapped("\n".join(solution.doubts), COLUMN), color=WARNING, fontsize=8)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -20,7 +20,7 @@ DRAWN = {
 """Numbers of a row that are drawn, in percent of white, and their titles."""
 
 GREY = "0.85"
-MARKS = "circle: given scene; star: best; grey: no scene, or undetermined patches"
+MARKS = {"o": "given scene", "*": "best", "s": "no scene, or\nundetermined patches"}
 
 LOOK: dict[str, Any] = {"markeredgecolor": "black", "markerfacecolor": "white"}
 
@@ -42,16 +42,26 @@ def draw_design(
     marked = [(rows[0], "o")] + ([] if best is None else [(best, "*")])
     draw = _draw_curves if len(values_of(rows[0])) == 1 else _draw_maps
     words = {name: f"{name}, {units.get(name, 'scene unit')}" for name in values_of(rows[0])}
-    with drawn(path, metadata) as figure:
+    with drawn(path, metadata, caption) as figure:
         draw(figure, rows, shown, marked, words)
-        figure.supxlabel(f"{caption}\n{MARKS}")
+
+
+def _marks() -> list[Any]:
+    """Return the legend's entries of the marks."""
+    grey = {"markeredgecolor": GREY, "markerfacecolor": GREY}
+    return [
+        mpl.lines.Line2D(
+            [], [], ls="", marker=marker, label=label, **(grey if marker == "s" else LOOK)
+        )
+        for marker, label in MARKS.items()
+    ]
 
 
 def _draw_curves(
     figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked, words: Mapping[str, str]
 ) -> None:
     """Draw the errors over the parameter, in words with its unit."""
-    figure.set_size_inches(5.6, 3.4)
+    figure.set_size_inches(COLUMN, 3.2)
     ax = figure.subplots()
     (name,) = values_of(rows[0])
     for number, colour in zip(shown, OKABE_ITO, strict=False):
@@ -64,7 +74,9 @@ def _draw_curves(
     ax.set(yscale="log", xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     plain_ticks(ax.yaxis)
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(
+        handles=[*ax.get_legend_handles_labels()[0], *_marks()], ncols=2, loc="outside upper center"
+    )
 
 
 def _draw_maps(
@@ -72,20 +84,28 @@ def _draw_maps(
 ) -> None:
     """Draw a map of each error over the two parameters, in words with their units."""
     across, up = values_of(rows[0])
-    figure.set_size_inches(2.7 * len(shown) + 0.3, 2.9)
-    axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
+    figure.set_size_inches(COLUMN, 3.3)
+    grid = figure.subplots(2, 2, sharex=True, sharey=True)
+    axes = grid.flat[: len(shown)]
+    for ax in grid.flat[len(shown) :]:
+        ax.set_axis_off()
+    grid[1, 1].legend(handles=_marks(), loc="center left")
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
     for ax, number in zip(axes, shown, strict=True):
-        ax.set(facecolor=GREY, title=DRAWN[number], xlabel=words[across])
+        ax.set(facecolor=GREY, title=DRAWN[number].replace(", ", ",\n"))
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
             picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
-            plain_ticks(figure.colorbar(picture, ax=ax, label="% of white").ax.yaxis)
+            bar = figure.colorbar(picture, ax=ax)
+            bar.ax.set_title("%", fontsize=7)  # of white
+            plain_ticks(bar.ax.yaxis)
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
-        ax.locator_params(axis="x", nbins=5)
+        ax.locator_params(axis="x", nbins=3)
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
-    axes[0].set_ylabel(words[up])
+    figure.supylabel(words[up])
+    for ax in grid[1]:
+        ax.set_xlabel(words[across])
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

@@ -88,7 +88,7 @@ def show(
     names += [title.replace("_", " ") for title in titled]
     plt = mpl.pyplot
     figure: Any = plt.figure(layout="constrained")
-    show_rows(figure, list(zip(names, pictures, strict=True)), 3.0)
+    show_rows(figure, list(zip(names, pictures, strict=True)))
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     elif plt.get_backend().endswith("inline"):

@@ -2,20 +2,21 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.style import drawn, mpl, plain_ticks
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.storage.formats.srgb import srgb_encode
-from periscopy_sim.storage.pictures import write_png
+from periscopy_sim.figures.style import COLUMN, PAGE, drawn, mpl, plain_ticks, wrapped
+from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
+from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.pictures import png_bytes
 
 if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
 
+Pixels: TypeAlias = NDArray[np.uint8]
 
 Panels: TypeAlias = Sequence[tuple[str, Image]]
 """Titles and pictures, side by side."""
@@ -23,16 +24,20 @@ Panels: TypeAlias = Sequence[tuple[str, Image]]
 Rows: TypeAlias = Panels | Mapping[str, Panels]
 """One row of panels, or rows by their names."""
 
-
 LONGEST = 4.0
 """Ratio of sides up to which pictures keep theirs; the patches of a longer one are stretched."""
 
+ABREAST, LEAST, TALLEST = 3, 0.8, 2.2
+"""Panels side by side in a column, and inches that they are high at least and at most."""
 
-WIDEST = 7.2
-"""Inches of a page: wider pictures would print with letters below 6 points."""
+BAR = 0.55
+"""Inches of a colour bar with its numbers and its label."""
 
 CERTAINTY = 0.3, 100.0
 """Ends of the scale of standard errors, in percent of white."""
+
+STRIPES, GREYS = 8, (150, 217)
+"""Pixels from one stripe of a hatching to the next, and its two greys."""
 
 
 def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]:
@@ -49,16 +54,45 @@ def displayable(image: Image, white: float | None = None) -> NDArray[np.float64]
     return np.broadcast_to(light, (*light.shape[:-1], 3))
 
 
+def exposed(image: Image, white: float | None = None) -> NDArray[np.float64]:
+    """Return `displayable` light that is NaN where the image is: there, figures are hatched."""
+    return np.where(_known(image)[..., None], displayable(image, white), np.nan)
+
+
+def _known(image: Image) -> Mask:
+    return np.asarray(~np.isnan(np.asarray(image, np.float64)).any(axis=-1))
+
+
+def hatching(rows: int = STRIPES, columns: int = STRIPES) -> Pixels:
+    """Return what stands where nothing is known, (rows, columns, 3); by default, one tile of it."""
+    stripe = np.indices((rows, columns)).sum(axis=0) % STRIPES < STRIPES // 2
+    return np.where(stripe[..., None], *GREYS).astype(np.uint8).repeat(3, axis=2)
+
+
+def hatched(pixels: Pixels, known: Mask) -> Pixels:
+    """Return pixels, (rows, columns, 3), hatched in grey where they are not known."""
+    return np.where(known[..., None], pixels, hatching(*known.shape))
+
+
+def enlarged(image: Image, down: int, across: int) -> Pixels:
+    """Return 8-bit sRGB of linear light in [0, 1], pixels repeated down and across, NaN hatched."""
+    known = _known(image).repeat(down, axis=0).repeat(across, axis=1)
+    pixels = srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
+    return hatched(pixels, known)
+
+
 def common_white(images: Iterable[Image]) -> float:
     """Return one white for several images of one unit: `displayable`'s, of all their values."""
     return float(np.nanpercentile(np.concatenate([np.ravel(image) for image in images]), 99.5))
 
 
 def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
-    """Write linear light by `write_png`, patches repeated to about 720 pixels across in all."""
+    """Write linear light as a PNG, patches repeated to about 720 pixels across, NaN hatched."""
     rows, columns = image.shape[:2]
-    tall = int(np.ceil(columns / rows / LONGEST))  # of a strip
-    write_png(path, np.repeat(image, tall, axis=0), text, max(1, 720 // columns))
+    across = max(1, 720 // columns)
+    down = across * int(np.ceil(columns / rows / LONGEST))  # of a strip
+    with staged_file(path) as staged:
+        staged.write_bytes(png_bytes(enlarged(image, down, across), text))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
@@ -70,29 +104,18 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     """
     ax.set_title(title)
     ax.set_axis_off()
-    aspect = picture.shape[1] / picture.shape[0] / proportions(picture)
+    width = proportions(picture)
+    aspect = picture.shape[1] / picture.shape[0] / width
     if not np.isclose(aspect, 1):
         ax.set_axis_on()
         ax.spines[:].set_visible(True)
         for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
             axis.set_visible(size > 1)
+    shown = ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
     if picture.shape[2:] == (4,) or (picture.ndim == 2 and np.isnan(picture).any()):
-        ax.add_patch(_hatched(transform=ax.transAxes, zorder=-1))  # behind it
-    return ax.imshow(picture, interpolation="nearest", aspect=aspect, **colours)
-
-
-def _hatched(**settings: Any) -> Any:
-    look = {"facecolor": "0.85", "edgecolor": "0.55", "hatch": "////////", "linewidth": 0}
-    return mpl.patches.Rectangle((0, 0), 1, 1, **look, **settings)
-
-
-def hatching() -> NDArray[np.uint8]:
-    """Return the hatching of `show` as a tile, (72, 72, 4) RGBA, for pictures in a browser."""
-    figure = mpl.figure.Figure((1, 1), dpi=72)  # the hatching has a period of an inch
-    figure.add_artist(_hatched())
-    canvas = mpl.backends.backend_agg.FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba())
+        stripes = hatching(200, round(200 * width))
+        ax.imshow(stripes, extent=shown.get_extent(), aspect=aspect, zorder=-1)  # behind it
+    return shown
 
 
 def proportions(picture: NDArray[Any]) -> float:
@@ -107,7 +130,7 @@ def show_light(ax: Any, title: str, image: Image, white: float | None = None) ->
 
 def encoded(image: Image, white: float | None) -> NDArray[np.float64]:
     """Return light exposed by `displayable`, in sRGB; with a fourth channel, 0 where NaN is."""
-    known = ~np.isnan(np.asarray(image, np.float64)).any(axis=-1, keepdims=True)
+    known = _known(image)[..., None]
     picture = srgb_encode(displayable(image, white))
     return picture if known.all() else np.concatenate([picture, known], axis=-1)
 
@@ -119,33 +142,59 @@ def show_signed(
 
     Colours end at `bound` either way, or at the first map's 99th percentile; NaN is hatched.
     """
-    bound = bound or float(np.percentile(np.abs(next(iter(maps.values()))), 99)) or 1.0
+    bound = bound or float(np.nanpercentile(np.abs(next(iter(maps.values()))), 99)) or 1.0
     colours = mpl.colormaps["RdBu_r"].with_extremes(bad=(0, 0, 0, 0))
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
-    axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.8, label=unit)
+    axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.9, label=unit)
 
 
-def show_rows(figure: Any, rows: Rows, height: float) -> None:
+def lines_of(widths: Sequence[float], room: float) -> list[range]:
+    """Return which panels of a row stand in each line, so that none is too low for its title.
+
+    The widths are over the panels' common height, the room in the same unit as `LEAST`.
+    """
+    count = len(widths)
+    for lines in range(1, count + 1):
+        columns = -(-count // lines)
+        parts = [range(k, min(k + columns, count)) for k in range(0, count, columns)]
+        lowest = min(room / sum(widths[k] for k in part) for part in parts)
+        if columns == 1 or (columns <= ABREAST and lowest >= LEAST):
+            break
+    return parts
+
+
+def show_rows(figure: Any, rows: Rows) -> None:
     """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles, in named rows.
 
-    The figure becomes as large as pictures of `height` inches need, but no wider than a page. A
-    single row has no name.
+    The figure is as wide as a column; if a named row has more than `ABREAST`, as a page. A single
+    row has no name, and continues below.
     """
     named = rows if isinstance(rows, Mapping) else {"": rows}
-    aspects = {name: [proportions(p) for _, p in panels] for name, panels in named.items()}
-    height = min(height, *((WIDEST - 0.2) / sum(each) for each in aspects.values()))
-    width = height * max(sum(each) for each in aspects.values())
-    figure.set_size_inches(width + 0.2, len(named) * (height + 0.4))
-    parts = [figure]
-    if len(named) > 1:
-        parts = figure.subfigures(len(named), 1)
-    for part, (name, panels) in zip(parts, named.items(), strict=True):
-        axes = part.subplots(1, len(panels), width_ratios=aspects[name], squeeze=False)[0]
-        for ax, (title, picture) in zip(axes, panels, strict=True):
-            show(ax, title, picture)
-        if len(named) > 1:
-            part.supylabel(name)
+    lines = list(named.items())
+    if len(lines) == 1:
+        ((_, panels),) = lines
+        parts = lines_of([proportions(picture) for _, picture in panels], COLUMN)
+        lines = [("", [panels[k] for k in part]) for part in parts]
+    aspects = [[proportions(picture) for _, picture in panels] for _, panels in lines]
+    columns = max(map(len, aspects))
+    ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
+    width = COLUMN if columns <= ABREAST else PAGE
+    unit = min((width - 0.2 - 0.1 * columns) / sum(ratios), TALLEST)
+    heights = [max(unit * r / a for r, a in zip(ratios, each, strict=False)) for each in aspects]
+    heights = [min(height, TALLEST) for height in heights]
+    figure.set_layout_engine("compressed")
+    figure.set_size_inches(width, sum(heights) + 0.35 * len(lines))
+    shape = {"width_ratios": ratios, "height_ratios": heights, "squeeze": False}
+    grid = figure.subplots(len(lines), columns, **shape)
+    for axes, (name, panels) in zip(grid, lines, strict=True):
+        for ax in axes[len(panels) :]:
+            ax.remove()
+        for ax, (title, picture), ratio in zip(axes, panels, ratios, strict=False):
+            show(ax, wrapped(title, max(0.7, unit * ratio)), picture)
+        if name:
+            side = {"rotation": 90, "ha": "right", "va": "center", "multialignment": "center"}
+            axes[0].text(-0.04, 0.5, name, transform=axes[0].transAxes, **side)
 
 
 def draw_panels(
@@ -157,20 +206,14 @@ def draw_panels(
 ) -> None:
     """Draw linear images, (rows, columns, channels) in [0, 1], side by side under their titles.
 
-    NaN is hatched.
-
-    The panels are one row, or rows by their names.
+    NaN is hatched. The panels are one row, or rows by their names.
     """
     named = panels if isinstance(panels, Mapping) else {"": panels}
     encoded = {
         name: [(title, encoded(image, 1)) for title, image in row] for name, row in named.items()
     }
-    with drawn(path, metadata) as figure:
-        show_rows(figure, encoded, 2.6)
-        if caption:
-            width, height = figure.get_size_inches()
-            figure.set_size_inches(width, height + 0.1 + 0.15 * len(caption.split("\n")))
-            figure.supxlabel(caption)
+    with drawn(path, metadata, caption) as figure:
+        show_rows(figure, encoded)
 
 
 def draw_bounds(
@@ -189,23 +232,22 @@ def draw_bounds(
         [np.ravel(each) for maps in (alone, both) for each in maps.values()]
     )
     norm = mpl.colors.LogNorm(float(values.min()), float(values.max()))
-    aspects = [each.shape[0] / each.shape[1] for each in alone.values()]
-    with drawn(path, metadata) as figure:
-        figure.set_size_inches(WIDEST, 2.1 * sum(aspects) + 0.9 + 0.3 * len(alone))
-        axes = figure.subplots(len(alone), 3, squeeze=False, height_ratios=aspects)
+    heights = [1 / proportions(each) for each in alone.values()]
+    with drawn(path, metadata, caption) as figure:
+        figure.set_size_inches(COLUMN, 1.1 * sum(heights) + 0.3 * len(alone) + BAR * len(alone))
+        axes = figure.subplots(len(alone), 3, squeeze=False, height_ratios=heights)
         for line, name in zip(axes, alone, strict=True):
             maps = {"A alone": 100 * alone[name], "[A, B]": 100 * both[name]}
             for ax, (title, percent) in zip(line, maps.items(), strict=False):
                 bounds = show(ax, title, percent, norm=norm, cmap="viridis")
-            ratio = show(line[2], "[A, B] over A alone", both[name] / alone[name], vmin=1)
-            figure.colorbar(ratio, ax=line[2], shrink=0.8, label="ratio")
+            ratio = show(line[2], "ratio", both[name] / alone[name], vmin=1)
+            beneath: dict[str, Any] = {"location": "bottom", "aspect": 12}
+            figure.colorbar(ratio, ax=line[2], label="[A, B] over A", **beneath)
+            label = "standard error, % of white"
+            bar = figure.colorbar(bounds, ax=line[:2], label=label, **beneath)
+            plain_ticks(bar.ax.xaxis)
             if len(alone) > 1:
-                line[0].text(0, 1.2, name, transform=line[0].transAxes)
-        bar = figure.colorbar(
-            bounds, ax=axes[:, :2], label="standard error, % of white", shrink=0.8
-        )
-        plain_ticks(bar.ax.yaxis)
-        figure.supxlabel(caption)
+                line[0].set_title(f"{name}\nA alone")
 
 
 def draw_certainty(
@@ -222,11 +264,13 @@ def draw_certainty(
     all pictures: bright is certain.
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
-    width = min(max(5.2 * max(map(proportions, images.values())) + 1.0, 4.5), WIDEST)
     colours = {"cmap": "magma_r", "norm": mpl.colors.LogNorm(*CERTAINTY)}
-    with drawn(path, metadata) as figure:
-        figure.set_size_inches(width, 0.6 + 2.8 * len(images))
-        axes = figure.subplots(len(images), 2, squeeze=False)
+    sentences = ["Right: the standard error of each patch (one standard deviation)."]
+    sentences += [f"This assumes that {assumed}."] * bool(assumed)
+    with drawn(path, metadata, "\n".join(sentences)) as figure:
+        heights = [min(1.4 / proportions(each), TALLEST) for each in images.values()]
+        figure.set_size_inches(COLUMN, max(1.3, sum(heights) + 0.25 * len(images)))
+        axes = figure.subplots(len(images), 2, squeeze=False, height_ratios=heights)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
             show_light(left, name if len(images) > 1 else "reconstruction", image, white)
             error = np.sqrt(np.mean(np.asarray(standard_errors[name]) ** 2, axis=2))
@@ -236,9 +280,6 @@ def draw_certainty(
         bar.set_ticks(ticks := [0.3, 1, 3, 10, 30, 100], labels=[f"{each:g}" for each in ticks])
         bar.ax.minorticks_off()
         bar.ax.invert_yaxis()
-        sentences = ["Right: the standard error of each patch (one standard deviation)."]
-        sentences += [f"This assumes that {assumed}."] * bool(assumed)
-        figure.supxlabel("\n".join(fill(each, int(16 * width)) for each in sentences))
 
 
 def draw_residual(
@@ -250,13 +291,12 @@ def draw_residual(
 ) -> None:
     """Draw a photograph, (rows, columns, 3), linear, beside its residual; see `Residual`."""
     values, bound, unit = residual_map(residual)
-    with drawn(path, metadata) as figure:
-        figure.set_size_inches(6.4 * values.shape[1] / values.shape[0] + 1.3, 3.6)
+    with drawn(path, metadata, caption) as figure:
+        figure.set_size_inches(COLUMN, min(1.4 / proportions(values), TALLEST) + 0.25)
         axes = figure.subplots(1, 2)
         unused = np.isnan(values)[..., np.newaxis]
         show_light(axes[0], "photograph", np.where(unused, np.nan, photograph))
-        show_signed(axes[1:], {"unexplained": values}, unit, bound)
-        figure.supxlabel(caption)
+        show_signed(axes[1:], {"unexplained": values}, unit.replace(" root", "\nroot"), bound)
 
 
 def residual_map(residual: "Residual") -> tuple[Array, float, str]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
+from textwrap import fill
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,15 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure
+
+COLUMN, PAGE = 3.5, 7.2
+"""Inches of a journal's column and of its page, at which figures print at their own size."""
+
+LETTERS = 16.0
+"""Letters of 8 points in an inch, about."""
+
+MARGIN = 0.04
+"""Inches about a figure, and between its caption and the rest."""
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that the colour-blind distinguish, after Okabe and Ito, the darker first."""
@@ -51,12 +61,37 @@ mpl = _Matplotlib("matplotlib")
 
 
 @contextmanager
-def drawn(path: Path, metadata: Mapping[str, str] | None = None) -> "Iterator[Figure]":
-    """Yield a figure to draw on; save it with text chunks of a PNG, such as provenance."""
+def drawn(
+    path: Path, metadata: Mapping[str, str] | None = None, caption: str = ""
+) -> "Iterator[Figure]":
+    """Yield a figure to draw on; save it with its caption, and text chunks of a PNG.
+
+    The file has the figure's width. What is empty above and below is cut off.
+    """
     with mpl.rc_context(STYLE):
         figure = mpl.figure.Figure(layout="constrained")
         yield figure
-        figure.savefig(path, metadata=dict(metadata or {}))
+        figure.savefig(path, metadata=dict(metadata or {}), bbox_inches=_frame(figure, caption))
+
+
+def wrapped(text: str, inches: float) -> str:
+    """Return text in lines that fit into a width."""
+    lines = (fill(line, int(LETTERS * inches), break_long_words=False) for line in text.split("\n"))
+    return "\n".join(lines)
+
+
+def _frame(figure: "Figure", caption: str) -> Any:
+    """Write the caption beneath everything; return the box that holds all, in inches."""
+    figure.draw_without_rendering()
+    width, height = figure.get_size_inches()
+    box = figure.get_tightbbox()
+    bottom = box.y0 - MARGIN
+    if caption:
+        label = figure.supxlabel(wrapped(caption, width), y=bottom / height, va="top")
+        label.set_in_layout(False)  # the rest stays where it is
+        bottom = label.get_window_extent().y0 / figure.dpi - MARGIN
+    sides = min(0.0, box.x0), max(width, box.x1)
+    return mpl.transforms.Bbox([[sides[0], bottom], [sides[1], box.y1 + MARGIN]])
 
 
 def plain_ticks(axis: Any) -> None:

@@ -11,15 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.figures.style import OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MARKERS, DASHES = "os^DvPX", ("-", "--", "-.", (0, (1, 1.2)))
-
-COLUMN, PAGE = 3.5, 7.2
-"""Inches of a journal's column and of its page."""
 
 NAMES = {
     "psnr": "PSNR", "psnr_registered": "registered PSNR",

@@ -122,7 +122,7 @@ class Preparation:
         """Return a frame in the film's pixels."""
         if isinstance(frame.values, SensorImage):
             values = self._areas.average(frame.values.values)
-            saturated = self._areas.average(frame.values.saturated[..., np.newaxis])
+            saturated = self._areas.average(frame.values.saturated[..., None].astype(np.float32))
             full = saturated[..., 0] > 0
         else:
             white = np.iinfo(frame.values.dtype).max

@@ -88,11 +88,12 @@ class AreaMap:
         self._starts: NDArray[np.intp] = np.append(0, ends[:-1]).reshape(shape)
         self._weights = np.zeros(ends[-1], np.float32)
         self.kinds, covered = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
-        boxes = self._boxes, self._starts, self._weights
-        in_parallel(
-            lambda part: _weigh_rows(flaws, corners, *part, *boxes, self.kinds, covered),
-            ranges(shape[0]),
-        )
+
+        def weigh(part: tuple[int, int]) -> None:
+            boxes = self._boxes, self._starts, self._weights
+            _weigh_rows(flaws, corners, part[0], part[1], *boxes, self.kinds, covered)
+
+        in_parallel(weigh, ranges(shape[0]))
         self.kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
         self.kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
 
@@ -118,11 +119,13 @@ class AreaMap:
     ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         shape = self.kinds.shape
         values, full = np.empty((*shape, image.shape[2]), dtype), np.empty(shape, np.bool_)
-        image, boxes = np.ascontiguousarray(image), (self._boxes, self._starts, self._weights)
-        in_parallel(
-            lambda part: _average_rows(image, table, white, *part, *boxes, values, full),
-            ranges(shape[0]),
-        )
+        image = np.ascontiguousarray(image)
+
+        def average(part: tuple[int, int]) -> None:
+            boxes = self._boxes, self._starts, self._weights
+            _average_rows(image, table, white, part[0], part[1], *boxes, values, full)
+
+        in_parallel(average, ranges(len(self.kinds)))
         return values, full
 
 

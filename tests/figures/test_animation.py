@@ -1,5 +1,4 @@
 import json
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.animation import (
     ENCODINGS,
     draw_animation,
-    draw_contact_sheet,
     require_encoder,
     side_by_side,
 )
@@ -73,40 +71,6 @@ def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_pat
     _, durations, picture = draw(tmp_path / "a.png", moments, rate)
     assert durations == pytest.approx([1000 / rate] * 3, abs=0.6)
     assert picture.info["loop"] == 0 and METADATA.items() <= picture.info.items()
-
-
-def test_sheet_shows_rows_beneath_each_other_and_frames_in_order(tmp_path):
-    rows = [
-        ("wide", [plain(0.8 * COLOURS[k]) for k in range(3)]),
-        ("square", [plain(COLOURS[k], (6, 6)) for k in range(3)]),
-    ]
-    path = tmp_path / "sheet.png"
-    labels = ["frame 0", "frame 1", "frame 2"], ["MSE 1", "MSE 2", "MSE 3"]
-    draw_contact_sheet(path, rows, titles=labels[0], notes=labels[1], metadata=METADATA)
-    with Image.open(path) as picture:
-        text, pixels = dict(picture.text), np.asarray(picture.convert("RGB")).astype(int)
-    assert METADATA.items() <= text.items()
-    boxes = []
-    for scale in (0.8, 1):
-        linear = scale * COLOURS
-        codes = 255 * np.where(
-            linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
-        )
-        boxes.append([box(covers(pixels, code)) for code in codes])
-    for line in boxes:
-        assert all(left[3] < right[2] for left, right in pairwise(line))
-        assert len({(top, bottom) for top, bottom, _, _ in line}) == 1
-    assert boxes[0][0][1] < boxes[1][0][0]
-    heights = [line[0][1] - line[0][0] + 1 for line in boxes]
-    widths = [line[0][3] - line[0][2] + 1 for line in boxes]
-    assert widths[0] / heights[0] == pytest.approx(5 / 4, rel=0.02)
-    assert widths[1] / heights[1] == pytest.approx(1, rel=0.02)
-    written = (pixels < 100).all(axis=2)
-    top, bottom, left = boxes[0][0][0], boxes[1][0][1], boxes[0][0][2]
-    for column in range(3):  # titles above, notes beneath
-        inside = slice(boxes[1][column][2], boxes[1][column][3])
-        assert written[:top, inside].any() and written[bottom + 1 :, inside].any()
-    assert written[:, :left].any()
 
 
 av = pytest.importorskip("av")

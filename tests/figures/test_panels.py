@@ -29,7 +29,7 @@ def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
         rows, columns = np.nonzero(covered)
         height, width = np.ptp(rows) + 1, np.ptp(columns) + 1
         assert covered.sum() > 0.95 * height * width
-        assert width / height == pytest.approx(aspect, rel=0.01)
+        assert width / height == pytest.approx(aspect, rel=0.02)
         heights.append(height)
     assert heights[0] == pytest.approx(heights[1], rel=0.05)
     assert np.nonzero(first)[1].max() < np.nonzero(second)[1].min()
@@ -76,7 +76,8 @@ def test_unknown_pixels_are_hatched_in_light_and_in_maps(tmp_path, saved):
     light[:3] = np.nan
     draw_panels(tmp_path / "a.png", [("known", np.full((6, 8, 3), 0.5)), ("half", light)])
     known, half = saved[0].axes
-    assert not known.patches and half.patches[0].get_hatch()
+    assert len(known.images) == 1 and len(half.images) == 2
+    assert len(np.unique(half.images[1].get_array())) == 2
     assert (half.images[0].get_array()[:, 0, 3] == [0, 0, 0, 1, 1, 1]).all()
 
 

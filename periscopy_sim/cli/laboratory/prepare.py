@@ -15,7 +15,7 @@ from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.figures.panels import displayable, write_enlarged
+from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.exr import write_exr
@@ -63,7 +63,7 @@ def prepare(
     """Bring a camera's photograph to the scene's pixels.
 
     The command writes NAME.exr; NAME_mask.png, which leaves out saturated pixels, tags and pixels
-    outside of the photograph; and NAME_preview.png, black outside of the mask.
+    outside of the photograph; and NAME_preview.png, hatched outside of the mask.
     """
     options.require_suffix(out, ".exr", "the photograph")
     session = Session(scene, [], define)
@@ -89,7 +89,8 @@ def prepare(
         text = as_text({"photographs_sha256": digests, **prepared.record(), **session.provenance})
         write_exr(staged[0], prepared.values, text)
         write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
-        write_enlarged(staged[2], displayable(prepared.values), text)
+        values = np.where(prepared.mask[..., None], prepared.values, np.nan)
+        write_enlarged(staged[2], exposed(values), text)
     record(**prepared.record())
     _show_prepared(prepared, light.size)
     if film:

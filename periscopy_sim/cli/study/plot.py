@@ -11,9 +11,8 @@ from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
+from periscopy_sim.figures.style import COLUMN, PAGE
 from periscopy_sim.figures.sweeps import (
-    COLUMN,
-    PAGE,
     draw_sweep,
     labelled,
     latex_of,

@@ -17,7 +17,7 @@ from periscopy_sim.figures.laboratory.geometry import (
     in_words,
 )
 from periscopy_sim.figures.space import show_space
-from periscopy_sim.figures.style import OKABE_ITO, STYLE, mpl
+from periscopy_sim.figures.style import OKABE_ITO, PAGE, STYLE, mpl
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
@@ -271,8 +271,8 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
 SEEN = 0.35, 0.6, 0.8
 """Linear light of the part of the wall that the camera sees, in space: a pale blue."""
 
-WIDTH, TALLEST = 10.0, 5.5
-"""Inches of the drawing's width, and that a panel may be high."""
+TALLEST = 4.0
+"""Inches that a panel may be high; the drawing is as wide as a page."""
 
 
 def _show_in_space(ax: Any, scenario: Scenario) -> None:
@@ -295,13 +295,13 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     low, high, axes = layout.low, layout.high, [*layout.axes]
     spans = (high - low)[axes]
     spans = np.maximum(spans, spans.max() / 5)  # labels need room
-    scale = min(0.86 * WIDTH / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
+    scale = min(0.84 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
-    height = scale * (spans[1] + spans[2]) + 1.6 + 0.19 * len(lines)
+    height = scale * (spans[1] + spans[2]) + 1.5 + 0.17 * len(lines)
     with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
-        figure: Figure = mpl.figure.Figure(figsize=(WIDTH, height), dpi=160)
+        figure: Figure = mpl.figure.Figure(figsize=(PAGE, height), dpi=220)
         figure.set_layout_engine("constrained", h_pad=0.1)
         # Labels are placed by their size in pixels.
         mpl.backends.backend_agg.FigureCanvasAgg(figure)

@@ -38,7 +38,7 @@ def test_scene_is_drawn_with_its_parameters_and_provenance(succeeds, tmp_path, m
     out = succeeds("draw", "plate", "-D", "occluder_dx=0.03", "--out", "deep/lab.png")
     assert out == "wrote deep/lab.png\n"
     with Image.open(tmp_path / "deep" / "lab.png") as picture:
-        assert picture.size[0] == 1600
+        assert picture.size[0] == 1584  # 7.2 inches
         assert picture.text["command"] == "periscopy draw plate -D occluder_dx=0.03"
         assert "scene_sha256" in picture.text
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["lab.png"]
