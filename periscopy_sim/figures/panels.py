@@ -209,11 +209,11 @@ def draw_panels(
     NaN is hatched. The panels are one row, or rows by their names.
     """
     named = panels if isinstance(panels, Mapping) else {"": panels}
-    encoded = {
+    rows = {
         name: [(title, encoded(image, 1)) for title, image in row] for name, row in named.items()
     }
     with drawn(path, metadata, caption) as figure:
-        show_rows(figure, encoded)
+        show_rows(figure, rows)
 
 
 def draw_bounds(
