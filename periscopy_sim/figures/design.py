@@ -71,9 +71,11 @@ def _draw_curves(
             ax.plot(_values([row], name), _percent([row], number), marker, **LOOK)
     for x in _values([row for row in rows[1:] if not np.isfinite(row["bound"] or np.nan)], name):
         ax.axvline(x, color=GREY, zorder=0)
-    ax.set(yscale="log", xlabel=words[name], ylabel="standard error, % of white")
+    ax.set(xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
-    plain_ticks(ax.yaxis)
+    if shown and np.isfinite([_percent(rows, number) for number in shown]).any():
+        ax.set_yscale("log")
+        plain_ticks(ax.yaxis)
     figure.legend(
         handles=[*ax.get_legend_handles_labels()[0], *_marks()], ncols=2, loc="outside upper center"
     )
