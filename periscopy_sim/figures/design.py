@@ -76,6 +76,8 @@ def _draw_curves(
     if shown and np.isfinite([_percent(rows, number) for number in shown]).any():
         ax.set_yscale("log")
         plain_ticks(ax.yaxis)
+    else:
+        ax.set_yticks([])
     figure.legend(
         handles=[*ax.get_legend_handles_labels()[0], *_marks()], ncols=2, loc="outside upper center"
     )
