@@ -8,10 +8,13 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from threading import Condition, Event, Thread
 from typing import Any
+
+import numpy as np
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
@@ -125,6 +128,13 @@ class Stream:
         if frames is None or frames.wall is None or frames.average is None:
             return None
         return frames.photograph()
+
+    @property
+    def expected(self) -> Photograph:
+        """A blank photograph, which uses all of the film, under the companions' conditions."""
+        shape = self._scenario.photograph_shape
+        colours = self._companions.colour_matrix
+        return Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
 
     def reject(self, fault: str) -> None:
         """Report why no method of full size can be formed; end a source of which none can be."""
@@ -285,9 +295,14 @@ class StreamLevel:
         self._laboratory, self._stream = laboratory, stream
 
     def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
-        """Return the method of a choice, formed for the present frames; raise before the first."""
+        """Return the method of a choice, formed for the present frames; raise before the first.
+
+        What is formed before is kept: nothing is left to form if the first frame has no mask.
+        """
         wall = self._stream.wall
         if wall is None:
+            with suppress(PeriscopyError, InputError):
+                self._laboratory.form(choice, self._stream.expected, is_overtaken)
             raise PeriscopyError(self._stream.notice)
         try:
             return self._laboratory.form(choice, wall, is_overtaken)

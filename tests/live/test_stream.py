@@ -12,12 +12,13 @@ import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live import calibrating, preparation
+from periscopy_sim.live import pictures as live_pictures
 from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.session import LiveSession
-from periscopy_sim.live.stream import Stream
+from periscopy_sim.live.stream import Stream, StreamLevel
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs import prepare
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -89,6 +90,26 @@ def watched():
     with made.session, live.running(made.session):
         made.until(lambda *_: True)
         yield made
+
+
+def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch):
+    fit, fitted = live_pictures.fit_method, []
+    monkeypatch.setattr(
+        live_pictures, "fit_method", lambda *given: fitted.append(fit(*given)) or fitted[-1]
+    )
+    frames = [np.full((24, 24, 3), 9000, np.uint16), None]
+    stream = Stream(open_source(lambda: frames.pop(0), linear=True), level().scenario)
+    waiting = StreamLevel(level(), stream)
+    with pytest.raises(PeriscopyError, match="waiting"):
+        waiting.pictures(choice, lambda: False)
+    assert len(fitted) == 1
+    stream.start()
+    end = time.monotonic() + PATIENCE
+    while stream.wall is None and time.monotonic() < end:
+        time.sleep(0.01)
+    formed = waiting.pictures(choice, lambda: False)
+    stream.stop()
+    assert formed.method is fitted[0] and len(fitted) == 1
 
 
 def test_frames_are_averaged_until_the_picture_is_sharp(watched):
