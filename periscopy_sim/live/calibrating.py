@@ -27,12 +27,16 @@ ERROR = "periscopy: error: "
 IDLE, BUSY, OFFER = "Calibrate from these frames", "Calibrating ...", "Take the calibrated values"
 """Labels of the button, by what a press does."""
 
+DECLINE = "Keep the present values"
+"""Label of the second button, which the page shows beside an offer."""
+
 
 class CalibrationButton:
     """A button: a press calibrates the present scene, a second one takes the values.
 
-    `wall` returns the present photograph, `values` the present values; `take` gets the calibrated
-    ones, `tell` lines for the page, and `changed` is called when the label changes.
+    `decline` drops the values instead. `wall` returns the present photograph, `values` the present
+    values; `take` gets the calibrated ones, `report` lines for the page, and `changed` is called
+    when the label changes.
     """
 
     def __init__(
@@ -41,11 +45,11 @@ class CalibrationButton:
         wall: Callable[[], Photograph | None],
         values: Callable[[], Mapping[str, float]],
         take: Callable[[Mapping[str, float]], None],
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
         changed: Callable[[], None],
     ) -> None:
         self._scenario, self._wall, self._values = scenario, wall, values
-        self._take, self._tell, self._changed = take, tell, changed
+        self._take, self._report, self._changed = take, report, changed
         self._lock = Lock()
         self._process: subprocess.Popen[str] | None = None
         self._thread: Thread | None = None
@@ -65,6 +69,16 @@ class CalibrationButton:
         elif label == OFFER:
             self._set(IDLE)
             self._take(self._offer)
+
+    @property
+    def decline_label(self) -> str:
+        """The label of the button that declines; empty where nothing is offered."""
+        return DECLINE if self.label == OFFER else ""
+
+    def decline(self) -> None:
+        """Drop the values that are offered, and offer a new calibration."""
+        if self.label == OFFER:
+            self._set(IDLE)
 
     def stop(self) -> None:
         """End a calibration that is running, and remove its files; report nothing of it."""
@@ -89,11 +103,11 @@ class CalibrationButton:
             self._offer = {n: float(p["value"]) for n, p in record["parameters"].items()}
             shown = ", ".join(f"{name} {value:.4g}" for name, value in self._offer.items())
             doubts = "; ".join(record["doubts"])
-            self._tell(f"calibrated: {shown}{f' (not to be trusted: {doubts})' if doubts else ''}")
+            self._report(f"calibrated: {shown}{f' (not to be trusted: {doubts})' if doubts else ''}")
             label = OFFER
         except (PeriscopyError, OSError) as error:
             if not self._is_stopped:
-                self._tell(f"calibration: {error}")
+                self._report(f"calibration: {error}")
         finally:
             self._set(label)
 

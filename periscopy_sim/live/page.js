@@ -42,7 +42,10 @@ function addControl(control, places) {
   let made;
   if (control.kind === "button") {
     made = make("button", { onclick: () => set(true) });
-    inputs[control.id] = (label) => (made.textContent = label);
+    inputs[control.id] = (label) => {
+      made.textContent = label;
+      made.hidden = !label;
+    };
   } else {
     made = make("label");
     made.append(make("span", { textContent: control.label, title: control.label }));

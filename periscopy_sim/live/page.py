@@ -51,7 +51,7 @@ class Control:
 
 
 def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
-    """Return a button, whose value is its present label."""
+    """Return a button, whose value is its present label; the page hides one without a label."""
     return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
 
 

@@ -225,6 +225,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             "average": slider(count, "", set_count, lambda: stream.count),
             "monitor off": button(lambda: label, stream.take_monitor_off),
             "calibrate": button(lambda: calibration.label, calibration.press),
+            "decline": button(lambda: calibration.decline_label, calibration.decline),
         }
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,6 @@
 """A stream on the page: what a person sees, presses and moves while frames come."""
 
+import json
 import time
 from contextlib import nullcontext
 from threading import Event
@@ -12,7 +13,7 @@ import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live import calibrating, preparation
-from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
+from periscopy_sim.live.calibrating import BUSY, DECLINE, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
@@ -170,10 +171,27 @@ def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypat
     assert labels == [BUSY, OFFER]
     assert any("not to be trusted: far off" in line for line in watched.said)
     assert watched.page.choice.values["occluder_dx"] == 0
+    assert watched.page.controls["decline"].value() == DECLINE
     watched.press("calibrate")
     assert watched.page.choice.values["occluder_dx"] == 0.003
+    assert watched.page.controls["decline"].value() == ""
     assert any(line.endswith("set to its end: occluder_dz") for line in watched.said)
     assert watched.page.controls["calibrate"].value() == IDLE
+
+
+def test_an_offered_calibration_is_declined(watched, monkeypatch):
+    record = {"parameters": {"occluder_dx": {"value": 0.007}}, "doubts": []}
+    monkeypatch.setattr(CalibrationButton, "_calibrated", lambda *_: record)
+    controls, before = watched.page.controls, watched.page.choice
+    watched.press("decline")  # nothing is offered
+    assert controls["calibrate"].value() == IDLE
+    watched.press("calibrate")
+    watched.until(lambda *_: controls["calibrate"].value() == OFFER)
+    watched.press("decline")
+    assert controls["calibrate"].value() == IDLE and controls["decline"].value() == ""
+    assert watched.page.choice == before
+    published = json.loads(watched.page.gate._state["values"][1])
+    assert published["calibrate"] == IDLE
 
 
 @pytest.mark.thorough
