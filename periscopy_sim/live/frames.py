@@ -46,13 +46,11 @@ class CameraFrame:
 
     `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear;
     or a `SensorImage`, linear light. `time` is that of `time.monotonic` when the frame arrived.
-    `exposure` is exposure time times gain, in any unit, None where the camera reports none.
     """
 
     values: NDArray[np.unsignedinteger] | SensorImage
     encoding: str = SRGB
     time: float = field(default_factory=time.monotonic)
-    exposure: float | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -328,8 +326,8 @@ def _reason(error: OSError) -> str:
 class FunctionSource:
     """A function that returns the next frame when a camera has it, or None at the end.
 
-    It returns a `CameraFrame`; or (rows, columns[, channels]): integers of 8 or 16 bits are codes
-    of the `encoding`, other numbers linear light.
+    It returns (rows, columns[, channels]): unsigned integers of 8 or 16 bits are codes of the
+    `encoding`, other numbers linear light.
     """
 
     is_live = True
@@ -344,7 +342,7 @@ class FunctionSource:
                 values = self._function()
                 if values is None:
                     return
-                yield values if isinstance(values, CameraFrame) else self._frame(np.asarray(values))
+                yield self._frame(np.asarray(values))
             except PhotographError as error:
                 say(str(error))
             except Exception as error:  # whatever the user's own code raises

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +69,6 @@ class PreparedFrame:
 
     values: Array
     saturated: Mask
-    time: float
-    exposure: float | None
 
 
 class Preparation:
@@ -92,7 +91,12 @@ class Preparation:
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
         self.size, self._encoding = first.size, first.encoding
-        light = self._light(first)
+        if isinstance(first.values, SensorImage):
+            light = first.values
+        else:
+            full = (first.values == np.iinfo(first.values.dtype).max).any(axis=2)
+            table = _table(first.values.dtype, first.encoding)
+            light = sensor_image(table[first.values], "the frame", saturated=full)
         self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
@@ -125,32 +129,26 @@ class Preparation:
             saturated = self._areas.average(frame.values.saturated[..., None].astype(np.float32))
             full = saturated[..., 0] > 0
         else:
-            white = np.iinfo(frame.values.dtype).max
-            light, full = self._areas.average_codes(frame.values, _table(frame), int(white))
+            table = _table(frame.values.dtype, frame.encoding)
+            light, full = self._areas.average_codes(frame.values, table, len(table) - 1)
             values = light.astype(np.float64)
         if values.shape[2] != self._channels:
             raise PhotographError(
                 f"a frame has {values.shape[2]} channels, the first one {self._channels}; give "
                 "frames of one camera"
             )
-        return PreparedFrame(values - self._offset, full & self.mask, frame.time, frame.exposure)
+        return PreparedFrame(values - self._offset, full & self.mask)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.size, self.size, name)
         return self._areas.average(picture.values)
 
-    @staticmethod
-    def _light(frame: CameraFrame) -> SensorImage:
-        if isinstance(frame.values, SensorImage):
-            return frame.values
-        full = (frame.values == np.iinfo(frame.values.dtype).max).any(axis=2)
-        return sensor_image(_table(frame)[frame.values], "the frame", saturated=full)
 
-
-def _table(frame: CameraFrame) -> NDArray[np.float32]:
+@cache
+def _table(codes_dtype: np.dtype[np.unsignedinteger], encoding: str) -> NDArray[np.float32]:
     """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
-    codes = np.arange(np.iinfo(frame.values.dtype).max + 1, dtype=frame.values.dtype)  # type: ignore[union-attr]
-    light = codes if frame.encoding == LINEAR else srgb_light(codes)
+    codes = np.arange(np.iinfo(codes_dtype).max + 1, dtype=codes_dtype)
+    light = codes if encoding == LINEAR else srgb_light(codes)
     return light.astype(np.float32)
 
 
@@ -177,7 +175,7 @@ class PreparedFrames:
         colours: ColourMatrix | None = None,
         page_off: Array | None = None,
     ) -> None:
-        self.count, self.exposures, self.page_off = count, 0, page_off
+        self.count, self.page_off = count, page_off
         self._mask, self._colours = preparation.mask, colours
         self._given_off = preparation.monitor_off
         self._off = page_off  # that of `wall`
@@ -204,7 +202,6 @@ class PreparedFrames:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
         self._all += 1
         if times:
-            self.exposures += 1
             self._changes.append(self._all)
             if self._all - self._changes[0] < FLICKER[1] and len(self._changes) == FLICKER[0]:
                 self._first, self._flickers = frame, True
@@ -241,9 +238,6 @@ class PreparedFrames:
 
     def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
         """Return the factor of the exposure since a frame before; 0 if it is the same."""
-        if frame.exposure is not None and before.exposure is not None:
-            times = frame.exposure / before.exposure
-            return 0.0 if abs(np.log(times)) < 1e-3 else times
         used = self._mask & ~self._saturated & ~frame.saturated
         step = max(1, min(used.shape) // LINES)
         few = np.s_[::step, ::step]

@@ -76,7 +76,7 @@ def test_another_exposure_is_noticed_and_another_picture_is_not(scenario):
     moved[:, :12] *= 1.3  # light from one side
     frames, lines = averaged(scenario, [WALL, moved, moved * 1.25], count=9)
     assert lines[:2] == [[], []] and "times what it was" in lines[2][0]
-    assert frames.exposures == 1 and frames.averaged == 1
+    assert frames.averaged == 1
     np.testing.assert_allclose(frames.average, moved * 1.25, rtol=1e-6)
 
 
@@ -100,16 +100,6 @@ def test_clicks_of_the_exposure_are_no_flicker_for_ever(scenario):
     assert any("flickers" in line for line in lines[14]) and not any(lines[15:])
     np.testing.assert_allclose(frames.average, WALL * 0.9, rtol=1e-6)
     assert not frames._saturated.any()
-
-
-def test_an_exposure_that_the_camera_reports_is_believed(scenario):
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = PreparedFrames(prepare)
-    exposures = []
-    for exposure in (1.0, 1.0, 1.02, 1.02):
-        frames.add(prepare(CameraFrame(sensor_image(WALL, "frame"), exposure=exposure)))
-        exposures.append(frames.exposures)
-    assert exposures == [0, 0, 1, 1]
 
 
 def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
