@@ -155,8 +155,8 @@ def _table(codes_dtype: np.dtype[np.unsignedinteger], encoding: str) -> NDArray[
 class PreparedFrames:
     """The running average of prepared frames, with the noise that it leaves.
 
-    The average forgets exponentially, and leaves as little noise as the mean of `count` frames; the
-    first ones are averaged evenly. It starts anew when the exposure changes.
+    The average forgets exponentially; the first frames are averaged evenly. It starts anew when the
+    exposure changes.
 
     Attributes
     ----------
@@ -171,13 +171,11 @@ class PreparedFrames:
     def __init__(
         self,
         preparation: Preparation,
-        count: int = 1,
         colours: ColourMatrix | None = None,
         page_off: Array | None = None,
     ) -> None:
-        self.count, self.page_off = count, page_off
         self._mask, self._colours = preparation.mask, colours
-        self._given_off = preparation.monitor_off
+        self._given_off, self.page_off = preparation.monitor_off, page_off
         self._off = page_off  # that of `wall`
         self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
         self._all = 0  # frames
@@ -193,8 +191,11 @@ class PreparedFrames:
         self._flickers = False
         self._due = 0.0  # when the mask may change
 
-    def add(self, frame: PreparedFrame) -> list[str]:
-        """Average one frame more; return what a person should know, one line each."""
+    def add(self, frame: PreparedFrame, count: int = 1) -> list[str]:
+        """Average one frame more; return what a person should know, one line each.
+
+        The average leaves as little noise as the mean of `count` frames.
+        """
         lines = []
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
         times = 0.0
@@ -229,7 +230,7 @@ class PreparedFrames:
         else:
             self._measure_noise(frame)
             self._frames += 1
-            weight = 1 / min(self._frames, (self.count + 1) / 2)
+            weight = 1 / min(self._frames, (count + 1) / 2)
             self.average = self.average + weight * (frame.values - self.average)
             self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame

@@ -7,7 +7,7 @@ when it is free, and a newer wish ends full pictures.
 import logging
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -45,7 +45,8 @@ class Level(Protocol):
 class LiveLaboratory:
     """A laboratory at its coarse and its full size.
 
-    It calls `show` with pictures, and `tell` with one line about a failure, empty if there is none.
+    It calls `show` with pictures, and `report` with one line about a failure, empty if there is
+    none.
     """
 
     def __init__(
@@ -53,10 +54,10 @@ class LiveLaboratory:
         coarse: Level,
         full: Level,
         show: Callable[[Any], None],
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
     ) -> None:
         self._coarse, self._full = coarse, full
-        self._show, self._tell = show, tell
+        self._show, self._report = show, report
         self._changed = Condition()
         self._choice: Choice | None = None
         self._behind: list[Level] = []  # the latest wish, coarse before full
@@ -96,14 +97,14 @@ class LiveLaboratory:
                 assert self._choice is not None  # a level is behind a wish
                 pictures = work.pictures(self._choice, partial(self._is_overtaken, work))
                 self._show(pictures)
-                self._tell("")
+                self._report("")
             except Overtaken:
                 pass
             except PeriscopyError as error:
-                self._tell(str(error))
+                self._report(str(error))
             except Exception as error:  # one wish that fails must not end the page
                 LOG.error("the page goes on after an error", exc_info=error)
-                self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
+                self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
     def _next(self) -> Level | Save | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
@@ -155,7 +156,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        mask = photograph.pixels if photograph else stream.mask if stream else None
+        mask = photograph.pixels if photograph else stream.companions.mask if stream else None
         small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
@@ -163,23 +164,31 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             images = ()
         self._stream = stream
         self._calibration: CalibrationButton | None = None
-        more = {} if stream is None else self._stream_controls(scenario, stream)
         self.page = Page(
-            host, port, scenario, movables, handles, images, methods, first, describe, more
+            host,
+            port,
+            scenario,
+            movables,
+            handles,
+            images,
+            methods,
+            first,
+            describe,
+            self._stream_controls,
         )
         sizes = (
             SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed),
             SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed),
         )
         if stream is None:
-            self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.tell)
+            self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.report)
         else:
             self._laboratory = self._follow(stream, sizes, record)
         self.page.want = self._laboratory.want
 
         def saved(shown: Any) -> None:
             still = shown if stream is None else StreamLevel(sizes[1], stream).still(shown)
-            self.page.tell(save(still))
+            self.page.report(save(still))
 
         self.page.save = lambda: self._laboratory.save(saved)
 
@@ -188,37 +197,29 @@ class LiveSession(AbstractContextManager["LiveSession"]):
     ) -> LiveLaboratory:
         """Return the laboratory that forms methods for a stream, whose frames the page shows."""
         small, full = (StreamLevel(each, stream) for each in sizes)
-        laboratory = LiveLaboratory(small, full, stream.use, self.page.tell)
+        laboratory = LiveLaboratory(small, full, stream.use, self.page.report)
 
         def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
             record(pictures, progress)
             self.page.show(pictures, *lines)
 
-        stream.show, stream.hear = show, self.page.tell
-        stream.show_lines = lambda lines: self.page.gate.publish(status=lines)
+        def show_lines(lines: list[str]) -> None:
+            self.page.gate.publish(**{"status" if stream.shown else "trouble": lines})
+
+        stream.show, stream.show_lines = show, show_lines
         stream.form_anew = lambda: laboratory.want(self.page.choice)
         return laboratory
 
-    def _stream_controls(self, scenario: Scenario, stream: Stream) -> dict[str, Control]:
+    def _stream_controls(self, page: Page) -> dict[str, Control]:
         """Return the controls of a stream: its average, its monitor-off frame, calibration."""
-
-        def take(values: Mapping[str, float]) -> None:
-            self.page.move(values)
-            set_values = self.page.choice.values
-            beyond = [n for n, v in values.items() if n in set_values and set_values[n] != v]
-            if beyond:
-                stream.report(f"beyond the page's range, set to its end: {', '.join(beyond)}")
-
-        calibration = CalibrationButton(
-            scenario, lambda: stream.wall, lambda: self.page.choice.values,
-            take, stream.report, lambda: self.page.refresh(),
-        )  # fmt: skip
-        self._calibration = calibration
+        if (stream := self._stream) is None:
+            return {}
+        self._calibration = calibration = CalibrationButton(stream, page)
         count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")
 
         def set_count(value: float) -> None:
-            stream.set_count(round(value))
-            self.page.refresh()
+            stream.count = round(value)
+            page.refresh()
 
         label = "Take the average as the monitor-off frame"
         return {

@@ -17,7 +17,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
 from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
-from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
@@ -57,9 +56,9 @@ class Progress:
 class Stream:
     """The frames of a source for a scene, in a thread of each step between `start` and `stop`.
 
-    `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
-    about what happened, `hear` too before the first pictures, then `show_lines` with the numbers;
-    all in the threads. `form_anew` is called when methods must be formed anew; they arrive by
+    `count` is that of `PreparedFrames.add`. `show` gets the pictures of each frame, `say` a line
+    about what happened, and `show_lines` that line beneath the numbers; all in the threads.
+    `form_anew` is called when methods must be formed anew; they arrive by
     `use`. `ended` is set when the source has ended and all is shown, or `show` has raised the
     PeriscopyError `fault`.
     """
@@ -72,12 +71,11 @@ class Stream:
         count: int = 1,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._source, self._scenario = source, scenario
-        self._companions, self.count = companions or Companions(), count
+        self._source, self.scenario = source, scenario
+        self.companions, self.count = companions or Companions(), count
         self._say, self._said = say, dict[str, float]()
         self.show: Callable[[LivePictures, Progress, list[str]], None] = lambda *_: None
         self.form_anew: Callable[[], None] = lambda: None
-        self.hear: Callable[[str], None] = lambda _: None
         self.show_lines: Callable[[list[str]], None] = lambda _: None
         self.ended = Event()
         self.fault: PeriscopyError | None = None
@@ -114,11 +112,6 @@ class Stream:
         return self._source.dropped + self._read.dropped + self._averaged.dropped
 
     @property
-    def mask(self) -> Mask | None:
-        """The given mask, of the frames' size or of the film's."""
-        return self._companions.mask
-
-    @property
     def wall(self) -> Photograph | None:
         """The present average with its conditions; None before the first frame."""
         frames = self._frames
@@ -145,12 +138,6 @@ class Stream:
         if self._source.is_live:
             self._averaged.repeat()
 
-    def set_count(self, count: int) -> None:
-        """Average another number of frames."""
-        self.count = count
-        if self._frames is not None:
-            self._frames.count = count
-
     def take_monitor_off(self) -> None:
         """Make the present average the photograph with the monitor off."""
         if self._frames is None:
@@ -164,10 +151,7 @@ class Stream:
         """Print a line, unless the same was just printed, and show it on the page."""
         self.notice, now = line, time.monotonic()
         self._expires = now + REPEATS
-        if self.shown:
-            self.show_lines([*self._lines, line])
-        else:
-            self.hear(line)
+        self.show_lines([*self._lines, line])
         kind = line.rpartition(": ")[2]  # without numbers that change
         if now >= self._said.get(kind, 0.0):
             self._said[kind] = now + REPEATS
@@ -204,8 +188,7 @@ class Stream:
                 continue
             wall = self._frames.wall
             try:
-                prepared = preparation(frame)
-                for line in self._frames.add(prepared):
+                for line in self._frames.add(preparation(frame), self.count):
                     self.report(line)
             except PeriscopyError as error:
                 self.report(str(error))
@@ -221,15 +204,15 @@ class Stream:
     def _prepare(self, frame: CameraFrame) -> Preparation | None:
         """Return the preparation of frames of this size; None, with a line, if there is none."""
         try:
-            preparation = Preparation(frame, self._scenario, self._companions)
+            preparation = Preparation(frame, self.scenario, self.companions)
         except PeriscopyError as error:
             self.report(str(error))
             return None
         for line in preparation.warnings:
             self.report(line)
         page_off = self._frames.page_off if self._frames is not None else None
-        colours = self._companions.colour_matrix
-        self._frames = PreparedFrames(preparation, self.count, colours, page_off)
+        colours = self.companions.colour_matrix
+        self._frames = PreparedFrames(preparation, colours, page_off)
         return preparation
 
     def _show_frames(self) -> None:

@@ -302,16 +302,17 @@ def test_what_cannot_be_watched_is_refused_at_once():
 @pytest.mark.parametrize("is_stopped", [False, True])
 def test_a_calibration_that_is_killed_reports_no_progress_line(is_stopped, monkeypatch):
     said = []
-    button = CalibrationButton(*[None] * 4, said.append, lambda: None)
+    scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+    stream = SimpleNamespace(scenario=scenario, wall=Photograph(WALL), report=said.append)
+    page = SimpleNamespace(choice=Choice({}, ""), refresh=lambda: None)
+    button = CalibrationButton(stream, page)
     if is_stopped:
         button.stop()
-    button._wall, button._values = lambda: Photograph(WALL), dict
     process = SimpleNamespace(
         pid=0, returncode=-9, communicate=lambda: ("", "periscopy: calibrating: 24 %\n")
     )
     monkeypatch.setattr(calibrating, "write_copy", lambda *_: None)
     monkeypatch.setattr(calibrating.os, "setpriority", lambda *_: None, raising=False)
     monkeypatch.setattr(calibrating.subprocess, "Popen", lambda *_, **__: nullcontext(process))
-    button._scenario = load_scenario("plate", (6, 8), {"resolution": 24})
     button._run()
     assert said == ([] if is_stopped else ["calibration: it was ended"])
