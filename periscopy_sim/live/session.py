@@ -38,8 +38,8 @@ MOST_AVERAGED = 1000.0
 class Level(Protocol):
     """A size of a laboratory, which computes what a `LiveLaboratory` shows."""
 
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
-        """Compute what is shown of a choice; raise `Overtaken` if a newer one came."""
+    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> Any:
+        """Compute what is shown of a choice, and often call what raises `Overtaken`."""
 
 
 class LiveLaboratory:
@@ -95,7 +95,7 @@ class LiveLaboratory:
                     continue
                 pictures = None
                 assert self._choice is not None  # a level is behind a wish
-                pictures = work.pictures(self._choice, partial(self._is_overtaken, work))
+                pictures = work.pictures(self._choice, partial(self._raise_if_overtaken, work))
                 self._show(pictures)
                 self._report("")
             except Overtaken:
@@ -122,9 +122,10 @@ class LiveLaboratory:
                 self._changed.wait(pause)
         return None
 
-    def _is_overtaken(self, level: Level) -> bool:
+    def _raise_if_overtaken(self, level: Level, *_: object) -> None:
         # Coarse pictures are finished, so that a drag shows some.
-        return self._stopped or (level is self._full and self._coarse in self._behind)
+        if self._stopped or (level is self._full and self._coarse in self._behind):
+            raise Overtaken
 
 
 class LiveSession(AbstractContextManager["LiveSession"]):

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 from threading import Condition, Event, Thread
-from typing import Any
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
@@ -59,8 +58,8 @@ class Stream:
     `count` is that of `PreparedFrames.add`. `show` gets the pictures of each frame, `say` a line
     about what happened, and `show_lines` that line beneath the numbers; all in the threads.
     `form_anew` is called when methods must be formed anew; they arrive by
-    `use`. `ended` is set when the source has ended and all is shown, or `show` has raised the
-    PeriscopyError `fault`.
+    `use`. `ended` is set by `stop`, when the source has ended and all is shown, or when `show` has
+    raised the PeriscopyError `fault`.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class Stream:
         )
         self._frames: PreparedFrames | None = None
         self._formed: FrameMethod | None = None
-        self._changed, self._stopped = Condition(), Event()
+        self._changed = Condition()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
@@ -100,7 +99,7 @@ class Stream:
 
     def stop(self) -> None:
         """End all steps; the frames on their way are dropped."""
-        self._stopped.set()
+        self.ended.set()
         for place in (self._read, self._averaged):
             place.close()
         with self._changed:
@@ -128,7 +127,6 @@ class Stream:
     def _end_if_rejected(self) -> None:
         if self._is_rejected and not (self._may_recover or self.shown):
             self.stop()
-            self.ended.set()
 
     def use(self, formed: FrameMethod) -> None:
         """Use a method from the latest frame on, of a recording from the next one."""
@@ -169,10 +167,9 @@ class Stream:
                 LOG.error("the stream ended by an error", exc_info=error)
                 self.report(f"the stream ended: {type(error).__name__}: {error}")
             self.stop()
-            self.ended.set()
 
     def _read_frames(self) -> None:
-        for frame in self._source.frames(self._stopped, self.report):
+        for frame in self._source.frames(self.ended, self.report):
             self._read.put(frame)
         self._read.close()
 
@@ -247,18 +244,17 @@ class Stream:
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
-        self.ended.set()
+        self.stop()
 
     def _method(self) -> FrameMethod | None:
         """Wait for a method, of a recording for the full one; None after `stop`."""
-
-        def is_ready() -> bool:
-            formed = self._formed
-            return formed is not None and (self._source.is_live or not formed.is_coarse)
-
         with self._changed:
-            self._changed.wait_for(lambda: self._stopped.is_set() or is_ready())
-            return None if self._stopped.is_set() else self._formed
+            while not self.ended.is_set():
+                formed = self._formed
+                if formed is not None and (self._source.is_live or not formed.is_coarse):
+                    return formed
+                self._changed.wait()
+        return None
 
 
 class StreamLevel:
@@ -267,13 +263,13 @@ class StreamLevel:
     def __init__(self, laboratory: SizedLaboratory, stream: Stream) -> None:
         self._laboratory, self._stream = laboratory, stream
 
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
+    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> FrameMethod:
         """Return the method of a choice, formed for the present frames; raise before the first."""
         wall = self._stream.wall
         if wall is None:
             raise PeriscopyError(self._stream.notice)
         try:
-            return self._laboratory.form(choice, wall, is_overtaken)
+            return self._laboratory.form(choice, unless_overtaken, wall)
         except (PeriscopyError, InputError) as error:
             if not self._laboratory.is_coarse:
                 self._stream.reject(str(error))
@@ -281,5 +277,6 @@ class StreamLevel:
 
     def still(self, formed: FrameMethod) -> LivePictures:
         """Return full pictures of the present average, with corrections and standard errors."""
-        self._laboratory.form(formed.choice, self._stream.wall or formed.wall, lambda: False)
-        return self._laboratory.pictures(formed.choice, lambda: False)
+        wall = self._stream.wall or formed.wall
+        self._laboratory.form(formed.choice, lambda *_: None, wall)
+        return self._laboratory.pictures(formed.choice, lambda *_: None)

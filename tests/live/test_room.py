@@ -24,7 +24,7 @@ def test_photograph_covers_what_its_pixels_see():
 
 
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
-    pictures = level().pictures(choice, lambda: False)
+    pictures = level().pictures(choice, lambda *_: None)
     scene, things = pictures.scenario, images_in(pictures)
     grid = np.array(things["hidden"][0]["grid"])
     corners = grid[[-1, -1, 0, 0], [0, -1, 0, -1]]
@@ -47,7 +47,7 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
 
 def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     scene = ps.load_scenario(write_cards(tmp_path), SIZES)
-    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda *_: None)
     assert {name: image.shape[:2] for name, image in pictures.image.items()} == SIZES
     assert pictures.psnr > 20
     things = images_in(pictures)["hidden"]

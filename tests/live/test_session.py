@@ -24,15 +24,17 @@ class StandIn:
         self.is_coarse, self.seconds = is_coarse, seconds
         self.begun, self.given_up = [], []
 
-    def pictures(self, choice, is_overtaken):
+    def pictures(self, choice, unless_overtaken):
         self.begun.append(choice)
         if isinstance(choice, Exception):
             raise choice
         end = time.monotonic() + self.seconds
         while time.monotonic() < end:
-            if is_overtaken():
+            try:
+                unless_overtaken()
+            except Overtaken:
                 self.given_up.append(choice)
-                raise Overtaken
+                raise
             time.sleep(0.002)
         return Picture(choice, self.is_coarse)
 
