@@ -90,7 +90,7 @@ class Preparation:
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.size, self._encoding = first.size, first.encoding
+        self.size, self.colour_matrix = first.size, companions.colour_matrix
         if isinstance(first.values, SensorImage):
             light = first.values
         else:
@@ -168,15 +168,8 @@ class PreparedFrames:
     _first: PreparedFrame  # of the average
     _latest: PreparedFrame
 
-    def __init__(
-        self,
-        preparation: Preparation,
-        colours: ColourMatrix | None = None,
-        page_off: Array | None = None,
-    ) -> None:
-        self._mask, self._colours = preparation.mask, colours
-        self._given_off, self.page_off = preparation.monitor_off, page_off
-        self._off = page_off  # that of `wall`
+    def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
+        self.prepare, self._mask, self.page_off = prepare, prepare.mask, page_off
         self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
         self._all = 0  # frames
         self._variance = 0.0  # of a frame's noise, over the square of the mean light
@@ -226,15 +219,20 @@ class PreparedFrames:
                 )
         if self.average is None:
             self.average, self._first = frame.values, frame
-            self._share, self._frames = 1.0, 1
         else:
             self._measure_noise(frame)
-            self._frames += 1
-            weight = 1 / min(self._frames, (count + 1) / 2)
-            self.average = self.average + weight * (frame.values - self.average)
-            self._share = (1 - weight) ** 2 * self._share + weight**2
+        self._frames += 1
+        weight = 1 / min(self._frames, (count + 1) / 2)
+        self.average = self.average + weight * (frame.values - self.average)
+        self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
-        self._update_wall()
+        mask = self._mask & ~self._saturated
+        if not mask.any():
+            self._restart()
+            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
+        is_other = self.wall is None or not np.array_equal(mask, self.wall.pixels)
+        if is_other and time.monotonic() >= self._due:
+            self._make_wall(self.average)
         return lines
 
     def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
@@ -286,26 +284,16 @@ class PreparedFrames:
     def take_monitor_off(self) -> None:
         """Make the present average a photograph with the monitor off, in place of a former one."""
         if self.average is not None:
-            self.page_off, self._due = self.average, 0.0
-            self._update_wall()
+            self.page_off = self.average
+            self._make_wall(self.average)
 
-    def _update_wall(self) -> None:
-        """Make `wall` anew where the mask or the photographs with the monitor off changed."""
-        assert self.average is not None
-        mask = self._mask & ~self._saturated
-        if not mask.any():
-            self._restart()
-            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
-        if self.wall is not None:
-            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.page_off
-            if is_same or time.monotonic() < self._due:
-                return
-        taken = {} if self.page_off is None else {TAKEN: self.page_off}
+    def _make_wall(self, average: Array) -> None:
+        mask, off = self._mask & ~self._saturated, dict(self.prepare.monitor_off)
+        if self.page_off is not None:
+            off[TAKEN] = self.page_off
         self.wall = Photograph.of(
-            blackened(self.average, mask), name="the frames", mask=mask,
-            monitor_off={
-                name: blackened(each, mask) for name, each in {**self._given_off, **taken}.items()
-            },
-            colour_matrix=self._colours,
+            blackened(average, mask), name="the frames", mask=mask,
+            monitor_off={name: blackened(each, mask) for name, each in off.items()},
+            colour_matrix=self.prepare.colour_matrix,
         )  # fmt: skip
-        self._off, self._due = self.page_off, time.monotonic() + STEADY
+        self._due = time.monotonic() + STEADY

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from threading import Condition, Thread
-from typing import Any, Protocol
+from threading import Condition, Event, Thread
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -28,18 +28,12 @@ from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
+Level = SizedLaboratory | StreamLevel
 Save = Callable[[Any], None]
 Record = Callable[[LivePictures, Progress], None]
 
 MOST_AVERAGED = 1000.0
 """Frames of the longest running average: half a minute of a video."""
-
-
-class Level(Protocol):
-    """A size of a laboratory, which computes what a `LiveLaboratory` shows."""
-
-    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> Any:
-        """Compute what is shown of a choice, and often call what raises `Overtaken`."""
 
 
 class LiveLaboratory:
@@ -166,17 +160,9 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         self._stream = stream
         self._calibration: CalibrationButton | None = None
         self.page = Page(
-            host,
-            port,
-            scenario,
-            movables,
-            handles,
-            images,
-            methods,
-            first,
-            describe,
+            host, port, scenario, movables, handles, images, methods, first, describe,
             self._stream_controls,
-        )
+        )  # fmt: skip
         sizes = (
             SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed),
             SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed),
@@ -242,13 +228,13 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
             self._laboratory.want(self.page.choice)
-            if self._stream is not None:
-                self._stream.start()
-                Thread(target=self._stop_at_the_end, args=(self._stream,), daemon=True).start()
+            if (stream := self._stream) is not None:
+                stream.start()
+                Thread(target=self._stop_after, args=(stream.ended,), daemon=True).start()
             self._laboratory.run()
 
-    def _stop_at_the_end(self, stream: Stream) -> None:
-        stream.ended.wait()
+    def _stop_after(self, ended: Event) -> None:
+        ended.wait()
         self.stop()
 
     def stop(self) -> None:

@@ -57,9 +57,9 @@ class Stream:
 
     `count` is that of `PreparedFrames.add`. `show` gets the pictures of each frame, `say` a line
     about what happened, and `show_lines` that line beneath the numbers; all in the threads.
-    `form_anew` is called when methods must be formed anew; they arrive by
-    `use`. `ended` is set by `stop`, when the source has ended and all is shown, or when `show` has
-    raised the PeriscopyError `fault`.
+    `form_anew` is called when methods must be formed anew; they arrive by `use`. `ended` is set by
+    `stop`, when the source has ended and all is shown, or when `show` has raised the PeriscopyError
+    `fault`.
     """
 
     def __init__(
@@ -174,43 +174,36 @@ class Stream:
         self._read.close()
 
     def _average_frames(self) -> None:
-        preparation: Preparation | None = None
         for frame in self._read:
-            if preparation is None or frame.size != preparation.size:
-                if preparation is not None:
-                    old, new = ("{} x {}".format(*each) for each in (preparation.size, frame.size))
-                    self.report(f"the frames changed from {old} to {new} pixels")
-                preparation = self._prepare(frame)
-            if preparation is None or self._frames is None:
-                continue
-            wall = self._frames.wall
             try:
-                for line in self._frames.add(preparation(frame), self.count):
+                frames = self._frames_like(frame)
+                wall = frames.wall
+                for line in frames.add(frames.prepare(frame), self.count):
                     self.report(line)
             except PeriscopyError as error:
                 self.report(str(error))
                 continue
-            if self._frames.wall is not wall:
+            if frames.wall is not wall:
                 self.form_anew()
-            numbers = self._frames.averaged, self._frames.noise, self._frames.noise_left
-            self._averaged.put((self._frames.photograph(), frame.time, numbers))
+            numbers = frames.averaged, frames.noise, frames.noise_left
+            self._averaged.put((frames.photograph(), frame.time, numbers))
         self._averaged.close()
         self._may_recover = False
         self._end_if_rejected()
 
-    def _prepare(self, frame: CameraFrame) -> Preparation | None:
-        """Return the preparation of frames of this size; None, with a line, if there is none."""
-        try:
-            preparation = Preparation(frame, self.scenario, self.companions)
-        except PeriscopyError as error:
-            self.report(str(error))
-            return None
-        for line in preparation.warnings:
+    def _frames_like(self, frame: CameraFrame) -> PreparedFrames:
+        """Return the average of frames of this size: a new one for the first and another size."""
+        before = self._frames
+        if before is not None and before.prepare.size == frame.size:
+            return before
+        if before is not None:
+            old, new = ("{} x {}".format(*each) for each in (before.prepare.size, frame.size))
+            self.report(f"the frames changed from {old} to {new} pixels")
+        prepare = Preparation(frame, self.scenario, self.companions)
+        for line in prepare.warnings:
             self.report(line)
-        page_off = self._frames.page_off if self._frames is not None else None
-        colours = self.companions.colour_matrix
-        self._frames = PreparedFrames(preparation, colours, page_off)
-        return preparation
+        self._frames = PreparedFrames(prepare, None if before is None else before.page_off)
+        return self._frames
 
     def _show_frames(self) -> None:
         first, times = 0.0, deque[float](maxlen=SHOWN)
