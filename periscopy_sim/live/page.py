@@ -106,7 +106,7 @@ class Page:
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
         self._space_due = 0.0
-        self.controls = self._controls(images, methods, first, more(self))
+        self.controls = self._controls(images, methods, more(self))
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
             room=room_of(scenario), trouble=["computing the first pictures"],
@@ -132,20 +132,13 @@ class Page:
         """Show why there are no pictures of the present choice; empty where there are."""
         self.gate.publish(trouble=[text] if text else [])
 
-    def close(self) -> None:
-        """End the page for all viewers."""
-        self.gate.close()
-
     # -- controls ----------------------------------------------------------------------------------
 
     def _controls(
-        self,
-        images: Sequence[str],
-        methods: Sequence[str],
-        first: Choice,
-        more: Mapping[str, Control],
+        self, images: Sequence[str], methods: Sequence[str], more: Mapping[str, Control]
     ) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
+        first = self.choice
 
         def chosen(label: str, field: str, options: Mapping[str, Any]) -> Control:
             names = {each: name for name, each in options.items()}
@@ -258,15 +251,12 @@ class Page:
     def refresh(self) -> None:
         """Show what is set: the controls' values, and where handles are."""
         with self._lock:
-            values, set_values = (
-                {n: c.value() for n, c in self.controls.items()},
-                self.choice.values,
-            )
+            values, present = self.choice.values, self.controls.items()
             handles = [
-                {"name": n, "axes": h.axes, "position": h.position(set_values).tolist()}
-                for n, h in self.handles.items()
+                {"name": name, "axes": each.axes, "position": each.position(values).tolist()}
+                for name, each in self.handles.items()
             ]
-            self.gate.publish(values=values, handles=handles)
+            self.gate.publish(values={n: c.value() for n, c in present}, handles=handles)
 
 
 def _is_number(value: Any) -> bool:

@@ -91,12 +91,18 @@ class Preparation:
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
         self.size, self.colour_matrix = first.size, companions.colour_matrix
+        decoded = list[str]()
         if isinstance(first.values, SensorImage):
             light = first.values
         else:
-            full = (first.values == np.iinfo(first.values.dtype).max).any(axis=2)
             table = _table(first.values.dtype, first.encoding)
+            full = (first.values == len(table) - 1).any(axis=2)
             light = sensor_image(table[first.values], "the frame", saturated=full)
+            curve = (
+                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
+            )
+            how = "taken as linear light" if first.encoding == LINEAR else curve
+            decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
         self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
@@ -110,17 +116,7 @@ class Preparation:
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
-        self.warnings = areas.warnings
-        if not isinstance(first.values, SensorImage):
-            bits = 8 * first.values.dtype.itemsize
-            if first.encoding == LINEAR:
-                line = f"{bits}-bit frames, taken as linear light"
-            else:
-                line = (
-                    f"{bits}-bit frames, decoded by the sRGB curve; if the camera sends linear "
-                    "light, declare them linear"
-                )
-            self.warnings = (*self.warnings, line)
+        self.warnings = *areas.warnings, *decoded
 
     def __call__(self, frame: CameraFrame) -> PreparedFrame:
         """Return a frame in the film's pixels."""

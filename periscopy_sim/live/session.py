@@ -219,7 +219,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
     def __exit__(self, *_: object) -> None:
         """End all."""
         self.stop()
-        self.page.close()
+        self.page.gate.close()
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
