@@ -151,18 +151,17 @@ class FolderSource:
         self._waiting: dict[FileVersion, float] = {}  # since when
         self._done: set[FileVersion] = set()
         self._format = ""
-        self._said: set[str] = set()
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield the newest whole photograph at each look; see `FrameSource`."""
+        said, is_lost = set[str](), False
 
         def say_once(text: str) -> None:
             kind = text.partition(": ")[2]
-            if kind not in self._said:
-                self._said.add(kind)
+            if kind not in said:
+                said.add(kind)
                 say(text)
 
-        is_lost = False
         while not stopped.wait(POLL):
             try:
                 whole = self._whole_files(say_once)

@@ -21,14 +21,14 @@ from periscopy_sim.live.calibrating import CalibrationButton
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.page import Control, Page, button, slider
 from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
-from periscopy_sim.live.stream import Progress, Stream, StreamLevel
+from periscopy_sim.live.stream import Progress, Stream
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
-Level = SizedLaboratory | StreamLevel
+Level = Callable[[Choice, Callable[..., None]], Any]
 Save = Callable[[Any], None]
 Record = Callable[[LivePictures, Progress], None]
 
@@ -37,7 +37,7 @@ MOST_AVERAGED = 1000.0
 
 
 class LiveLaboratory:
-    """A laboratory at its coarse and its full size.
+    """A laboratory at its coarse and its full size, see `SizedLaboratory.pictures`.
 
     It calls `show` with pictures, and `report` with one line about a failure, empty if there is
     none.
@@ -82,16 +82,15 @@ class LiveLaboratory:
         """Follow the wishes until `stop`."""
         pictures = None
         while (work := self._next()) is not None:
+            level, choice, save = work
             try:
-                if callable(work):
-                    if pictures is not None:
-                        work(pictures)
-                    continue
-                pictures = None
-                assert self._choice is not None  # a level is behind a wish
-                pictures = work.pictures(self._choice, partial(self._raise_if_overtaken, work))
-                self._show(pictures)
-                self._report("")
+                if level is not None:
+                    pictures = None
+                    pictures = level(choice, partial(self._raise_if_overtaken, level))
+                    self._show(pictures)
+                    self._report("")
+                elif save is not None and pictures is not None:
+                    save(pictures)
             except Overtaken:
                 pass
             except PeriscopyError as error:
@@ -100,7 +99,7 @@ class LiveLaboratory:
                 LOG.error("the page goes on after an error", exc_info=error)
                 self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
-    def _next(self) -> Level | Save | None:
+    def _next(self) -> tuple[Level | None, Any, Save | None] | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
@@ -109,10 +108,10 @@ class LiveLaboratory:
                     is_coarse = self._behind[0] is self._coarse
                     pause = 0.0 if is_coarse else self._rests - time.monotonic()
                     if pause <= 0:
-                        return self._behind.pop(0)
+                        return self._behind.pop(0), self._choice, None
                 elif self._save is not None:
                     save, self._save = self._save, None
-                    return save
+                    return None, self._choice, save
                 self._changed.wait(pause)
         return None
 
@@ -163,28 +162,26 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             host, port, scenario, movables, handles, images, methods, first, describe,
             self._stream_controls,
         )  # fmt: skip
-        sizes = (
-            SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed),
-            SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed),
-        )
-        if stream is None:
-            self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.report)
-        else:
-            self._laboratory = self._follow(stream, sizes, record)
+        quick = SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed)
+        full = SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed)
+        levels: tuple[Level, Level] = quick.pictures, full.pictures
+        show: Callable[[Any], None] = self.page.show
+        if stream is not None:
+            levels, show = (partial(stream.form, quick), partial(stream.form, full)), stream.use
+            self._connect(stream, record)
+        self._laboratory = LiveLaboratory(*levels, show, self.page.report)
         self.page.want = self._laboratory.want
 
         def saved(shown: Any) -> None:
-            still = shown if stream is None else StreamLevel(sizes[1], stream).still(shown)
-            self.page.report(save(still))
+            if stream is not None:  # a method: of the present average, with standard errors
+                full.form(shown.choice, lambda *_: None, stream.wall or shown.wall)
+                shown = full.pictures(shown.choice, lambda *_: None)
+            self.page.report(save(shown))
 
         self.page.save = lambda: self._laboratory.save(saved)
 
-    def _follow(
-        self, stream: Stream, sizes: tuple[SizedLaboratory, SizedLaboratory], record: Record
-    ) -> LiveLaboratory:
-        """Return the laboratory that forms methods for a stream, whose frames the page shows."""
-        small, full = (StreamLevel(each, stream) for each in sizes)
-        laboratory = LiveLaboratory(small, full, stream.use, self.page.report)
+    def _connect(self, stream: Stream, record: Record) -> None:
+        """Show a stream's frames and lines on the page."""
 
         def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
             record(pictures, progress)
@@ -194,8 +191,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             self.page.gate.publish(**{"status" if stream.shown else "trouble": lines})
 
         stream.show, stream.show_lines = show, show_lines
-        stream.form_anew = lambda: laboratory.want(self.page.choice)
-        return laboratory
+        stream.form_anew = lambda: self._laboratory.want(self.page.choice)
 
     def _stream_controls(self, page: Page) -> dict[str, Control]:
         """Return the controls of a stream: its average, its monitor-off frame, calibration."""

@@ -118,11 +118,23 @@ class Stream:
             return None
         return frames.photograph()
 
-    def reject(self, fault: str) -> None:
-        """Report why no method of full size can be formed; end a source of which none can be."""
-        self.report(fault)
-        self._is_rejected = True
-        self._end_if_rejected()
+    def form(
+        self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]
+    ) -> FrameMethod:
+        """Form a method for the present frames; a PeriscopyError says that there are none.
+
+        A source ends if it offers nothing of which a method of full size can be formed.
+        """
+        if (wall := self.wall) is None:
+            raise PeriscopyError(self.notice)
+        try:
+            return laboratory.form(choice, unless_overtaken, wall)
+        except (PeriscopyError, InputError) as error:
+            if not laboratory.is_coarse:
+                self.report(str(error))
+                self._is_rejected = True
+                self._end_if_rejected()
+            raise
 
     def _end_if_rejected(self) -> None:
         if self._is_rejected and not (self._may_recover or self.shown):
@@ -248,28 +260,3 @@ class Stream:
                     return formed
                 self._changed.wait()
         return None
-
-
-class StreamLevel:
-    """A size of the laboratory that forms methods for a stream; see `LiveLaboratory`."""
-
-    def __init__(self, laboratory: SizedLaboratory, stream: Stream) -> None:
-        self._laboratory, self._stream = laboratory, stream
-
-    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> FrameMethod:
-        """Return the method of a choice, formed for the present frames; raise before the first."""
-        wall = self._stream.wall
-        if wall is None:
-            raise PeriscopyError(self._stream.notice)
-        try:
-            return self._laboratory.form(choice, unless_overtaken, wall)
-        except (PeriscopyError, InputError) as error:
-            if not self._laboratory.is_coarse:
-                self._stream.reject(str(error))
-            raise
-
-    def still(self, formed: FrameMethod) -> LivePictures:
-        """Return full pictures of the present average, with corrections and standard errors."""
-        wall = self._stream.wall or formed.wall
-        self._laboratory.form(formed.choice, lambda *_: None, wall)
-        return self._laboratory.pictures(formed.choice, lambda *_: None)

@@ -47,7 +47,7 @@ class Watched:
         self.coarse = StandIn(is_coarse=True, seconds=coarse)
         self.full = StandIn(is_coarse=False, seconds=full)
         self.laboratory = LiveLaboratory(
-            self.coarse, self.full, self.shown.append, self.told.append
+            self.coarse.pictures, self.full.pictures, self.shown.append, self.told.append
         )
         self.thread = threading.Thread(target=self.laboratory.run)
         self.thread.start()
