@@ -62,11 +62,6 @@ class CalibrationButton:
         if self.label == OFFER:
             self._set(IDLE)
 
-    @property
-    def decline_label(self) -> str:
-        """The label of the button that declines; empty where nothing is offered."""
-        return DECLINE if self.label == OFFER else ""
-
     def stop(self) -> None:
         """End a calibration that is running, and remove its files; report nothing of it."""
         self._is_stopped = True

@@ -55,9 +55,8 @@ class CameraFrame:
     @property
     def size(self) -> tuple[int, int]:
         """(rows, columns)."""
-        if isinstance(self.values, SensorImage):
-            return self.values.size
-        rows, columns = self.values.shape[:2]
+        pixels = self.values.values if isinstance(self.values, SensorImage) else self.values
+        rows, columns = pixels.shape[:2]
         return rows, columns
 
 

@@ -50,7 +50,7 @@ class Control:
     value: Callable[[], Any]
 
 
-def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
+def button(label: Callable[[], str], act: Callable[[], object]) -> Control:
     """Return a button, whose value is its present label; the page hides one without a label."""
     return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
 
@@ -117,8 +117,7 @@ class Page:
     def show(self, pictures: LivePictures, *lines: str) -> None:
         """Show pictures with their captions and notes, and lines on a stream."""
         size = "coarse" if pictures.is_coarse else "full"
-        made = f"{size} pictures in {pictures.seconds:.2g} s"
-        notes = *self._describe(pictures.report), made
+        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
         panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
@@ -174,11 +173,10 @@ class Page:
         for group, names in ("places", placing), ("other parameters", others):
             for name in filter(names.__contains__, self._movables):
                 controls[f"value {name}"] = placed(self._movables[name], group)
-        reset = lambda: self._set(first.values, 0.0)  # noqa: E731
         return {
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
-            "reset": button(lambda: "Back to the file's values", reset),
+            "reset": button(lambda: "Back to the file's values", lambda: self.move(first.values)),
             **more,
             "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),
         }

@@ -36,8 +36,7 @@ class Panel:
         scale = None
         if self.scale is not None:
             name, low, high = self.scale
-            colours = mpl.colormaps[name](np.linspace(0, 1, 9))
-            stops = [mpl.colors.to_hex(each) for each in colours]
+            stops = [mpl.colors.to_hex(each) for each in mpl.colormaps[name](np.linspace(0, 1, 9))]
             scale = {"colours": stops, "low": low, "high": high}
         return {"caption": self.caption, "source": source, "scale": scale}
 

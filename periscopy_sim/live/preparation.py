@@ -74,19 +74,10 @@ class PreparedFrame:
 class Preparation:
     """What frames of one camera and size have in common, found in the first frame.
 
-    Attributes
-    ----------
-    mask
-        (rows, columns) bool, True where the film's pixels measure the wall.
-    monitor_off
-        The companions' photographs with the monitor off in the film's pixels, by name.
-    warnings
-        Assumptions, one line each.
-
-    Raises
-    ------
-    PhotographError
-        As `prepare`, or if a companion is not of the frame's size.
+    `mask`, (rows, columns) bool, is True where the film's pixels measure the wall; `monitor_off`
+    has the companions' photographs with the monitor off in the film's pixels, by name; `warnings`
+    are assumptions, one line each. Errors are those of `prepare`, or a PhotographError says that a
+    companion is not of the frame's size.
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
@@ -152,13 +143,8 @@ class PreparedFrames:
     """The running average of prepared frames, with the noise that it leaves.
 
     The average forgets exponentially; the first frames are averaged evenly. It starts anew when the
-    exposure changes.
-
-    Attributes
-    ----------
-    wall
-        A `Photograph` of the mask and the photographs with the monitor off: a new object whenever
-        these change. Its values are those of the average at that time.
+    exposure changes. `wall` is a `Photograph` with the mask and the photographs with the monitor
+    off: a new object whenever these change, with the average of that time.
     """
 
     _first: PreparedFrame  # of the average
@@ -272,10 +258,12 @@ class PreparedFrames:
         """Standard deviation of the average's noise over the mean light."""
         return self.noise * float(np.sqrt(self._share))
 
-    def photograph(self) -> Photograph:
-        """Return the average under the conditions of `wall`."""
-        assert self.wall is not None and self.average is not None
-        return replace(self.wall, values=blackened(self.average, self.wall.mask))
+    def photograph(self) -> Photograph | None:
+        """Return the average under the conditions of `wall`; None where there is none yet."""
+        wall, average = self.wall, self.average
+        if wall is None or average is None:
+            return None
+        return replace(wall, values=blackened(average, wall.mask))
 
     def take_monitor_off(self) -> None:
         """Make the present average a photograph with the monitor off, in place of a former one."""

@@ -17,7 +17,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.calibrating import CalibrationButton
+from periscopy_sim.live.calibrating import DECLINE, OFFER, CalibrationButton
+from periscopy_sim.live.frames import Say
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.page import Control, Page, button, slider
 from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
@@ -29,7 +30,7 @@ from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
 Level = Callable[[Choice, Callable[..., None]], Any]
-Save = Callable[[Any], None]
+Use = Callable[[Any], None]
 Record = Callable[[LivePictures, Progress], None]
 
 MOST_AVERAGED = 1000.0
@@ -43,20 +44,14 @@ class LiveLaboratory:
     none.
     """
 
-    def __init__(
-        self,
-        coarse: Level,
-        full: Level,
-        show: Callable[[Any], None],
-        report: Callable[[str], None],
-    ) -> None:
+    def __init__(self, coarse: Level, full: Level, show: Use, report: Say) -> None:
         self._coarse, self._full = coarse, full
         self._show, self._report = show, report
         self._changed = Condition()
         self._choice: Choice | None = None
         self._behind: list[Level] = []  # the latest wish, coarse before full
         self._rests = 0.0  # when the latest wish counts as at rest
-        self._save: Save | None = None
+        self._save: Use | None = None
         self._stopped = False
 
     def want(self, choice: Choice, rest: float = 0.0) -> None:
@@ -66,7 +61,7 @@ class LiveLaboratory:
             self._rests = time.monotonic() + rest
             self._changed.notify()
 
-    def save(self, save: Save) -> None:
+    def save(self, save: Use) -> None:
         """Call a function with the full pictures of the latest wish, once they are shown."""
         with self._changed:
             self._save, self._rests = save, 0.0
@@ -99,7 +94,7 @@ class LiveLaboratory:
                 LOG.error("the page goes on after an error", exc_info=error)
                 self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
-    def _next(self) -> tuple[Level | None, Any, Save | None] | None:
+    def _next(self) -> tuple[Level | None, Any, Use | None] | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
@@ -127,10 +122,10 @@ class LiveSession(AbstractContextManager["LiveSession"]):
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
     synthetic ones, which a viewer makes of `images`. With a `stream`, photographs are its frames,
-    and `record` gets the pictures of each. `seed` is of A's rays. The page's button calls `save`
-    with the full pictures and shows the line that it returns. Port 0 takes a free one. A
-    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
-    can be moved.
+    and `record` gets the pictures of each; it has no `images`, nor has a given photograph. `seed`
+    is of A's rays. The page's button calls `save` with the full pictures and shows the line that it
+    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
+    port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
@@ -154,8 +149,6 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
-        if photograph is not None or stream is not None:
-            images = ()
         self._stream = stream
         self._calibration: CalibrationButton | None = None
         self.page = Page(
@@ -165,7 +158,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         quick = SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed)
         full = SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed)
         levels: tuple[Level, Level] = quick.pictures, full.pictures
-        show: Callable[[Any], None] = self.page.show
+        show: Use = self.page.show
         if stream is not None:
             levels, show = (partial(stream.form, quick), partial(stream.form, full)), stream.use
             self._connect(stream, record)
@@ -209,7 +202,9 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             "average": slider(count, "", set_count, lambda: stream.count),
             "monitor off": button(lambda: label, stream.take_monitor_off),
             "calibrate": button(lambda: calibration.label, calibration.press),
-            "decline": button(lambda: calibration.decline_label, calibration.decline),
+            "decline": button(
+                lambda: DECLINE if calibration.label == OFFER else "", calibration.decline
+            ),
         }
 
     def __exit__(self, *_: object) -> None:

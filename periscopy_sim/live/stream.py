@@ -89,13 +89,11 @@ class Stream:
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
         self._may_recover, self._is_rejected = source.is_live, False
-        steps = self._read_frames, self._average_frames, self._show_frames
-        self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
 
     def start(self) -> None:
         """Begin to read."""
-        for thread in self._threads:
-            thread.start()
+        for step in (self._read_frames, self._average_frames, self._show_frames):
+            Thread(target=self._guarded, args=(step,), daemon=True).start()
 
     def stop(self) -> None:
         """End all steps; the frames on their way are dropped."""
@@ -113,10 +111,7 @@ class Stream:
     @property
     def wall(self) -> Photograph | None:
         """The present average with its conditions; None before the first frame."""
-        frames = self._frames
-        if frames is None or frames.wall is None or frames.average is None:
-            return None
-        return frames.photograph()
+        return None if self._frames is None else self._frames.photograph()
 
     def form(
         self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]
@@ -198,7 +193,8 @@ class Stream:
             if frames.wall is not wall:
                 self.form_anew()
             numbers = frames.averaged, frames.noise, frames.noise_left
-            self._averaged.put((frames.photograph(), frame.time, numbers))
+            if (average := frames.photograph()) is not None:
+                self._averaged.put((average, frame.time, numbers))
         self._averaged.close()
         self._may_recover = False
         self._end_if_rejected()

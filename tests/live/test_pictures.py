@@ -121,7 +121,7 @@ def test_overtaken_work_ends_at_once(level, choice):
     assert len(asked) == 2
 
 
-def test_what_cannot_be_shown_is_told(level, choice):
+def test_what_cannot_be_shown_is_reported(level, choice):
     behind = replace(choice, values={**choice.values, "monitor_dy": 3.0})
     with pytest.raises(PeriscopyError, match="monitor"):
         level().pictures(behind, never)
