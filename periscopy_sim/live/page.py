@@ -50,7 +50,7 @@ class Control:
     value: Callable[[], Any]
 
 
-def button(label: Callable[[], str], act: Callable[[], object]) -> Control:
+def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
     """Return a button, whose value is its present label; the page hides one without a label."""
     return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
 
@@ -176,7 +176,9 @@ class Page:
         return {
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
-            "reset": button(lambda: "Back to the file's values", lambda: self.move(first.values)),
+            "reset": button(
+                lambda: "Back to the file's values", lambda: self._set(first.values, 0.0)
+            ),
             **more,
             "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),
         }
