@@ -1,43 +1,61 @@
-"""How fast `periscopy watch` shows frames of 1080 x 1920 pixels, as headless Chromium shows them.
+"""How fast `periscopy watch` shows frames of 1080 x 1920 pixels, and in how much memory.
 
-A camera of this machine serves MJPEG at 30 frames a second: the chair's wall, seen aslant, with
-noise. It needs what `live` needs, PyAV and psutil. The browser takes its part of the cores.
+`python -m experiments.benchmarks.watch --out DIR [--seconds 60] [--memory FILE]` writes
+`index.html`, `latencies.csv`, `memory.csv` and `watch_speed.png`, whose memory is that of FILE, an
+earlier `memory.csv`, if given. A camera of this machine serves MJPEG at 30 frames a second: the
+chair's wall, seen aslant, with noise. A reader takes the page's messages; then headless Chromium
+does, on the same cores. It needs what `live` needs, PyAV and psutil.
 """
 
 from __future__ import annotations
 
+import csv
 import io
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
-from typing import Any
+from pathlib import Path
+from threading import Event, Thread
+from typing import Annotated, Any
 
 import numpy as np
 import psutil
+import typer
 from PIL import Image
 from scipy.ndimage import map_coordinates
+from websockets.sync.client import connect
 
 import periscopy_sim as ps
-from experiments.benchmarks.live import PATIENCE, chromium, running
+from experiments.benchmarks.live import chromium, running, visit
 from experiments.benchmarks.scene import SMALL
-from experiments.report import Claim, Section, Verdict
+from experiments.page import Out, one_line_errors
+from experiments.report import Claim, Picture, Section, Verdict, write_page
 from experiments.setting import Setting
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import Companions
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Stream
+from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.wall_view import fit_homography, project, wall_plane
 from periscopy_sim.storage.formats.srgb import srgb_bytes
+from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.storage.outputs.staging import staged_file
 
 RATE, LATENCY, SECONDS = 30.0, 0.1, 20.0
 """Goals: frames a second and seconds to the pixels; how long they are measured."""
 
+WARM_UP = 5.0
+"""Seconds before: loops are compiled, and shaders."""
+
 SIZE, CORNERS = (1080, 1920), ((430, 60), (1520, 110), (1470, 1010), (470, 960))
 """Of the frames, and columns and rows in them of the film's corners."""
+
+LATENCIES, MEMORY = ("seconds", "latency_ms"), ("seconds", "rss_mb")
+"""Columns of the tables, which begin when the measurement does."""
 
 SEEN = """() => {
     window.ages = [];
@@ -48,11 +66,11 @@ SEEN = """() => {
 """Records the age of each picture when the browser draws it."""
 
 
-def watch(_: Setting) -> Section:
-    """Watch the camera for some seconds."""
+def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None) -> Section:
+    """Watch the camera for some seconds by a reader, then by a browser; write what was measured."""
     scene, before = ps.load_scenario("chair", SMALL), os.getloadavg()
     pictures, points = frames_of(scene)
-    process = psutil.Process()
+    process, latencies, resident = psutil.Process(), list[Sequence[float]](), []
     offered = (), ["noise-aware"], lambda _: "", lambda _: []
     with camera(pictures) as url, chromium() as browser:
         stream = Stream(open_source(url), scene, Companions(points), 30, print)
@@ -60,44 +78,131 @@ def watch(_: Setting) -> Section:
             show = stream.show
 
             def stamped(pictures: Any, progress: Any, lines: list[str]) -> None:
-                session.page.gate.publish(taken=time.time() - progress.latency)
+                arrived = time.time() - progress.latency
+                session.page.gate.publish(taken=arrived)
                 show(pictures, progress, lines)
+                latencies.append((arrived, 1000 * (time.time() - arrived)))
 
             stream.show = stamped
             with running(session):
-                page = browser.new_page(viewport={"width": 1200, "height": 800})
-                page.set_default_timeout(1000 * PATIENCE)
-                page.goto(session.page.gate.url)
-                page.get_by_text("full pictures").wait_for()
-                page.wait_for_timeout(5000)  # loops are compiled, and shaders
-                count, cpu, memory = stream.shown, process.cpu_times(), process.memory_info().rss
+                with reader(session.page.gate.url):
+                    while stream.shown < RATE * WARM_UP:
+                        time.sleep(0.1)
+                    latencies.clear()
+                    begun, cpu, dropped = time.time(), process.cpu_times(), stream.dropped
+                    while (now := time.time() - begun) < seconds:
+                        resident.append((now, process.memory_info().rss / 2**20))
+                        time.sleep(min(1.0, seconds))
+                    spent, table = process.cpu_times(), np.array(latencies)
+                    dropped = stream.dropped - dropped
+                page = visit(session, browser)
+                page.wait_for_timeout(1000 * WARM_UP)
                 page.evaluate(SEEN)
                 page.wait_for_timeout(1000 * SECONDS)
                 ages = np.array(page.evaluate("window.ages"))
-                shown, spent = stream.shown - count, process.cpu_times()
-                grown = (process.memory_info().rss - memory) / 2**20
-    rate, latency = len(ages) / SECONDS, float(np.median(ages))
-    used = (spent.user + spent.system - cpu.user - cpu.system) / max(shown, 1)
+    table[:, 0] -= begun
+    setting.out.mkdir(parents=True, exist_ok=True)
+    for name, header, rows in (
+        ("latencies.csv", LATENCIES, table), ("memory.csv", MEMORY, np.array(resident)),
+    ):  # fmt: skip
+        _write_table(setting.out / name, header, rows)
+    picture = setting.out / "watch_speed.png"
+    command = ["python", "-m", "experiments.benchmarks.watch", f"--seconds={seconds:g}"]
+    command += [f"--memory={memory.name}"] if memory else []
+    draw(picture, table[:, 1], _read_memory(memory or setting.out / "memory.csv"), command)
+    middle, late = np.percentile(table[:, 1], [50, 95])
+    used = (spent.user + spent.system - cpu.user - cpu.system) / len(table)
+    rates, pixels = (len(table) / seconds, len(ages) / SECONDS), float(np.median(ages))
     return Section(
         "watch",
         "Frames of 1080 x 1920 pixels on the page, chair, 29 x 36 patches",
         claims=[
             Claim(
-                "frames shown", f"{RATE:g} a second", f"{rate:.1f}", Verdict.of(rate > 0.95 * RATE),
-                f"{SECONDS:g} s, browser, camera and laboratory on {os.cpu_count()} cores; load "
-                f"average {before[0]:.1f} before it began; {stream.dropped} frames dropped.",
+                "frames ready for the page, without a browser",
+                f"{RATE:g} a second", f"{rates[0]:.1f}", Verdict.of(rates[0] > 0.95 * RATE),
+                f"{seconds:g} s, camera and laboratory on {os.cpu_count()} cores; load average "
+                f"{before[0]:.1f} before it began; {dropped} frames dropped.",
             ),
             Claim(
-                "from the arrival of a frame to its pixels, median",
-                f"at most {LATENCY:g} s", f"{latency:.3f} s", Verdict.of(latency <= LATENCY),
+                "from the arrival of a frame to its message, median; 95 %", "",
+                f"{middle:.1f}; {late:.1f} ms", Verdict.MEASURED,
             ),
             Claim(
-                "processor time a frame, without the browser's", "", f"{1000 * used:.0f} ms",
-                Verdict.MEASURED, "Camera and laboratory, in one process.",
+                "frames shown by a browser on the same cores",
+                f"{RATE:g} a second", f"{rates[1]:.1f}", Verdict.of(rates[1] > 0.95 * RATE),
             ),
-            Claim("memory gained", "", f"{grown:.0f} MB", Verdict.MEASURED),
+            Claim(
+                "from the arrival of a frame to its pixels there, median",
+                f"at most {LATENCY:g} s", f"{pixels:.3f} s", Verdict.of(pixels <= LATENCY),
+            ),
+            Claim(
+                "processor time a frame, without a browser", "", f"{1000 * used:.0f} ms",
+                Verdict.MEASURED, "Camera, laboratory and reader, in one process.",
+            ),
         ],
+        pictures=[Picture(picture, "Without a browser: latencies, and memory over time.")],
     )  # fmt: skip
+
+
+def draw(path: Path, latencies: Array, memory: Array, command: Sequence[str]) -> None:
+    """Draw a histogram of latencies, (n,) in ms, beside memory, (n, 2) in s and MB.
+
+    The picture's metadata name the command.
+    """
+    with drawn(path, as_text(provenance(None, command=command))) as figure:
+        figure.set_size_inches(COLUMN, 1.8)
+        left, right = figure.subplots(1, 2)
+        end = 1.05 * max(1000 * LATENCY, latencies.max())
+        left.hist(latencies, bins=np.arange(0.0, end), color=OKABE_ITO[0])
+        for name, percent, style in (("median", 50, "-"), ("95 %", 95, "--")):
+            value = np.percentile(latencies, percent)
+            label = f"{name}: {value:.0f}"
+            left.axvline(value, color=OKABE_ITO[1], linestyle=style, linewidth=0.8, label=label)
+        for mark in (1000 / RATE, 1000 * LATENCY):
+            left.axvline(mark, color="0.5", linestyle=":", linewidth=0.8)
+        left.set(xlabel="latency (ms)", ylabel="frames", xticks=[0, 33, 100])
+        left.legend(loc="upper right", handlelength=0.8, handletextpad=0.4)
+        right.plot(memory[:, 0] / 60, memory[:, 1], color=OKABE_ITO[0], linewidth=0.7)
+        right.set(xlabel="time (min)", ylabel="memory (MB)", ylim=(0, 1.1 * memory[:, 1].max()))
+
+
+def _write_table(path: Path, header: Sequence[str], rows: Array) -> None:
+    with staged_file(path) as file, file.open("w", encoding="utf-8", newline="") as text:
+        writer = csv.writer(text)
+        writer.writerow(header)
+        writer.writerows([f"{value:.2f}" for value in row] for row in rows)
+
+
+def _read_memory(path: Path) -> Array:
+    """Return the table of memory, (n, 2); other columns of the file are left out."""
+    try:
+        with path.open(encoding="utf-8", newline="") as text:
+            rows = [[float(row[name]) for name in MEMORY] for row in csv.DictReader(text)]
+    except (OSError, KeyError, TypeError, ValueError):
+        rows = []
+    if not rows:
+        raise ps.PeriscopyError(f"{path}: no table of {' and '.join(MEMORY)}; give a memory.csv")
+    return np.array(rows)
+
+
+@contextmanager
+def reader(url: str) -> Iterator[None]:
+    """Take a page's messages, as a browser does, and drop them."""
+    stopped = Event()
+
+    def read() -> None:
+        origin: Any = url.rsplit("/", 2)[0]
+        with connect(url.replace("http", "ws"), origin=origin, max_size=None) as socket:
+            while not stopped.is_set():
+                socket.recv()
+
+    thread = Thread(target=read, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopped.set()
+        thread.join(10)
 
 
 def frames_of(scene: ps.Scenario, count: int = 6) -> tuple[list[bytes], ps.WallPoints]:
@@ -155,3 +260,22 @@ def camera(files: list[bytes]) -> Iterator[str]:
             yield f"http://127.0.0.1:{server.server_port}/"
         finally:
             server.shutdown()
+
+
+def main(
+    out: Out,
+    seconds: Annotated[float, typer.Option(min=1, help="Seconds to measure.")] = SECONDS,
+    memory: Annotated[Path | None, typer.Option(help="Draw the memory of this file.")] = None,
+) -> None:
+    """Measure how fast `periscopy watch` is, and draw it."""
+    with one_line_errors():
+        if memory is not None:
+            _read_memory(memory)
+        section = watch(Setting(out), seconds, memory)
+    write_page(out / "index.html", "Speed", [section], stated="asked")
+    for claim in section.claims:
+        print(f"{claim.what}: {claim.measured}. {claim.reason}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -4,19 +4,19 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock, Thread, current_thread
+from threading import Thread, current_thread
 from typing import Any
 
 import numpy as np
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.live.page import Page
+from periscopy_sim.live.stream import Stream
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.scenario import Scenario
 
 NICENESS = 10
 """Of the process: frames come first."""
@@ -27,26 +27,18 @@ ERROR = "periscopy: error: "
 IDLE, BUSY, OFFER = "Calibrate from these frames", "Calibrating ...", "Take the calibrated values"
 """Labels of the button, by what a press does."""
 
+DECLINE = "Keep the present values"
+"""Label of the second button, which the page shows beside an offer."""
+
 
 class CalibrationButton:
-    """A button: a press calibrates the present scene, a second one takes the values.
+    """A button: a press calibrates the scene of a stream, a second one takes the values.
 
-    `wall` returns the present photograph, `values` the present values; `take` gets the calibrated
-    ones, `tell` lines for the page, and `changed` is called when the label changes.
+    `decline` drops the values instead. The calibration starts from the values that the page shows.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        wall: Callable[[], Photograph | None],
-        values: Callable[[], Mapping[str, float]],
-        take: Callable[[Mapping[str, float]], None],
-        tell: Callable[[str], None],
-        changed: Callable[[], None],
-    ) -> None:
-        self._scenario, self._wall, self._values = scenario, wall, values
-        self._take, self._tell, self._changed = take, tell, changed
-        self._lock = Lock()
+    def __init__(self, stream: Stream, page: Page) -> None:
+        self._stream, self._page = stream, page
         self._process: subprocess.Popen[str] | None = None
         self._thread: Thread | None = None
         self._offer: dict[str, float] = {}
@@ -55,16 +47,20 @@ class CalibrationButton:
 
     def press(self) -> None:
         """Start a calibration, or take the values of the one that has ended."""
-        with self._lock:
-            label = self.label
-            if label == IDLE:
-                self._set(BUSY)
-        if label == IDLE:
+        if self.label == IDLE:
+            self._set(BUSY)
             self._thread = Thread(target=self._run, daemon=True)
             self._thread.start()
-        elif label == OFFER:
+        elif self.label == OFFER:
             self._set(IDLE)
-            self._take(self._offer)
+            if beyond := self._page.move(self._offer):
+                names = ", ".join(beyond)
+                self._stream.report(f"beyond the page's range, set to its end: {names}")
+
+    def decline(self) -> None:
+        """Drop the values that are offered, and offer a new calibration."""
+        if self.label == OFFER:
+            self._set(IDLE)
 
     def stop(self) -> None:
         """End a calibration that is running, and remove its files; report nothing of it."""
@@ -76,37 +72,38 @@ class CalibrationButton:
 
     def _set(self, label: str) -> None:
         self.label = label
-        self._changed()
+        self._page.refresh()
 
     def _run(self) -> None:
         label = IDLE
         try:
-            wall = self._wall()
-            if wall is None:
+            if (wall := self._stream.wall) is None:
                 raise PeriscopyError("no frame has come yet")
             with TemporaryDirectory(prefix="periscopy-") as folder:
                 record = self._calibrated(Path(folder), wall)
             self._offer = {n: float(p["value"]) for n, p in record["parameters"].items()}
             shown = ", ".join(f"{name} {value:.4g}" for name, value in self._offer.items())
-            doubts = "; ".join(record["doubts"])
-            self._tell(f"calibrated: {shown}{f' (not to be trusted: {doubts})' if doubts else ''}")
+            if record["doubts"]:
+                shown += f" (not to be trusted: {'; '.join(record['doubts'])})"
+            self._stream.report(f"calibrated: {shown}")
             label = OFFER
         except (PeriscopyError, OSError) as error:
             if not self._is_stopped:
-                self._tell(f"calibration: {error}")
+                self._stream.report(f"calibration: {error}")
         finally:
             self._set(label)
 
     def _calibrated(self, folder: Path, wall: Photograph) -> Any:
         """Run `periscopy calibrate` on a photograph; return its record."""
         scene, photo, out = (folder / name for name in ("scene.xml", "wall.npy", "out.xml"))
-        values = {name: f"{value:.9g}" for name, value in self._values().items()}
-        write_copy(self._scenario.document, values, scene)
+        values = {name: f"{value:.9g}" for name, value in self._page.choice.values.items()}
+        scenario = self._stream.scenario
+        write_copy(scenario.document, values, scene)
         np.save(photo, wall.values)
         np.save(folder / "mask.npy", wall.pixels)
-        sizes = self._scenario.hidden.shapes.items()
+        sizes = scenario.hidden.shapes.items()
         options = [f"--hidden={name}={rows}x{columns}" for name, (rows, columns) in sizes]
-        options += [f"--mask={folder / 'mask.npy'}", f"--camera={self._scenario.view.camera}"]
+        options += [f"--mask={folder / 'mask.npy'}", f"--camera={scenario.view.camera}"]
         for k, light in enumerate(wall.monitor_off.values()):
             np.save(folder / f"off{k}.npy", light)
             options.append(f"--monitor-off={folder / f'off{k}.npy'}")

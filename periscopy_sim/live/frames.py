@@ -46,20 +46,17 @@ class CameraFrame:
 
     `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear;
     or a `SensorImage`, linear light. `time` is that of `time.monotonic` when the frame arrived.
-    `exposure` is exposure time times gain, in any unit, None where the camera reports none.
     """
 
     values: NDArray[np.unsignedinteger] | SensorImage
     encoding: str = SRGB
     time: float = field(default_factory=time.monotonic)
-    exposure: float | None = None
 
     @property
     def size(self) -> tuple[int, int]:
         """(rows, columns)."""
-        if isinstance(self.values, SensorImage):
-            return self.values.size
-        rows, columns = self.values.shape[:2]
+        pixels = self.values.values if isinstance(self.values, SensorImage) else self.values
+        rows, columns = pixels.shape[:2]
         return rows, columns
 
 
@@ -153,18 +150,17 @@ class FolderSource:
         self._waiting: dict[FileVersion, float] = {}  # since when
         self._done: set[FileVersion] = set()
         self._format = ""
-        self._said: set[str] = set()
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield the newest whole photograph at each look; see `FrameSource`."""
+        said, is_lost = set[str](), False
 
         def say_once(text: str) -> None:
             kind = text.partition(": ")[2]
-            if kind not in self._said:
-                self._said.add(kind)
+            if kind not in said:
+                said.add(kind)
                 say(text)
 
-        is_lost = False
         while not stopped.wait(POLL):
             try:
                 whole = self._whole_files(say_once)
@@ -328,8 +324,8 @@ def _reason(error: OSError) -> str:
 class FunctionSource:
     """A function that returns the next frame when a camera has it, or None at the end.
 
-    It returns a `CameraFrame`; or (rows, columns[, channels]): integers of 8 or 16 bits are codes
-    of the `encoding`, other numbers linear light.
+    It returns (rows, columns[, channels]): unsigned integers of 8 or 16 bits are codes of the
+    `encoding`, other numbers linear light.
     """
 
     is_live = True
@@ -344,7 +340,7 @@ class FunctionSource:
                 values = self._function()
                 if values is None:
                     return
-                yield values if isinstance(values, CameraFrame) else self._frame(np.asarray(values))
+                yield self._frame(np.asarray(values))
             except PhotographError as error:
                 say(str(error))
             except Exception as error:  # whatever the user's own code raises

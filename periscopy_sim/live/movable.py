@@ -4,7 +4,7 @@ No names say which parameter moves what: a small change of each shows it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -98,10 +98,9 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
         if shift is not None:
             moves[name] = frozenset(speeds), shift
         fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
-        error, is_place = errors.get(name, 0.0), shift is not None
-        unit = document.units.get(name, UNKNOWN_UNIT)
-        movable = _movable(name, value, error, float(fastest), is_place=is_place)
-        movables.append(replace(movable, unit=unit))
+        error, unit = errors.get(name, 0.0), document.units.get(name, UNKNOWN_UNIT)
+        limits = _limits(value, error, float(fastest), is_place=shift is not None)
+        movables.append(Movable(name, value, *limits, unit))
     if not movables:
         raise SceneError(
             f"scene '{scenario.path}' declares nothing that can be moved; declare a number, such "
@@ -132,8 +131,10 @@ def _shift(speeds: Mapping[str, Array]) -> Array | None:
     return np.where(np.abs(shift) < rounding, 0, shift)  # rounding would turn the handle
 
 
-def _movable(name: str, value: float, error: float, fastest: float, *, is_place: bool) -> Movable:
-    """Return a parameter whose range, a whole number of decimal steps, keeps a size positive.
+def _limits(
+    value: float, error: float, fastest: float, *, is_place: bool
+) -> tuple[float, float, float]:
+    """Return the ends of a range of whole decimal steps, which keeps a size positive, and the step.
 
     The range follows from the prior's error, or from how fast things move, in metres per unit.
     """
@@ -148,7 +149,7 @@ def _movable(name: str, value: float, error: float, fastest: float, *, is_place:
     low, high = (
         float(f"{value + step * round((end - value) / step):.12g}") for end in (low, value + reach)
     )
-    return Movable(name, value, low, high, step)
+    return low, high, step
 
 
 def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Array]) -> list[Handle]:

@@ -42,7 +42,10 @@ function addControl(control, places) {
   let made;
   if (control.kind === "button") {
     made = make("button", { onclick: () => set(true) });
-    inputs[control.id] = (label) => (made.textContent = label);
+    inputs[control.id] = (label) => {
+      made.textContent = label;
+      made.hidden = !label;
+    };
   } else {
     made = make("label");
     made.append(make("span", { textContent: control.label, title: control.label }));
@@ -212,7 +215,9 @@ in vec3 world; in vec2 uv; out vec4 colour;
 void main() {
   if (textured) {
     colour = texture(image, uv);
-    if (colour.a < 0.5) colour = texture(hatching, gl_FragCoord.xy / vec2(textureSize(hatching, 0)));
+    if (colour.a < 0.5) { // the tile's first row is above, as on the page
+      colour = texture(hatching, vec2(gl_FragCoord.x, -gl_FragCoord.y) / vec2(textureSize(hatching, 0)));
+    }
     return;
   }
   // A face is as bright as it turns towards the eye, flat and alike from both sides.

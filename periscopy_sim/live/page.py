@@ -17,7 +17,7 @@ from periscopy_sim.extras import require
 from periscopy_sim.live.movable import Handle, Movable
 from periscopy_sim.live.panels import panels_of
 from periscopy_sim.live.pictures import Choice, LivePictures
-from periscopy_sim.live.room import as_source, images_in, room_of, things_in
+from periscopy_sim.live.room import images_in, occluders_in, room_of
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
@@ -51,7 +51,7 @@ class Control:
 
 
 def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
-    """Return a button, whose value is its present label."""
+    """Return a button, whose value is its present label; the page hides one without a label."""
     return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
 
 
@@ -74,9 +74,9 @@ class Page:
 
     A viewer chooses among `images` and `methods`; no images: the photograph is given. The page
     calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences, `more` are further
-    controls by name. `gate` serves the page. A PeriscopyError says that the extra is not installed,
-    or the port is taken.
+    `save` when its button is pressed. `describe` returns a report's sentences, `more` the page's
+    further controls by name. `gate` serves the page. A PeriscopyError says that the extra is not
+    installed, or the port is taken.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Page:
         methods: Sequence[str],
         first: Choice,
         describe: Callable[[Report], Sequence[str]],
-        more: Mapping[str, Control] | None = None,
+        more: Callable[["Page"], Mapping[str, Control]],
     ) -> None:
         require("websockets")
         from periscopy_sim.live.gate import Gate
@@ -106,53 +106,38 @@ class Page:
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
         self._space_due = 0.0
-        self.controls = self._controls(images, methods, first, more or {})
+        self.controls = self._controls(images, methods, more(self))
         self.gate = Gate(host, port, self._receive, self._release)
         self.gate.publish(
             room=room_of(scenario), trouble=["computing the first pictures"],
             controls=[{"id": name, **each.look} for name, each in self.controls.items()],
         )  # fmt: skip
-        self._publish_choice()
+        self.refresh()
 
     def show(self, pictures: LivePictures, *lines: str) -> None:
-        """Show pictures, their captions and what they tell, and lines on a stream."""
+        """Show pictures with their captions and notes, and lines on a stream."""
         size = "coarse" if pictures.is_coarse else "full"
-        made = f"{size} pictures in {pictures.seconds:.2g} s"
-        notes = *self._describe(pictures.report), made
-        panels = [
-            {
-                "caption": each.caption,
-                "source": each.pixels is not None and as_source(each.pixels),
-                "scale": each.scale and each.scale.look(),
-            }
-            for each in panels_of(pictures)
-        ]
+        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
+        panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
         now, things = time.monotonic(), dict[str, Any]()
         if is_moved or pictures.frame is None or now >= self._space_due:
-            things = things_in(pictures) if is_moved else images_in(pictures)
+            things = images_in(pictures) | (occluders_in(pictures) if is_moved else {})
             self._space_due = now + IN_SPACE
         self.gate.publish(panels=panels, status=lines, notes=notes, **things)
 
-    def tell(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""
         self.gate.publish(trouble=[text] if text else [])
-
-    def close(self) -> None:
-        """End the page for all viewers."""
-        self.gate.close()
 
     # -- controls ----------------------------------------------------------------------------------
 
     def _controls(
-        self,
-        images: Sequence[str],
-        methods: Sequence[str],
-        first: Choice,
-        more: Mapping[str, Control],
+        self, images: Sequence[str], methods: Sequence[str], more: Mapping[str, Control]
     ) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
+        first = self.choice
 
         def chosen(label: str, field: str, options: Mapping[str, Any]) -> Control:
             names = {each: name for name, each in options.items()}
@@ -188,11 +173,12 @@ class Page:
         for group, names in ("places", placing), ("other parameters", others):
             for name in filter(names.__contains__, self._movables):
                 controls[f"value {name}"] = placed(self._movables[name], group)
-        reset = lambda: self._set(first.values, 0.0)  # noqa: E731
         return {
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
-            "reset": button(lambda: "Back to the file's values", reset),
+            "reset": button(
+                lambda: "Back to the file's values", lambda: self._set(first.values, 0.0)
+            ),
             **more,
             "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),
         }
@@ -229,15 +215,15 @@ class Page:
 
     # -- choices -----------------------------------------------------------------------------------
 
-    def move(self, values: Mapping[str, float]) -> None:
-        """Set values of movable numbers, by name, as one move; leave out others."""
-        self._moved = frozenset()
-        self._set({n: value for n, value in values.items() if n in self._movables}, 0.0)
+    def move(self, values: Mapping[str, float]) -> list[str]:
+        """Set values of movable numbers as one move; return the names of those beyond their range.
 
-    def refresh(self) -> None:
-        """Show the controls' values again."""
-        with self._lock:
-            self._publish_choice()
+        Numbers that are not movable are left out.
+        """
+        self._moved = frozenset()
+        movable = {name: value for name, value in values.items() if name in self._movables}
+        self._set(movable, 0.0)
+        return [name for name, value in movable.items() if self.choice.values[name] != value]
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:
@@ -260,20 +246,17 @@ class Page:
         with self._lock:
             self.choice = replace(self.choice, **changes)
             self.want(self.choice, rest)
-            self._publish_choice()
+            self.refresh()
 
-    def _publish_choice(self) -> None:
+    def refresh(self) -> None:
         """Show what is set: the controls' values, and where handles are."""
-        values = {name: each.value() for name, each in self.controls.items()}
-        handles = [
-            {
-                "name": name,
-                "axes": each.axes,
-                "position": each.position(self.choice.values).tolist(),
-            }
-            for name, each in self.handles.items()
-        ]
-        self.gate.publish(values=values, handles=handles)
+        with self._lock:
+            values, present = self.choice.values, self.controls.items()
+            handles = [
+                {"name": name, "axes": each.axes, "position": each.position(values).tolist()}
+                for name, each in self.handles.items()
+            ]
+            self.gate.publish(values={n: c.value() for n, c in present}, handles=handles)
 
 
 def _is_number(value: Any) -> bool:

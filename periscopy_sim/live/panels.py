@@ -1,11 +1,14 @@
 """The panels of a laboratory: pictures with their captions and the scales of false colours."""
 
+from base64 import b64encode
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from periscopy_sim.figures.panels import common_white, encoded, residual_map
 from periscopy_sim.figures.style import mpl
@@ -17,27 +20,32 @@ Pixels = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
-    """The scale of a panel's false colours, from `low` to `high`, as text with units."""
-
-    colours: str  # the name of matplotlib's colormap
-    low: str
-    high: str
-
-    def look(self) -> dict[str, Any]:
-        """Return what `page.js` draws."""
-        colormap: Any = mpl.colormaps[self.colours]
-        stops = [mpl.colors.to_hex(colormap(x)) for x in np.linspace(0, 1, 9)]
-        return {"colours": stops, "low": self.low, "high": self.high}
-
-
-@dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture, or None, and the text beneath it."""
+    """A picture, or None, and the text beneath it.
+
+    `scale` is that of false colours: the name of matplotlib's colormap, and its ends as text.
+    """
 
     caption: str
     pixels: Pixels | None
-    scale: Scale | None = None
+    scale: tuple[str, str, str] | None = None
+
+    def look(self) -> dict[str, Any]:
+        """Return what `page.js` draws."""
+        source = None if self.pixels is None else as_source(self.pixels)
+        scale = None
+        if self.scale is not None:
+            name, low, high = self.scale
+            stops = [mpl.colors.to_hex(each) for each in mpl.colormaps[name](np.linspace(0, 1, 9))]
+            scale = {"colours": stops, "low": low, "high": high}
+        return {"caption": self.caption, "source": source, "scale": scale}
+
+
+def as_source(pixels: Pixels) -> str:
+    """Return a picture as the address of an image in a page."""
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)  # of 30 a second
+    return f"data:image/png;base64,{b64encode(file.getvalue()).decode()}"
 
 
 def photograph_pixels(pictures: LivePictures) -> Pixels:
@@ -111,7 +119,7 @@ def _third(pictures: LivePictures) -> Panel:
         caption += f", noise alone {100 * residual.noise_alone:.2f} %"
     light, bound, unit = residual_map(residual)
     unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
-    scale = Scale("RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}")
+    scale = "RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}"
     return Panel(caption, _colours("RdBu_r", light / bound / 2 + 0.5), scale)
 
 
@@ -124,7 +132,7 @@ def _errors(pictures: LivePictures) -> Panel:
     caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
     shown = hidden.split(percent / (percent.max() or 1.0))
     pixels = _side_by_side(_colours("magma", each) for each in shown.values())
-    return Panel(caption, pixels, Scale("magma", "0 %", f"{percent.max():.2g} % of white"))
+    return Panel(caption, pixels, ("magma", "0 %", f"{percent.max():.2g} % of white"))
 
 
 def _colours(name: str, values: Array) -> Pixels:

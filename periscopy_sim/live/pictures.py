@@ -86,9 +86,11 @@ class FrameMethod:
     choice: Choice
     scenario: Scenario
     is_coarse: bool
+    truth: Any  # the hidden image; None where it is unknown
     method: StillMethod[Any]
     wall: Photograph  # of the scenario's size
     error: float  # of A, over the light
+    noise: float  # of a synthetic photograph, over the light
 
     @cached_property
     def _follow(self) -> Callable[[Array], Solution[Any]]:
@@ -145,14 +147,13 @@ class SizedLaboratory:
         self._given_photograph = photograph and averaged_photograph(photograph, shape)
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> LivePictures:
+    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> LivePictures:
         """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
 
-        Overtaken is raised as soon as `is_overtaken` says that a newer wish came.
+        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`.
         """
         start = time.perf_counter()
-        unless_overtaken = _raises_if(is_overtaken)
-        formed, truth, noise = self._fit_choice(choice, unless_overtaken)
+        formed = self.form(choice, unless_overtaken)
         scenario, method, photograph = formed.scenario, formed.method, formed.wall
         with own_errors(choice.method, "failed"):
             solution = method.solve(photograph)
@@ -161,30 +162,22 @@ class SizedLaboratory:
             report = method.report(photograph, solution)
             if self._given_photograph is None:
                 report = replace(report, residual=None)
-        if formed.error > noise:
-            errors = {"name": "A", "error": 100 * formed.error, "noise": 100 * noise}
+        if formed.error > formed.noise:
+            errors = {"name": "A", "error": 100 * formed.error, "noise": 100 * formed.noise}
             report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
         unless_overtaken()
         return LivePictures(
-            choice, scenario, self.is_coarse, truth, photograph, image,
-            None if truth is None else self._psnr(image, truth),
+            choice, scenario, self.is_coarse, formed.truth, photograph, image,
+            None if formed.truth is None else self._psnr(image, formed.truth),
             report, seconds=time.perf_counter() - start,
         )  # fmt: skip
 
     def form(
-        self, choice: Choice, wall: Photograph, is_overtaken: Callable[[], bool]
-    ) -> "FrameMethod":
-        """Form the method of a choice for frames under the conditions of a photograph.
-
-        The photograph becomes the given one. Errors are those of `pictures`.
-        """
-        self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
-        return self._fit_choice(choice, _raises_if(is_overtaken))[0]
-
-    def _fit_choice(
-        self, choice: Choice, unless_overtaken: Callable[..., None]
-    ) -> tuple["FrameMethod", Any, float]:
-        """Return the method of a choice, the hidden image if it is known, and the noise."""
+        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
+    ) -> FrameMethod:
+        """Form the method of a choice, as `pictures` does; a photograph becomes the given one."""
+        if wall is not None:
+            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
             """Return what `make` makes; that of before while its key is the same."""
@@ -214,8 +207,9 @@ class SizedLaboratory:
             lambda: fit_method(choice.method, scenario, A, B, photograph),
         )  # fmt: skip
         unless_overtaken()
-        formed = FrameMethod(choice, scenario, self.is_coarse, method, photograph, plan.error)
-        return formed, truth, noise
+        return FrameMethod(
+            choice, scenario, self.is_coarse, truth, method, photograph, plan.error, noise
+        )
 
     def _shown(self, path: Path) -> Any:
         """Return an image that every hidden surface shows."""
@@ -247,16 +241,6 @@ class SizedLaboratory:
             y = composite(y, self._light, choice.sbr)
         # One seed: the noise is the same while a scene moves, and pictures do not flicker.
         return Photograph(add_noise(y, choice.snr, seed=0))
-
-
-def _raises_if(is_overtaken: Callable[[], bool]) -> Callable[..., None]:
-    """Return a function of any arguments that raises Overtaken where a newer wish came."""
-
-    def unless_overtaken(*_: object) -> None:
-        if is_overtaken():
-            raise Overtaken
-
-    return unless_overtaken
 
 
 def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,31 +69,31 @@ class PreparedFrame:
 
     values: Array
     saturated: Mask
-    time: float
-    exposure: float | None
 
 
 class Preparation:
     """What frames of one camera and size have in common, found in the first frame.
 
-    Attributes
-    ----------
-    mask
-        (rows, columns) bool, True where the film's pixels measure the wall.
-    monitor_off
-        The companions' photographs with the monitor off in the film's pixels, by name.
-    warnings
-        Assumptions, one line each.
-
-    Raises
-    ------
-    PhotographError
-        As `prepare`, or if a companion is not of the frame's size.
+    `mask`, (rows, columns) bool, is True where the film's pixels measure the wall; `monitor_off`
+    has the companions' photographs with the monitor off in the film's pixels, by name; `warnings`
+    are assumptions, one line each. Errors are those of `prepare`, or a PhotographError says that a
+    companion is not of the frame's size.
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.size, self._encoding = first.size, first.encoding
-        light = self._light(first)
+        self.size, self.colour_matrix = first.size, companions.colour_matrix
+        decoded = list[str]()
+        if isinstance(first.values, SensorImage):
+            light = first.values
+        else:
+            table = _table(first.values.dtype, first.encoding)
+            full = (first.values == len(table) - 1).any(axis=2)
+            light = sensor_image(table[first.values], "the frame", saturated=full)
+            curve = (
+                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
+            )
+            how = "taken as linear light" if first.encoding == LINEAR else curve
+            decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
         self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
@@ -106,17 +107,7 @@ class Preparation:
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
-        self.warnings = areas.warnings
-        if not isinstance(first.values, SensorImage):
-            bits = 8 * first.values.dtype.itemsize
-            if first.encoding == LINEAR:
-                line = f"{bits}-bit frames, taken as linear light"
-            else:
-                line = (
-                    f"{bits}-bit frames, decoded by the sRGB curve; if the camera sends linear "
-                    "light, declare them linear"
-                )
-            self.warnings = (*self.warnings, line)
+        self.warnings = *areas.warnings, *decoded
 
     def __call__(self, frame: CameraFrame) -> PreparedFrame:
         """Return a frame in the film's pixels."""
@@ -125,62 +116,42 @@ class Preparation:
             saturated = self._areas.average(frame.values.saturated[..., None].astype(np.float32))
             full = saturated[..., 0] > 0
         else:
-            white = np.iinfo(frame.values.dtype).max
-            light, full = self._areas.average_codes(frame.values, _table(frame), int(white))
+            table = _table(frame.values.dtype, frame.encoding)
+            light, full = self._areas.average_codes(frame.values, table, len(table) - 1)
             values = light.astype(np.float64)
         if values.shape[2] != self._channels:
             raise PhotographError(
                 f"a frame has {values.shape[2]} channels, the first one {self._channels}; give "
                 "frames of one camera"
             )
-        return PreparedFrame(values - self._offset, full & self.mask, frame.time, frame.exposure)
+        return PreparedFrame(values - self._offset, full & self.mask)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.size, self.size, name)
         return self._areas.average(picture.values)
 
-    @staticmethod
-    def _light(frame: CameraFrame) -> SensorImage:
-        if isinstance(frame.values, SensorImage):
-            return frame.values
-        full = (frame.values == np.iinfo(frame.values.dtype).max).any(axis=2)
-        return sensor_image(_table(frame)[frame.values], "the frame", saturated=full)
 
-
-def _table(frame: CameraFrame) -> NDArray[np.float32]:
+@cache
+def _table(codes_dtype: np.dtype[np.unsignedinteger], encoding: str) -> NDArray[np.float32]:
     """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
-    codes = np.arange(np.iinfo(frame.values.dtype).max + 1, dtype=frame.values.dtype)  # type: ignore[union-attr]
-    light = codes if frame.encoding == LINEAR else srgb_light(codes)
+    codes = np.arange(np.iinfo(codes_dtype).max + 1, dtype=codes_dtype)
+    light = codes if encoding == LINEAR else srgb_light(codes)
     return light.astype(np.float32)
 
 
 class PreparedFrames:
     """The running average of prepared frames, with the noise that it leaves.
 
-    The average forgets exponentially, and leaves as little noise as the mean of `count` frames; the
-    first ones are averaged evenly. It starts anew when the exposure changes.
-
-    Attributes
-    ----------
-    wall
-        A `Photograph` of the mask and the photographs with the monitor off: a new object whenever
-        these change. Its values are those of the average at that time.
+    The average forgets exponentially; the first frames are averaged evenly. It starts anew when the
+    exposure changes. `wall` is a `Photograph` with the mask and the photographs with the monitor
+    off: a new object whenever these change, with the average of that time.
     """
 
     _first: PreparedFrame  # of the average
     _latest: PreparedFrame
 
-    def __init__(
-        self,
-        preparation: Preparation,
-        count: int = 1,
-        colours: ColourMatrix | None = None,
-        page_off: Array | None = None,
-    ) -> None:
-        self.count, self.exposures, self.page_off = count, 0, page_off
-        self._mask, self._colours = preparation.mask, colours
-        self._given_off = preparation.monitor_off
-        self._off = page_off  # that of `wall`
+    def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
+        self.prepare, self._mask, self.page_off = prepare, prepare.mask, page_off
         self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
         self._all = 0  # frames
         self._variance = 0.0  # of a frame's noise, over the square of the mean light
@@ -195,8 +166,11 @@ class PreparedFrames:
         self._flickers = False
         self._due = 0.0  # when the mask may change
 
-    def add(self, frame: PreparedFrame) -> list[str]:
-        """Average one frame more; return what a person should know, one line each."""
+    def add(self, frame: PreparedFrame, count: int = 1) -> list[str]:
+        """Average one frame more; return what a person should know, one line each.
+
+        The average leaves as little noise as the mean of `count` frames.
+        """
         lines = []
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
         times = 0.0
@@ -204,7 +178,6 @@ class PreparedFrames:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
         self._all += 1
         if times:
-            self.exposures += 1
             self._changes.append(self._all)
             if self._all - self._changes[0] < FLICKER[1] and len(self._changes) == FLICKER[0]:
                 self._first, self._flickers = frame, True
@@ -228,22 +201,24 @@ class PreparedFrames:
                 )
         if self.average is None:
             self.average, self._first = frame.values, frame
-            self._share, self._frames = 1.0, 1
         else:
             self._measure_noise(frame)
-            self._frames += 1
-            weight = 1 / min(self._frames, (self.count + 1) / 2)
-            self.average = self.average + weight * (frame.values - self.average)
-            self._share = (1 - weight) ** 2 * self._share + weight**2
+        self._frames += 1
+        weight = 1 / min(self._frames, (count + 1) / 2)
+        self.average = self.average + weight * (frame.values - self.average)
+        self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
-        self._update_wall()
+        mask = self._mask & ~self._saturated
+        if not mask.any():
+            self._restart()
+            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
+        is_other = self.wall is None or not np.array_equal(mask, self.wall.pixels)
+        if is_other and time.monotonic() >= self._due:
+            self._make_wall(self.average)
         return lines
 
     def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
         """Return the factor of the exposure since a frame before; 0 if it is the same."""
-        if frame.exposure is not None and before.exposure is not None:
-            times = frame.exposure / before.exposure
-            return 0.0 if abs(np.log(times)) < 1e-3 else times
         used = self._mask & ~self._saturated & ~frame.saturated
         step = max(1, min(used.shape) // LINES)
         few = np.s_[::step, ::step]
@@ -283,34 +258,26 @@ class PreparedFrames:
         """Standard deviation of the average's noise over the mean light."""
         return self.noise * float(np.sqrt(self._share))
 
-    def photograph(self) -> Photograph:
-        """Return the average under the conditions of `wall`."""
-        assert self.wall is not None and self.average is not None
-        return replace(self.wall, values=blackened(self.average, self.wall.mask))
+    def photograph(self) -> Photograph | None:
+        """Return the average under the conditions of `wall`; None where there is none yet."""
+        wall, average = self.wall, self.average
+        if wall is None or average is None:
+            return None
+        return replace(wall, values=blackened(average, wall.mask))
 
     def take_monitor_off(self) -> None:
         """Make the present average a photograph with the monitor off, in place of a former one."""
         if self.average is not None:
-            self.page_off, self._due = self.average, 0.0
-            self._update_wall()
+            self.page_off = self.average
+            self._make_wall(self.average)
 
-    def _update_wall(self) -> None:
-        """Make `wall` anew where the mask or the photographs with the monitor off changed."""
-        assert self.average is not None
-        mask = self._mask & ~self._saturated
-        if not mask.any():
-            self._restart()
-            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
-        if self.wall is not None:
-            is_same = np.array_equal(mask, self.wall.pixels) and self._off is self.page_off
-            if is_same or time.monotonic() < self._due:
-                return
-        taken = {} if self.page_off is None else {TAKEN: self.page_off}
+    def _make_wall(self, average: Array) -> None:
+        mask, off = self._mask & ~self._saturated, dict(self.prepare.monitor_off)
+        if self.page_off is not None:
+            off[TAKEN] = self.page_off
         self.wall = Photograph.of(
-            blackened(self.average, mask), name="the frames", mask=mask,
-            monitor_off={
-                name: blackened(each, mask) for name, each in {**self._given_off, **taken}.items()
-            },
-            colour_matrix=self._colours,
+            blackened(average, mask), name="the frames", mask=mask,
+            monitor_off={name: blackened(each, mask) for name, each in off.items()},
+            colour_matrix=self.prepare.colour_matrix,
         )  # fmt: skip
-        self._off, self._due = self.page_off, time.monotonic() + STEADY
+        self._due = time.monotonic() + STEADY

@@ -1,15 +1,12 @@
 """The laboratory in 3-D: the scene's wall, hidden surfaces and occluders."""
 
-from base64 import b64encode
-from io import BytesIO
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from periscopy_sim.figures.panels import hatching
 from periscopy_sim.live.movable import parts_of
-from periscopy_sim.live.panels import Pixels, hidden_pixels, photograph_pixels
+from periscopy_sim.live.panels import Pixels, as_source, hidden_pixels, photograph_pixels
 from periscopy_sim.live.pictures import LivePictures
 from periscopy_sim.numerics import Array
 from periscopy_sim.scenario import Scenario
@@ -50,10 +47,9 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def things_in(pictures: LivePictures) -> dict[str, Any]:
-    """Return a scene's occluders, the photograph on its wall, the images on hidden surfaces."""
-    scenario = pictures.scenario
-    return {**images_in(pictures), "occluders": [_mesh(each) for each in scenario.view.occluders]}
+def occluders_in(pictures: LivePictures) -> dict[str, Any]:
+    """Return a scene's occluders."""
+    return {"occluders": [_mesh(each) for each in pictures.scenario.view.occluders]}
 
 
 def images_in(pictures: LivePictures) -> dict[str, Any]:
@@ -72,13 +68,6 @@ def pixel_corners(view: View) -> Array:
     around = np.pad(centers, ((1, 1), (1, 1), (0, 0)), "reflect", reflect_type="odd")
     above, beneath = around[:-1, :-1] + around[:-1, 1:], around[1:, :-1] + around[1:, 1:]
     return np.asarray((above + beneath) / 4)
-
-
-def as_source(pixels: Pixels) -> str:
-    """Return an image, (rows, columns, 3 or 4), as the address of an image in a page."""
-    file = BytesIO()
-    Image.fromarray(pixels).save(file, "PNG", compress_level=1)  # of 30 a second
-    return f"data:image/png;base64,{b64encode(file.getvalue()).decode()}"
 
 
 def _on_grid(pixels: Pixels, corners: Array) -> dict[str, Any]:

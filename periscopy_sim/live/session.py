@@ -7,61 +7,51 @@ when it is free, and a newer wish ends full pictures.
 import logging
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from threading import Condition, Thread
-from typing import Any, Protocol
+from threading import Condition, Event, Thread
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.calibrating import CalibrationButton
+from periscopy_sim.live.calibrating import DECLINE, OFFER, CalibrationButton
+from periscopy_sim.live.frames import Say
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.page import Control, Page, button, slider
 from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
-from periscopy_sim.live.stream import Progress, Stream, StreamLevel
+from periscopy_sim.live.stream import Progress, Stream
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
-Save = Callable[[Any], None]
+Level = Callable[[Choice, Callable[..., None]], Any]
+Use = Callable[[Any], None]
 Record = Callable[[LivePictures, Progress], None]
 
 MOST_AVERAGED = 1000.0
 """Frames of the longest running average: half a minute of a video."""
 
 
-class Level(Protocol):
-    """A size of a laboratory, which computes what a `LiveLaboratory` shows."""
-
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
-        """Compute what is shown of a choice; raise `Overtaken` if a newer one came."""
-
-
 class LiveLaboratory:
-    """A laboratory at its coarse and its full size.
+    """A laboratory at its coarse and its full size, see `SizedLaboratory.pictures`.
 
-    It calls `show` with pictures, and `tell` with one line about a failure, empty if there is none.
+    It calls `show` with pictures, and `report` with one line about a failure, empty if there is
+    none.
     """
 
-    def __init__(
-        self,
-        coarse: Level,
-        full: Level,
-        show: Callable[[Any], None],
-        tell: Callable[[str], None],
-    ) -> None:
+    def __init__(self, coarse: Level, full: Level, show: Use, report: Say) -> None:
         self._coarse, self._full = coarse, full
-        self._show, self._tell = show, tell
+        self._show, self._report = show, report
         self._changed = Condition()
         self._choice: Choice | None = None
         self._behind: list[Level] = []  # the latest wish, coarse before full
         self._rests = 0.0  # when the latest wish counts as at rest
-        self._save: Save | None = None
+        self._save: Use | None = None
         self._stopped = False
 
     def want(self, choice: Choice, rest: float = 0.0) -> None:
@@ -71,7 +61,7 @@ class LiveLaboratory:
             self._rests = time.monotonic() + rest
             self._changed.notify()
 
-    def save(self, save: Save) -> None:
+    def save(self, save: Use) -> None:
         """Call a function with the full pictures of the latest wish, once they are shown."""
         with self._changed:
             self._save, self._rests = save, 0.0
@@ -87,25 +77,24 @@ class LiveLaboratory:
         """Follow the wishes until `stop`."""
         pictures = None
         while (work := self._next()) is not None:
+            level, choice, save = work
             try:
-                if callable(work):
-                    if pictures is not None:
-                        work(pictures)
-                    continue
-                pictures = None
-                assert self._choice is not None  # a level is behind a wish
-                pictures = work.pictures(self._choice, partial(self._is_overtaken, work))
-                self._show(pictures)
-                self._tell("")
+                if level is not None:
+                    pictures = None
+                    pictures = level(choice, partial(self._raise_if_overtaken, level))
+                    self._show(pictures)
+                    self._report("")
+                elif save is not None and pictures is not None:
+                    save(pictures)
             except Overtaken:
                 pass
             except PeriscopyError as error:
-                self._tell(str(error))
+                self._report(str(error))
             except Exception as error:  # one wish that fails must not end the page
                 LOG.error("the page goes on after an error", exc_info=error)
-                self._tell(str(PeriscopyError(f"{type(error).__name__}: {error}")))
+                self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
 
-    def _next(self) -> Level | Save | None:
+    def _next(self) -> tuple[Level | None, Any, Use | None] | None:
         """Wait for a level that is behind the latest wish, or for something to save."""
         with self._changed:
             while not self._stopped:
@@ -114,16 +103,17 @@ class LiveLaboratory:
                     is_coarse = self._behind[0] is self._coarse
                     pause = 0.0 if is_coarse else self._rests - time.monotonic()
                     if pause <= 0:
-                        return self._behind.pop(0)
+                        return self._behind.pop(0), self._choice, None
                 elif self._save is not None:
                     save, self._save = self._save, None
-                    return save
+                    return None, self._choice, save
                 self._changed.wait(pause)
         return None
 
-    def _is_overtaken(self, level: Level) -> bool:
+    def _raise_if_overtaken(self, level: Level, *_: object) -> None:
         # Coarse pictures are finished, so that a drag shows some.
-        return self._stopped or (level is self._full and self._coarse in self._behind)
+        if self._stopped or (level is self._full and self._coarse in self._behind):
+            raise Overtaken
 
 
 class LiveSession(AbstractContextManager["LiveSession"]):
@@ -132,10 +122,10 @@ class LiveSession(AbstractContextManager["LiveSession"]):
     `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
     `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
     synthetic ones, which a viewer makes of `images`. With a `stream`, photographs are its frames,
-    and `record` gets the pictures of each. `seed` is of A's rays. The page's button calls `save`
-    with the full pictures and shows the line that it returns. Port 0 takes a free one. A
-    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
-    can be moved.
+    and `record` gets the pictures of each; it has no `images`, nor has a given photograph. `seed`
+    is of A's rays. The page's button calls `save` with the full pictures and shows the line that it
+    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
+    port is taken, or nothing of the scene can be moved.
     """
 
     def __init__(
@@ -155,82 +145,72 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        mask = photograph.pixels if photograph else stream.mask if stream else None
+        mask = photograph.pixels if photograph else stream.companions.mask if stream else None
         small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
-        if photograph is not None or stream is not None:
-            images = ()
         self._stream = stream
         self._calibration: CalibrationButton | None = None
-        more = {} if stream is None else self._stream_controls(scenario, stream)
         self.page = Page(
-            host, port, scenario, movables, handles, images, methods, first, describe, more
-        )
-        sizes = (
-            SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed),
-            SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed),
-        )
-        if stream is None:
-            self._laboratory = LiveLaboratory(*sizes, self.page.show, self.page.tell)
-        else:
-            self._laboratory = self._follow(stream, sizes, record)
+            host, port, scenario, movables, handles, images, methods, first, describe,
+            self._stream_controls,
+        )  # fmt: skip
+        quick = SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed)
+        full = SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed)
+        levels: tuple[Level, Level] = quick.pictures, full.pictures
+        show: Use = self.page.show
+        if stream is not None:
+            levels, show = (partial(stream.form, quick), partial(stream.form, full)), stream.use
+            self._connect(stream, record)
+        self._laboratory = LiveLaboratory(*levels, show, self.page.report)
         self.page.want = self._laboratory.want
 
         def saved(shown: Any) -> None:
-            still = shown if stream is None else StreamLevel(sizes[1], stream).still(shown)
-            self.page.tell(save(still))
+            if stream is not None:  # a method: of the present average, with standard errors
+                full.form(shown.choice, lambda *_: None, stream.wall or shown.wall)
+                shown = full.pictures(shown.choice, lambda *_: None)
+            self.page.report(save(shown))
 
         self.page.save = lambda: self._laboratory.save(saved)
 
-    def _follow(
-        self, stream: Stream, sizes: tuple[SizedLaboratory, SizedLaboratory], record: Record
-    ) -> LiveLaboratory:
-        """Return the laboratory that forms methods for a stream, whose frames the page shows."""
-        small, full = (StreamLevel(each, stream) for each in sizes)
-        laboratory = LiveLaboratory(small, full, stream.use, self.page.tell)
+    def _connect(self, stream: Stream, record: Record) -> None:
+        """Show a stream's frames and lines on the page."""
 
         def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
             record(pictures, progress)
             self.page.show(pictures, *lines)
 
-        stream.show, stream.hear = show, self.page.tell
-        stream.show_lines = lambda lines: self.page.gate.publish(status=lines)
-        stream.form_anew = lambda: laboratory.want(self.page.choice)
-        return laboratory
+        def show_lines(lines: list[str]) -> None:
+            self.page.gate.publish(**{"status" if stream.shown else "trouble": lines})
 
-    def _stream_controls(self, scenario: Scenario, stream: Stream) -> dict[str, Control]:
+        stream.show, stream.show_lines = show, show_lines
+        stream.form_anew = lambda: self._laboratory.want(self.page.choice)
+
+    def _stream_controls(self, page: Page) -> dict[str, Control]:
         """Return the controls of a stream: its average, its monitor-off frame, calibration."""
-
-        def take(values: Mapping[str, float]) -> None:
-            self.page.move(values)
-            set_values = self.page.choice.values
-            beyond = [n for n, v in values.items() if n in set_values and set_values[n] != v]
-            if beyond:
-                stream.report(f"beyond the page's range, set to its end: {', '.join(beyond)}")
-
-        calibration = CalibrationButton(
-            scenario, lambda: stream.wall, lambda: self.page.choice.values,
-            take, stream.report, lambda: self.page.refresh(),
-        )  # fmt: skip
-        self._calibration = calibration
+        if (stream := self._stream) is None:
+            return {}
+        self._calibration = calibration = CalibrationButton(stream, page)
         count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")
 
         def set_count(value: float) -> None:
-            stream.set_count(round(value))
-            self.page.refresh()
+            stream.count = round(value)
+            page.refresh()
 
         label = "Take the average as the monitor-off frame"
         return {
             "average": slider(count, "", set_count, lambda: stream.count),
             "monitor off": button(lambda: label, stream.take_monitor_off),
             "calibrate": button(lambda: calibration.label, calibration.press),
+            "decline": button(
+                lambda: DECLINE if calibration.label == OFFER else "", calibration.decline
+            ),
         }
 
     def __exit__(self, *_: object) -> None:
         """End all."""
         self.stop()
-        self.page.close()
+        self.page.gate.close()
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
@@ -239,13 +219,13 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
             self._laboratory.want(self.page.choice)
-            if self._stream is not None:
-                self._stream.start()
-                Thread(target=self._stop_at_the_end, args=(self._stream,), daemon=True).start()
+            if (stream := self._stream) is not None:
+                stream.start()
+                Thread(target=self._stop_after, args=(stream.ended,), daemon=True).start()
             self._laboratory.run()
 
-    def _stop_at_the_end(self, stream: Stream) -> None:
-        stream.ended.wait()
+    def _stop_after(self, ended: Event) -> None:
+        ended.wait()
         self.stop()
 
     def stop(self) -> None:

@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from threading import Condition, Event, Thread
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
 from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
-from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import Scenario
@@ -60,11 +58,11 @@ class Progress:
 class Stream:
     """The frames of a source for a scene, in a thread of each step between `start` and `stop`.
 
-    `count` is that of `PreparedFrames`. `show` gets the pictures of each frame, and `say` a line
-    about what happened, `hear` too before the first pictures, then `show_lines` with the numbers;
-    all in the threads. `form_anew` is called when methods must be formed anew; they arrive by
-    `use`. `ended` is set when the source has ended and all is shown, or `show` has raised the
-    PeriscopyError `fault`.
+    `count` is that of `PreparedFrames.add`. `show` gets the pictures of each frame, `say` a line
+    about what happened, and `show_lines` that line beneath the numbers; all in the threads.
+    `form_anew` is called when methods must be formed anew; they arrive by `use`. `ended` is set by
+    `stop`, when the source has ended and all is shown, or when `show` has raised the PeriscopyError
+    `fault`.
     """
 
     def __init__(
@@ -75,12 +73,11 @@ class Stream:
         count: int = 1,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._source, self._scenario = source, scenario
-        self._companions, self.count = companions or Companions(), count
+        self._source, self.scenario = source, scenario
+        self.companions, self.count = companions or Companions(), count
         self._say, self._said = say, dict[str, float]()
         self.show: Callable[[LivePictures, Progress, list[str]], None] = lambda *_: None
         self.form_anew: Callable[[], None] = lambda: None
-        self.hear: Callable[[str], None] = lambda _: None
         self.show_lines: Callable[[list[str]], None] = lambda _: None
         self.ended = Event()
         self.fault: PeriscopyError | None = None
@@ -90,22 +87,20 @@ class Stream:
         )
         self._frames: PreparedFrames | None = None
         self._formed: FrameMethod | None = None
-        self._changed, self._stopped = Condition(), Event()
+        self._changed = Condition()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
         self._may_recover, self._is_rejected = source.is_live, False
-        steps = self._read_frames, self._average_frames, self._show_frames
-        self._threads = [Thread(target=self._guarded, args=(step,), daemon=True) for step in steps]
 
     def start(self) -> None:
         """Begin to read."""
-        for thread in self._threads:
-            thread.start()
+        for step in (self._read_frames, self._average_frames, self._show_frames):
+            Thread(target=self._guarded, args=(step,), daemon=True).start()
 
     def stop(self) -> None:
         """End all steps; the frames on their way are dropped."""
-        self._stopped.set()
+        self.ended.set()
         for place in (self._read, self._averaged):
             place.close()
         with self._changed:
@@ -117,35 +112,36 @@ class Stream:
         return self._source.dropped + self._read.dropped + self._averaged.dropped
 
     @property
-    def mask(self) -> Mask | None:
-        """The given mask, of the frames' size or of the film's."""
-        return self._companions.mask
-
-    @property
     def wall(self) -> Photograph | None:
         """The present average with its conditions; None before the first frame."""
-        frames = self._frames
-        if frames is None or frames.wall is None or frames.average is None:
-            return None
-        return frames.photograph()
+        return None if self._frames is None else self._frames.photograph()
 
-    @property
-    def expected(self) -> Photograph:
-        """A blank photograph, which uses all of the film, under the companions' conditions."""
-        shape = self._scenario.photograph_shape
-        colours = self._companions.colour_matrix
-        return Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
+    def form(
+        self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]
+    ) -> FrameMethod:
+        """Form a method for the present frames; a PeriscopyError says that there are none.
 
-    def reject(self, fault: str) -> None:
-        """Report why no method of full size can be formed; end a source of which none can be."""
-        self.report(fault)
-        self._is_rejected = True
-        self._end_if_rejected()
+        Before the first, it is formed for frames without a mask, and kept by the laboratory. A
+        source ends if it offers nothing of which a method of full size can be formed.
+        """
+        if (wall := self.wall) is None:
+            shape, colours = self.scenario.photograph_shape, self.companions.colour_matrix
+            blank = Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
+            with suppress(PeriscopyError, InputError):
+                laboratory.form(choice, unless_overtaken, blank)
+            raise PeriscopyError(self.notice)
+        try:
+            return laboratory.form(choice, unless_overtaken, wall)
+        except (PeriscopyError, InputError) as error:
+            if not laboratory.is_coarse:
+                self.report(str(error))
+                self._is_rejected = True
+                self._end_if_rejected()
+            raise
 
     def _end_if_rejected(self) -> None:
         if self._is_rejected and not (self._may_recover or self.shown):
             self.stop()
-            self.ended.set()
 
     def use(self, formed: FrameMethod) -> None:
         """Use a method from the latest frame on, of a recording from the next one."""
@@ -154,12 +150,6 @@ class Stream:
             self._changed.notify_all()
         if self._source.is_live:
             self._averaged.repeat()
-
-    def set_count(self, count: int) -> None:
-        """Average another number of frames."""
-        self.count = count
-        if self._frames is not None:
-            self._frames.count = count
 
     def take_monitor_off(self) -> None:
         """Make the present average the photograph with the monitor off."""
@@ -174,10 +164,7 @@ class Stream:
         """Print a line, unless the same was just printed, and show it on the page."""
         self.notice, now = line, time.monotonic()
         self._expires = now + REPEATS
-        if self.shown:
-            self.show_lines([*self._lines, line])
-        else:
-            self.hear(line)
+        self.show_lines([*self._lines, line])
         kind = line.rpartition(": ")[2]  # without numbers that change
         if now >= self._said.get(kind, 0.0):
             self._said[kind] = now + REPEATS
@@ -195,52 +182,44 @@ class Stream:
                 LOG.error("the stream ended by an error", exc_info=error)
                 self.report(f"the stream ended: {type(error).__name__}: {error}")
             self.stop()
-            self.ended.set()
 
     def _read_frames(self) -> None:
-        for frame in self._source.frames(self._stopped, self.report):
+        for frame in self._source.frames(self.ended, self.report):
             self._read.put(frame)
         self._read.close()
 
     def _average_frames(self) -> None:
-        preparation: Preparation | None = None
         for frame in self._read:
-            if preparation is None or frame.size != preparation.size:
-                if preparation is not None:
-                    old, new = ("{} x {}".format(*each) for each in (preparation.size, frame.size))
-                    self.report(f"the frames changed from {old} to {new} pixels")
-                preparation = self._prepare(frame)
-            if preparation is None or self._frames is None:
-                continue
-            wall = self._frames.wall
             try:
-                prepared = preparation(frame)
-                for line in self._frames.add(prepared):
+                frames = self._frames_like(frame)
+                wall = frames.wall
+                for line in frames.add(frames.prepare(frame), self.count):
                     self.report(line)
             except PeriscopyError as error:
                 self.report(str(error))
                 continue
-            if self._frames.wall is not wall:
+            if frames.wall is not wall:
                 self.form_anew()
-            numbers = self._frames.averaged, self._frames.noise, self._frames.noise_left
-            self._averaged.put((self._frames.photograph(), frame.time, numbers))
+            numbers = frames.averaged, frames.noise, frames.noise_left
+            if (average := frames.photograph()) is not None:
+                self._averaged.put((average, frame.time, numbers))
         self._averaged.close()
         self._may_recover = False
         self._end_if_rejected()
 
-    def _prepare(self, frame: CameraFrame) -> Preparation | None:
-        """Return the preparation of frames of this size; None, with a line, if there is none."""
-        try:
-            preparation = Preparation(frame, self._scenario, self._companions)
-        except PeriscopyError as error:
-            self.report(str(error))
-            return None
-        for line in preparation.warnings:
+    def _frames_like(self, frame: CameraFrame) -> PreparedFrames:
+        """Return the average of frames of this size: a new one for the first and another size."""
+        before = self._frames
+        if before is not None and before.prepare.size == frame.size:
+            return before
+        if before is not None:
+            old, new = ("{} x {}".format(*each) for each in (before.prepare.size, frame.size))
+            self.report(f"the frames changed from {old} to {new} pixels")
+        prepare = Preparation(frame, self.scenario, self.companions)
+        for line in prepare.warnings:
             self.report(line)
-        page_off = self._frames.page_off if self._frames is not None else None
-        colours = self._companions.colour_matrix
-        self._frames = PreparedFrames(preparation, self.count, colours, page_off)
-        return preparation
+        self._frames = PreparedFrames(prepare, None if before is None else before.page_off)
+        return self._frames
 
     def _show_frames(self) -> None:
         first, times = 0.0, deque[float](maxlen=SHOWN)
@@ -274,44 +253,14 @@ class Stream:
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
-        self.ended.set()
+        self.stop()
 
     def _method(self) -> FrameMethod | None:
         """Wait for a method, of a recording for the full one; None after `stop`."""
-
-        def is_ready() -> bool:
-            formed = self._formed
-            return formed is not None and (self._source.is_live or not formed.is_coarse)
-
         with self._changed:
-            self._changed.wait_for(lambda: self._stopped.is_set() or is_ready())
-            return None if self._stopped.is_set() else self._formed
-
-
-class StreamLevel:
-    """A size of the laboratory that forms methods for a stream; see `LiveLaboratory`."""
-
-    def __init__(self, laboratory: SizedLaboratory, stream: Stream) -> None:
-        self._laboratory, self._stream = laboratory, stream
-
-    def pictures(self, choice: Choice, is_overtaken: Callable[[], bool]) -> Any:
-        """Return the method of a choice, formed for the present frames; raise before the first.
-
-        What is formed before is kept: nothing is left to form if the first frame has no mask.
-        """
-        wall = self._stream.wall
-        if wall is None:
-            with suppress(PeriscopyError, InputError):
-                self._laboratory.form(choice, self._stream.expected, is_overtaken)
-            raise PeriscopyError(self._stream.notice)
-        try:
-            return self._laboratory.form(choice, wall, is_overtaken)
-        except (PeriscopyError, InputError) as error:
-            if not self._laboratory.is_coarse:
-                self._stream.reject(str(error))
-            raise
-
-    def still(self, formed: FrameMethod) -> LivePictures:
-        """Return full pictures of the present average, with corrections and standard errors."""
-        self._laboratory.form(formed.choice, self._stream.wall or formed.wall, lambda: False)
-        return self._laboratory.pictures(formed.choice, lambda: False)
+            while not self.ended.is_set():
+                formed = self._formed
+                if formed is not None and (self._source.is_live or not formed.is_coarse):
+                    return formed
+                self._changed.wait()
+        return None

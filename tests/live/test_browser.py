@@ -84,6 +84,17 @@ def test_what_is_chosen_changes_the_pictures(session, page):
     assert typed.input_value() == "30"  # neither 0 nor the least
 
 
+def test_a_phone_shows_the_scene_and_every_control_whole(page):
+    before = page.viewport_size
+    page.set_viewport_size({"width": 390, "height": 844})
+    edges = """() => [...document.querySelectorAll("canvas, input, select, button")]
+        .map((each) => each.getBoundingClientRect()).filter((box) => box.height)
+        .map(({left, right}) => [left, right])"""
+    left, right = np.transpose(page.evaluate(edges))
+    page.set_viewport_size(before)
+    assert (left >= 0).all() and (right <= 390).all() and (right - left > 40).all()
+
+
 def test_no_text_of_the_page_is_markup(page):
     page.get_by_role("button", name="Set: write scene and pictures").click()
     page.get_by_text(HOSTILE, exact=True).wait_for()

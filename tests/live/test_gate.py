@@ -90,20 +90,20 @@ def test_a_viewer_sees_the_state_as_it_is(target):
         state = json.loads(client.recv(PATIENCE))
         assert {"room", "controls", "values", "handles", "panels", "photograph"} <= state.keys()
         assert state["values"]["method"] == target.page.choice.method
-        target.page.tell("it failed")
+        target.page.report("it failed")
         assert json.loads(client.recv(PATIENCE))["trouble"] == ["it failed"]
-    target.page.tell("")
+    target.page.report("")
 
 
 def test_a_slow_viewer_gets_the_latest_alone(target):
     with target.client() as client:
         client.recv(PATIENCE)
         for k in range(1000):
-            target.page.tell(str(k))
+            target.page.report(str(k))
         got = []
         while not got or got[-1] != "999":
             got += json.loads(client.recv(PATIENCE)).get("trouble", [])
-    target.page.tell("")
+    target.page.report("")
     assert len(got) < 1000 and got == sorted(got, key=int)
 
 

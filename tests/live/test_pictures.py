@@ -12,8 +12,8 @@ from periscopy_sim.storage.pictures import averaged_photograph
 from tests.scenes.room import Room
 
 
-def never():
-    return False
+def never(*_):
+    """No newer wish comes."""
 
 
 def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
@@ -111,16 +111,17 @@ def test_masked_pixels_of_a_photograph_are_averaged_out():
 def test_overtaken_work_ends_at_once(level, choice):
     asked = []
 
-    def is_overtaken():
+    def unless_overtaken(*_):
         asked.append(True)
-        return len(asked) > 1
+        if len(asked) > 1:
+            raise Overtaken
 
     with pytest.raises(Overtaken):
-        level().pictures(choice, is_overtaken)
+        level().pictures(choice, unless_overtaken)
     assert len(asked) == 2
 
 
-def test_what_cannot_be_shown_is_told(level, choice):
+def test_what_cannot_be_shown_is_reported(level, choice):
     behind = replace(choice, values={**choice.values, "monitor_dy": 3.0})
     with pytest.raises(PeriscopyError, match="monitor"):
         level().pictures(behind, never)

@@ -26,9 +26,9 @@ def light(values, full=None):
 
 
 def averaged(scenario, values, count=1):
-    frames = PreparedFrames(Preparation(light(WALL), scenario, Companions()), count)
     prepare = Preparation(light(WALL), scenario, Companions())
-    return frames, [frames.add(prepare(light(each))) for each in values]
+    frames = PreparedFrames(prepare)
+    return frames, [frames.add(prepare(light(each)), count) for each in values]
 
 
 def test_codes_are_prepared_as_prepare_does_it_with_a_photograph(scenario):
@@ -76,7 +76,7 @@ def test_another_exposure_is_noticed_and_another_picture_is_not(scenario):
     moved[:, :12] *= 1.3  # light from one side
     frames, lines = averaged(scenario, [WALL, moved, moved * 1.25], count=9)
     assert lines[:2] == [[], []] and "times what it was" in lines[2][0]
-    assert frames.exposures == 1 and frames.averaged == 1
+    assert frames.averaged == 1
     np.testing.assert_allclose(frames.average, moved * 1.25, rtol=1e-6)
 
 
@@ -93,23 +93,14 @@ def test_clicks_of_the_exposure_are_no_flicker_for_ever(scenario):
     full = np.zeros((24, 24), bool)
     full[:12] = True
     prepare = Preparation(light(WALL), scenario, Companions())
-    frames = PreparedFrames(prepare, 100)
+    frames = PreparedFrames(prepare)
     lines = [
-        frames.add(prepare(light(WALL * level, full if level > 1 else None))) for level in levels
+        frames.add(prepare(light(WALL * level, full if level > 1 else None)), 100)
+        for level in levels
     ]
     assert any("flickers" in line for line in lines[14]) and not any(lines[15:])
     np.testing.assert_allclose(frames.average, WALL * 0.9, rtol=1e-6)
     assert not frames._saturated.any()
-
-
-def test_an_exposure_that_the_camera_reports_is_believed(scenario):
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = PreparedFrames(prepare)
-    exposures = []
-    for exposure in (1.0, 1.0, 1.02, 1.02):
-        frames.add(prepare(CameraFrame(sensor_image(WALL, "frame"), exposure=exposure)))
-        exposures.append(frames.exposures)
-    assert exposures == [0, 0, 1, 1]
 
 
 def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
@@ -133,15 +124,15 @@ def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
 @pytest.mark.parametrize("white_at", [0, 2])
 def test_a_white_frame_is_left_out(scenario, white_at):
     prepare = Preparation(light(WALL), scenario, Companions())
-    frames = PreparedFrames(prepare, 9)
+    frames = PreparedFrames(prepare)
     for k in range(5):
         white = np.full((24, 24), k == white_at)
         frame = prepare(light(np.where(white[..., None], 1.0, WALL), white))
         if k == white_at:
             with pytest.raises(PhotographError, match="saturated"):
-                frames.add(frame)
+                frames.add(frame, 9)
         else:
-            frames.add(frame)
+            frames.add(frame, 9)
     np.testing.assert_allclose(frames.photograph().values, WALL, rtol=1e-6)
     assert frames.photograph().pixels.all() and frames.averaged == pytest.approx(4 - white_at)
 

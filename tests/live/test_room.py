@@ -6,9 +6,9 @@ import numpy as np
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.live.panels import hidden_pixels, panels_of
+from periscopy_sim.live.panels import as_source, hidden_pixels, panels_of
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
-from periscopy_sim.live.room import as_source, pixel_corners, room_of, things_in
+from periscopy_sim.live.room import images_in, occluders_in, pixel_corners, room_of
 from tests.scenes.cards import SIZES, write_cards
 
 
@@ -24,8 +24,8 @@ def test_photograph_covers_what_its_pixels_see():
 
 
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
-    pictures = level().pictures(choice, lambda: False)
-    scene, things = pictures.scenario, things_in(pictures)
+    pictures = level().pictures(choice, lambda *_: None)
+    scene, things = pictures.scenario, images_in(pictures)
     grid = np.array(things["hidden"][0]["grid"])
     corners = grid[[-1, -1, 0, 0], [0, -1, 0, -1]]
     centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
@@ -37,7 +37,9 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
         scene.view.centers.mean(axis=0),
         atol=0.01,
     )
-    for shown, occluder in zip(things["occluders"], scene.scene.occluders, strict=True):
+    for shown, occluder in zip(
+        occluders_in(pictures)["occluders"], scene.scene.occluders, strict=True
+    ):
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1
@@ -45,10 +47,10 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
 
 def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     scene = ps.load_scenario(write_cards(tmp_path), SIZES)
-    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda: False)
+    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda *_: None)
     assert {name: image.shape[:2] for name, image in pictures.image.items()} == SIZES
     assert pictures.psnr > 20
-    things = things_in(pictures)["hidden"]
+    things = images_in(pictures)["hidden"]
     for (name, surface), shown in zip(scene.hidden.items(), things, strict=True):
         np.testing.assert_allclose(shown["grid"], surface.vertices)
         assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)

@@ -24,28 +24,30 @@ class StandIn:
         self.is_coarse, self.seconds = is_coarse, seconds
         self.begun, self.given_up = [], []
 
-    def pictures(self, choice, is_overtaken):
+    def pictures(self, choice, unless_overtaken):
         self.begun.append(choice)
         if isinstance(choice, Exception):
             raise choice
         end = time.monotonic() + self.seconds
         while time.monotonic() < end:
-            if is_overtaken():
+            try:
+                unless_overtaken()
+            except Overtaken:
                 self.given_up.append(choice)
-                raise Overtaken
+                raise
             time.sleep(0.002)
         return Picture(choice, self.is_coarse)
 
 
 class Watched:
-    """A laboratory that runs in a thread, and what it has shown and told."""
+    """A laboratory that runs in a thread, and what it has shown and reported."""
 
     def __init__(self, coarse=0.0, full=0.0):
-        self.shown, self.told = [], []
+        self.shown, self.reported = [], []
         self.coarse = StandIn(is_coarse=True, seconds=coarse)
         self.full = StandIn(is_coarse=False, seconds=full)
         self.laboratory = LiveLaboratory(
-            self.coarse, self.full, self.shown.append, self.told.append
+            self.coarse.pictures, self.full.pictures, self.shown.append, self.reported.append
         )
         self.thread = threading.Thread(target=self.laboratory.run)
         self.thread.start()
@@ -53,7 +55,7 @@ class Watched:
     def until(self, holds):
         end = time.monotonic() + PATIENCE
         while not holds():
-            assert time.monotonic() < end, (self.shown, self.told)
+            assert time.monotonic() < end, (self.shown, self.reported)
             time.sleep(0.005)
 
 
@@ -101,15 +103,15 @@ def test_full_pictures_that_are_overtaken_are_given_up(watched):
     assert Picture("first", False) not in w.shown
 
 
-def test_what_cannot_be_shown_is_told_and_the_laboratory_goes_on(watched):
+def test_what_cannot_be_shown_is_reported_and_the_laboratory_goes_on(watched):
     w = watched()
     w.laboratory.want(PeriscopyError("no such\nscene"))
-    w.until(lambda: "no such scene" in w.told)
+    w.until(lambda: "no such scene" in w.reported)
     w.laboratory.want(RuntimeError("bug"))
-    w.until(lambda: "RuntimeError: bug" in w.told)
+    w.until(lambda: "RuntimeError: bug" in w.reported)
     w.laboratory.want("better")
     w.until(lambda: Picture("better", False) in w.shown)
-    assert w.told[-1] == ""
+    assert w.reported[-1] == ""
 
 
 def test_full_pictures_are_saved_once_they_are_shown(watched):
@@ -124,4 +126,4 @@ def test_full_pictures_are_saved_once_they_are_shown(watched):
         raise PeriscopyError("disk full")
 
     w.laboratory.save(full_disk)
-    w.until(lambda: w.told[-1] == "disk full")
+    w.until(lambda: w.reported[-1] == "disk full")

@@ -1,5 +1,6 @@
 """A stream on the page: what a person sees, presses and moves while frames come."""
 
+import json
 import time
 from contextlib import nullcontext
 from threading import Event
@@ -13,12 +14,12 @@ from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live import calibrating, preparation
 from periscopy_sim.live import pictures as live_pictures
-from periscopy_sim.live.calibrating import BUSY, IDLE, OFFER, CalibrationButton
+from periscopy_sim.live.calibrating import BUSY, DECLINE, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.session import LiveSession
-from periscopy_sim.live.stream import Stream, StreamLevel
+from periscopy_sim.live.stream import Stream
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs import prepare
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -99,15 +100,15 @@ def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch)
     )
     frames = [np.full((24, 24, 3), 9000, np.uint16), None]
     stream = Stream(open_source(lambda: frames.pop(0), linear=True), level().scenario)
-    waiting = StreamLevel(level(), stream)
+    laboratory = level()
     with pytest.raises(PeriscopyError, match="waiting"):
-        waiting.pictures(choice, lambda: False)
+        stream.form(laboratory, choice, lambda *_: None)
     assert len(fitted) == 1
     stream.start()
     end = time.monotonic() + PATIENCE
     while stream.wall is None and time.monotonic() < end:
         time.sleep(0.01)
-    formed = waiting.pictures(choice, lambda: False)
+    formed = stream.form(laboratory, choice, lambda *_: None)
     stream.stop()
     assert formed.method is fitted[0] and len(fitted) == 1
 
@@ -191,10 +192,27 @@ def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypat
     assert labels == [BUSY, OFFER]
     assert any("not to be trusted: far off" in line for line in watched.said)
     assert watched.page.choice.values["occluder_dx"] == 0
+    assert watched.page.controls["decline"].value() == DECLINE
     watched.press("calibrate")
     assert watched.page.choice.values["occluder_dx"] == 0.003
+    assert watched.page.controls["decline"].value() == ""
     assert any(line.endswith("set to its end: occluder_dz") for line in watched.said)
     assert watched.page.controls["calibrate"].value() == IDLE
+
+
+def test_an_offered_calibration_is_declined(watched, monkeypatch):
+    record = {"parameters": {"occluder_dx": {"value": 0.007}}, "doubts": []}
+    monkeypatch.setattr(CalibrationButton, "_calibrated", lambda *_: record)
+    controls, before = watched.page.controls, watched.page.choice
+    watched.press("decline")  # nothing is offered
+    assert controls["calibrate"].value() == IDLE
+    watched.press("calibrate")
+    watched.until(lambda *_: controls["calibrate"].value() == OFFER)
+    watched.press("decline")
+    assert controls["calibrate"].value() == IDLE and controls["decline"].value() == ""
+    assert watched.page.choice == before
+    published = json.loads(watched.page.gate._state["values"][1])
+    assert published["calibrate"] == IDLE
 
 
 @pytest.mark.thorough
@@ -305,16 +323,17 @@ def test_what_cannot_be_watched_is_refused_at_once():
 @pytest.mark.parametrize("is_stopped", [False, True])
 def test_a_calibration_that_is_killed_reports_no_progress_line(is_stopped, monkeypatch):
     said = []
-    button = CalibrationButton(*[None] * 4, said.append, lambda: None)
+    scenario = load_scenario("plate", (6, 8), {"resolution": 24})
+    stream = SimpleNamespace(scenario=scenario, wall=Photograph(WALL), report=said.append)
+    page = SimpleNamespace(choice=Choice({}, ""), refresh=lambda: None)
+    button = CalibrationButton(stream, page)
     if is_stopped:
         button.stop()
-    button._wall, button._values = lambda: Photograph(WALL), dict
     process = SimpleNamespace(
         pid=0, returncode=-9, communicate=lambda: ("", "periscopy: calibrating: 24 %\n")
     )
     monkeypatch.setattr(calibrating, "write_copy", lambda *_: None)
     monkeypatch.setattr(calibrating.os, "setpriority", lambda *_: None, raising=False)
     monkeypatch.setattr(calibrating.subprocess, "Popen", lambda *_, **__: nullcontext(process))
-    button._scenario = load_scenario("plate", (6, 8), {"resolution": 24})
     button._run()
     assert said == ([] if is_stopped else ["calibration: it was ended"])

@@ -82,7 +82,8 @@ def view(
             place = str(find_condition(ambient))  # its error is smooth: methods project it out
             quick = ps.render_background(place, session.scenario, target=0.05)
             light = quick.photograph
-        images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
+        shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
+        images = shipped if photo is None else []
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method), images,
             installed_methods(), lambda pictures: write_view(out, session, pictures, photo),

@@ -45,7 +45,7 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
 def pictures_of(photograph=None, **values):
     scenario = load_scenario("plate", (3, 4), {"resolution": "24"})
     level = SizedLaboratory(scenario, None, photograph, is_coarse=False)
-    return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda: False)
+    return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda *_: None)
 
 
 def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):
