@@ -1,8 +1,8 @@
 """How close a reconstruction is to the truth.
 
-Every metric but `psnr` uses the truth: for a gain per channel or a matrix of colours, and for the
-shift where the metric's docstring states it. These compare a grey estimate of a coloured truth with
-the mean of its channels.
+Every metric but `psnr` uses the truth: for a gain per channel or a matrix of colours, and in
+`registered` for the shift. These compare a grey estimate of a coloured truth with the mean of its
+channels.
 """
 
 import math
