@@ -117,7 +117,7 @@ html_theme_options = {
 }
 html_context = {"repository": links.get("Repository", "")}
 toc_object_entries_show_parents = "hide"
-html_sidebars = {"index": [], "start": [], "changes": [], "leaderboard": []}
+html_sidebars = {page: [] for page in ("index", "start", "repository/leaderboard")}
 
 
 def setup(app: Any) -> None:

@@ -125,7 +125,7 @@ class Surface:
         (rows, columns), places = self.shape, np.array([-GAUSS, GAUSS])
 
         def spread(values: Array) -> Array:
-            """Return what is alike in all of a patch at its points, (R, 2, C, 2, 3)."""
+            """Return one value per patch, repeated at its points, (R, 2, C, 2, 3)."""
             grid = values.reshape(rows, 1, columns, 1, 3)
             return np.broadcast_to(grid, (rows, 2, columns, 2, 3))
 

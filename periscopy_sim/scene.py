@@ -52,8 +52,8 @@ class EmissionProfile:
 class Occluder:
     """A shape that may block light; `name` is its id in the scene file.
 
-    Of a triangle mesh `vertices` are (V, 3) positions in metres and `faces` (F, 3) vertex indices,
-    of a cylinder or a disk those of a fine polygon's; of any other shape both are None. `bounds`,
+    A triangle mesh has `vertices`, (V, 3) positions in metres, and `faces`, (F, 3) vertex indices;
+    a cylinder or a disk has those of a fine polygon; any other shape has None for both. `bounds`,
     (2, 3), are the lower and the upper corner of the box about it, where they are known.
     """
 

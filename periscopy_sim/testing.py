@@ -32,12 +32,12 @@ def adjoint_test(
     ----------
     operator
         Anything with ``matvec`` and ``rmatvec``, with ``matmat`` and ``rmatmat``, or with
-        ``forward`` and ``adjoint``; or a pair of such functions. Of an operator with several
+        ``forward`` and ``adjoint``; or a pair of such functions. If an operator has several
         pairs, as SciPy's have, the check includes vectors and matrices.
     shapes
         Shapes of x and of y; None for those of ``operator.shape``, (M, N).
     seed
-        Of the random x and y, which are normal.
+        Seed of the random x and y, which are normal.
     rtol
         Largest difference of the two products over ‖A x‖ ‖y‖ + ‖x‖ ‖Aᵀ y‖. Give 1e-12 for an
         operator in double precision.
@@ -169,7 +169,7 @@ def prox_oracle(
     lower
         Least value of an image, such as 0; the solution must not fall below.
     seed
-        Of the random changes.
+        Seed of the random changes.
     rtol
         How much lower an objective may be, as a fraction of the solution's.
 

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-LINK = re.compile(r"(?<=\]\()(?!https?:)([^)#\s]+)")
+LINK = re.compile(r'(?:(?<=\]\()|(?<=<img src="))(?!https?:)([^)#\s"]+)')
 FOLDER = "repository"
 
 

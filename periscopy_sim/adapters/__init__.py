@@ -1,1 +1,1 @@
-"""The light transport as other libraries take it: SciPy's linear operators, PyTorch's tensors."""
+"""The light transport for other libraries: SciPy's linear operators, PyTorch's tensors."""

@@ -37,8 +37,9 @@ PIXEL_POINTS = 126
 """Wall points along a photograph's longer side, about: by its 63 pixels' own it lost 0.4 dB."""
 
 PART = 1e-3
-"""Of the way to a scene beside, over which light is differenced. Few wall points then pass from one
-side of a face to its other, where light bends; all of the way put derivatives off by 10 %."""
+"""Fraction of the way to a neighbouring scene over which light is differenced. Few wall points
+then pass from one side of a face to its other, where light bends; the whole way made an error of
+10 % in derivatives."""
 
 FLATNESS = 1e-6
 """Deviation, relative to its extent, up to which a wall counts as planar."""

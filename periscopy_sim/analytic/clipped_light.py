@@ -6,7 +6,7 @@ line, so that a triangle leaves convex pieces of a convex piece (Weiler, Atherto
 No projection is made: occluders may reach beside, behind and beyond the wall point.
 
 Light is that of the surface's own Gauss points, and linear over the patch between them; the area
-and the centroid of the pieces tell how much of it is seen.
+and the centroid of the pieces give how much of it is seen.
 """
 
 from functools import lru_cache
@@ -31,7 +31,7 @@ GRAZE = 1e-4
 frame in the plane of a monitor hides nothing of it."""
 
 SOME = 64
-"""Patches, at most, of which `hides_itself` tells whether the wall sees them."""
+"""Patches, at most, that `hides_itself` tests for being seen from the wall."""
 
 NEAR = 0.05
 """Distance from a patch, over the surface's extent, within which its facets' roughness hides
@@ -84,7 +84,7 @@ def patches_of(surface: Surface) -> Patches:
 def hides_itself(surface: Surface, corners: tuple[float, ...]) -> bool:
     """Return whether a surface stands between its own patches and corners on the wall, (4, 3).
 
-    It is told from the surface's form, not from the size of its image.
+    The test uses the surface's form, not the size of its image.
     """
     if surface.curved is None:
         return False

@@ -30,7 +30,7 @@ from periscopy_sim.numerics.compilation import compiled
 Indices = NDArray[np.int64]
 
 SAME = float(np.finfo(np.float32).eps)
-"""Of the largest coordinate: vertices so near are one, as meshes in single precision have them."""
+"""Fraction of the largest coordinate within which vertices are one, as in float32 meshes."""
 
 
 class Borders(NamedTuple):  # which compiled functions take

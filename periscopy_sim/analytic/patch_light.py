@@ -1,7 +1,7 @@
 """What a wall point sees of the monitor, patch by patch: areas, no rays.
 
-Patches are cut into cells, so small that light is all but linear over each. Of the shadow within a
-cell the outline then gives the shadow's area and centroid, as in a rasterizer:
+Patches are cut into cells, so small that light is all but linear over each. The outline
+then gives the shadow's area and centroid within a cell, as in a rasterizer:
 each segment adds what lies to its right, in its own cell and in all that follow.
 
 Coordinates are those of `outline`; a cell's own begin at its middle. Light is in units of ρ/π times

@@ -84,7 +84,7 @@ def calibrate(
     camera
         Id of the sensor that photographed.
     seed
-        Of the draws.
+        Seed of the draws.
     progress
         Called with the fraction done, 1 at last.
 

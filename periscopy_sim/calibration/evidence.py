@@ -118,8 +118,8 @@ class SmoothExplanation(Explanation):
     def prediction_error(self) -> float:
         """Σ_c 2 F log ‖r_c‖/(F − γ_c), of images that have γ degrees of freedom.
 
-        That is the logarithm of the error with which a fit to all pixels but one predicts this one,
-        by generalized cross-validation (Golub, Heath, Wahba, Technometrics 21, 1979).
+        The sum is the logarithm of the error with which a fit to all pixels but one predicts the
+        last, by generalized cross-validation (Golub, Heath, Wahba, Technometrics 21, 1979).
         """
         μ, _ = self._modes
         degrees = np.sum(μ[:, None] / (μ[:, None] + self.ratios), axis=0)
@@ -170,7 +170,7 @@ class SmoothImages:
         """Return a known picture, (N, P), in any mixture of its colours.
 
         `row` has mean and covariance of a channel's mixture over its sum, see `row_priors`. A
-        PhotographError says that the picture is black.
+        black picture raises a PhotographError.
         """
         colours = np.asarray(picture, np.float64)
         gram = colours.T @ colours
@@ -277,7 +277,7 @@ def _relative_ratio(
 ) -> tuple[float, float, float]:
     """Return α_c = σ_c²/s², s the multiple of a direction Wᵀ K m, and S_c and E_c there.
 
-    That s hardly depends on A, so the slope leaves its change out.
+    The multiple s hardly depends on A, so the slope leaves its change out.
     """
     scale = float(z @ direction) / max(float(μ @ direction**2), TINY)
     misfit = max(energy - scale * float(z @ direction), ROUNDING**2 * energy)

@@ -40,8 +40,8 @@ LARGEST_CLIPPED = 63
 class MovingScene:
     """A scene, P of whose parameters vary, seen by M of its camera's pixels.
 
-    Of P + 2 S values, the last move each of the S hidden surfaces within itself, by patches across
-    and up.
+    The last 2 S of P + 2 S values move each of the S hidden surfaces within itself, by patches
+    across and up.
     """
 
     scenario: Scenario  # as loaded, with the pixels used

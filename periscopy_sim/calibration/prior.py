@@ -19,7 +19,7 @@ Free = Sequence[str] | Mapping[str, float | None]
 
 @dataclass(frozen=True, eq=False)
 class UncertainParameters:
-    """``<default>``s of a scene that are held at values, (U,), known to standard errors, (U,)."""
+    """``<default>``s of a scene fixed at values, (U,), that have standard errors, (U,)."""
 
     names: tuple[str, ...]
     values: Array
@@ -27,14 +27,14 @@ class UncertainParameters:
 
 
 TRIES = 100
-"""Draws of a number that a scene may refuse."""
+"""Draws of a number that a scene may reject before the error is raised."""
 
 
 def read_by_ruler(scenario: Scenario, seed: Sequence[int]) -> dict[str, float]:
     """Draw what a ruler reads of every number that declares an error: normal errors, by name.
 
-    What the scene refuses, such as a board of negative thickness, is measured again; a SceneError
-    says that it refuses all.
+    A number that the scene rejects, such as a board's negative thickness, is drawn again; if the
+    scene rejects all draws, a SceneError is raised.
     """
     errors, rng = free_parameters(scenario.document), np.random.default_rng(seed)
     read: dict[str, float] = {}
@@ -48,7 +48,7 @@ def read_by_ruler(scenario: Scenario, seed: Sequence[int]) -> dict[str, float]:
                 break
         else:
             raise SceneError(
-                f"{name} = {value:g} with errors of {error:g}: the scene '{scenario.path}' refuses "
+                f"{name} = {value:g} with errors of {error:g}: the scene '{scenario.path}' rejects "
                 f"{TRIES} draws; declare a smaller error"
             )
     return read

@@ -45,7 +45,7 @@ POINTS, LARGE_POINTS = 63, 48
 too: by one point a pixel, 31, a plate lost 10 dB where large patches decided."""
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
-"""Of the fine level, and of the one for errors, at least."""
+"""Least pixels per patch of the fine level, and of the level that gives the errors."""
 
 
 def shown_light(picture: Image | Mapping[str, Image], hidden: Hidden) -> Array:
@@ -69,13 +69,13 @@ def ambient_basis(view: View, pixels: Mask, photograph: Photograph) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationProblem:
-    """Photographs of a scene, P parameters to find, and U that are held at uncertain values."""
+    """Photographs of a scene, P parameters to find, and U fixed at uncertain values."""
 
     scenario: Scenario  # at the measured values
     names: tuple[str, ...]  # of the P parameters to find
     centers: Array  # (P,) their measured values
     errors: Array  # (P,) standard deviations of these
-    uncertain: UncertainParameters  # the U that are held
+    uncertain: UncertainParameters  # the U that are fixed
     photographs: Sequence[Photograph]  # of one laboratory and one mask
     pictures: Sequence[Image | Mapping[str, Image]]  # of the first ones, see `shown_light`
 
@@ -150,7 +150,7 @@ class CalibrationProblem:
     @cached_property
     def _averaged(self) -> list[Photograph]:
         own = self.photographs[0].shape
-        # Of hardly larger photographs all pixels: averages over 1.1 of them would share noise.
+        # Hardly larger photographs keep all pixels: averages over 1.1 of them would share noise.
         shape = limit_size(own, max(own) // max(1, round(max(own) / LARGEST)))
         return [averaged_photograph(photograph, shape) for photograph in self.photographs]
 

@@ -20,7 +20,7 @@ from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array
 
 DEGREE, SPREAD = 2, 0.07
-"""Of the gain over the wall: the degree of its polynomial, the deviation of each coefficient."""
+"""Degree of the polynomial of the gain over the wall, and deviation of each coefficient."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +155,8 @@ class ResolutionLevel:
     ) -> ResolutionLevel:
         """Return a level on which the estimated images are known, but for their colours.
 
-        That of one hidden surface is shifted by whole patches, (down, right), dark beyond the
-        border. A PhotographError says that it is black.
+        The image of one hidden surface is shifted by whole patches, (down, right), and is black
+        beyond the border. A black image raises a PhotographError.
         """
         hidden = self.scene.scenario.hidden
 

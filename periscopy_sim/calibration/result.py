@@ -34,7 +34,7 @@ class Parameter:
     Attributes
     ----------
     name
-        Of the scene's ``<default>``.
+        Name of the scene's ``<default>``.
     start, value
         The measured value, and the calibrated one.
     statistical_error, standard_error
@@ -87,7 +87,7 @@ class Calibration:
     Attributes
     ----------
     parameters, uncertain
-        Those that were free, and those that were held, but may be wrong.
+        The free parameters, and the fixed ones that may be wrong.
     moves
         (P, U) how far each free parameter would have ended elsewhere, had an uncertain one been a
         standard error more.

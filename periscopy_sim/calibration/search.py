@@ -35,7 +35,7 @@ HOTTEST = 128.0
 """Temperature, a photograph, from which fine descents and the last ones halve it."""
 
 STEPS, TRIALS = 2, 4
-"""Of a descent at each temperature, and of a step, each shorter than the one before."""
+"""Steps of a descent at each temperature, and trials of a step, each shorter than the last."""
 
 DRAWS, DESCENTS, KEPT = 64, 12, 3
 """Draws from the prior, the best of them, where coarse descents start, and how many of these go on
@@ -252,7 +252,7 @@ class Search:
         """Return the best look that images a patch aside lead to.
 
         An image and a scene that move together send the wall nearly the same light, but valleys of
-        the evidence are a patch apart. So the image is held a patch aside while the scene follows,
+        the evidence are a patch apart. So the image is fixed a patch aside while the scene follows,
         and is then estimated again.
         """
         while (better := self._better_aside(level, look)) is not look:
@@ -281,7 +281,7 @@ class Search:
         return look
 
     def _asides(self, look: Look) -> Iterator[Array]:
-        """Yield points to which the scene follows images that are held a patch aside."""
+        """Yield points to which the scene follows images that are fixed a patch aside."""
         for surface in self.fine.scene.scenario.hidden if self.large is not None else ():
             for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                 try:

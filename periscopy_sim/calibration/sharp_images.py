@@ -36,7 +36,7 @@ differences of the evidence to a tenth (`test_sharp_images`); 3 and 1e-3 left a 
 whose light over the brightest is less than the tolerance stays dark as the scene changes."""
 
 REGULARIZATION = 0.01
-"""Of the first of these images, see `NoiseAware`."""
+"""Regularization of the first of these images, see `NoiseAware`."""
 
 
 @dataclass(frozen=True)

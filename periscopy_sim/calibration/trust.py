@@ -12,7 +12,7 @@ from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.numerics import Array
 
 MARGIN = 1.3
-"""Of standard errors over those of the linear theory: valleys of the evidence are curved."""
+"""Ratio of standard errors to those of the linear theory: the evidence's valleys are curved."""
 
 FARTHEST = 3.0
 """Standard deviations within which a ruler errs, all but 3 of 1000 times; and the longest step of a
@@ -47,7 +47,7 @@ def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Ar
 def _deviations(problem: CalibrationProblem, joint: Look) -> tuple[Array, Array]:
     """Return the covariance of all of a look's numbers, and `moves` of all, (., U).
 
-    Those that are held have no part in the covariance, and move by a standard error.
+    The fixed numbers are absent from the covariance, and move by a standard error.
     """
     count, errors = len(problem.names), problem.uncertain.standard_errors
     held = np.zeros(len(joint.point), bool)
@@ -119,7 +119,7 @@ def misfits(look: Candidate, noise: Array) -> Array:
 
 
 def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) -> tuple[str, ...]:
-    """Return why not to believe P parameters; empty where nothing says so.
+    """Return the reasons not to trust P parameters; empty if there is no reason.
 
     Each ended `distances`, (P,), of the prior's standard deviations from its start. The photographs
     determine `known` of them, and no scene explains `misfit`, (K,), of these.

@@ -214,7 +214,7 @@ def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str,
     }
     for name in sorted({name for scene in settings.scenes for name in scene.parameters}):
         texts = [draw.parameters.get(name, "") for draw in draws]
-        try:  # numbers, NaN where there is none
+        try:  # numbers, NaN for scenes without the parameter
             variables[f"parameter_{name}"] = [float(text or "nan") for text in texts]
         except ValueError:
             variables[f"parameter_{name}"] = texts

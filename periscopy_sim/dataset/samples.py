@@ -58,7 +58,7 @@ class GeometryDraw:
 class AmbientDraw:
     """Ambient light of a clip; `source` counts the configuration's.
 
-    Of each picture that is added, `mixture` holds its position within the source's names or files,
+    For each added picture, `mixture` holds its position within the source's names or files,
     its weight, and whether it is turned upside down and left to right.
     """
 
@@ -211,7 +211,7 @@ def make_samples(
     if configuration.saturation is not None:  # after the noise, as in a sensor
         np.minimum(photographs, configuration.saturation, out=photographs)
     dtype = configuration.photograph_type
-    with np.errstate(over="ignore"):  # half precision ends at 65504; the check below says so
+    with np.errstate(over="ignore"):  # half precision ends at 65504; the check below raises
         kept = photographs.astype(dtype, copy=False)
     if not np.isfinite(kept).all():
         raise ConfigurationError(f"samples from {start} on do not fit {dtype}; lower the exposure")
@@ -302,7 +302,7 @@ _rendering = threading.Lock()
 
 
 LEAST_NOISE = 1e-4
-"""Of the photographs, over their mean, that A is made for: 80 dB."""
+"""Noise over the mean of the photographs that A is made for: 80 dB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,7 +118,7 @@ class Calibrated:
         return self.fitted_by(photograph).reconstruct(photograph)
 
     def fitted_by(self, photograph: Image) -> Method:
-        """Calibrate by a photograph, and return the method fitted to the scene that is found.
+        """Calibrate by a photograph, and return the method fitted to the calibrated scene.
 
         A PhotographError or a SceneError says that this photograph determines no number.
         """

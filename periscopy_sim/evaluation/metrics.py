@@ -1,8 +1,8 @@
 """How close a reconstruction is to the truth.
 
-Every metric but `psnr` uses the truth: for the gain of each channel or a matrix of colours, and
-where it says so for the shift. These compare a grey estimate of a coloured truth with the mean of
-its channels.
+Every metric but `psnr` uses the truth: for a gain per channel or a matrix of colours, and in
+`registered` for the shift. These compare a grey estimate of a coloured truth with the mean of its
+channels.
 """
 
 import math
@@ -26,7 +26,7 @@ class Registration:
 
 
 BEYOND = 1e-3
-"""Of [0, 1], by which resampled truths may pass it."""
+"""Excess beyond [0, 1] that resampled truths may have."""
 
 _NOTE = "gain-matched: uses the truth"
 _SHARE = {"units": "1", "valid_range": [0, 1]}
@@ -78,7 +78,7 @@ def gain_matched(estimate: Image, truth: Image) -> Array:
 
 
 def _gain(estimate: Image, truth: Image) -> Array:
-    """Return the factor of each channel that fits the truth best."""
+    """Return the factor per channel that fits the truth best."""
     energy = np.sum(estimate**2, axis=(0, 1))
     return np.asarray(np.sum(estimate * truth, axis=(0, 1)) / np.where(energy > 0, energy, 1))
 
@@ -175,11 +175,11 @@ def shifted(image: Image, down: float, right: float) -> Array:
 
 
 def covered(image: Image, errors: Image, truth: Image) -> dict[str, float]:
-    """Return the shares of patches within one and two standard errors of the truth.
+    """Return the fractions of patches within one and two standard errors of the truth.
 
-    All are (R, C, channels). The truth is scaled by the gain of each channel that fits the image
-    best: the image's own would shrink with its noise. Of normal errors the shares are 0.68 and
-    0.95.
+    All are (R, C, channels). The truth is scaled by the gain per channel that fits the image
+    best: the image's own would shrink with its noise. For normal errors the fractions are 0.68
+    and 0.95.
     """
     estimate, truth = np.asarray(image, np.float64), _seen_by(image, truth)
     off = np.abs(estimate - _gain(truth, estimate) * truth)

@@ -37,7 +37,7 @@ def interval(
     Parameters
     ----------
     values
-        A metric, or paired differences of one, over a sweep's axes; NaN where there is none.
+        A metric, or paired differences of one, over a sweep's axes; NaN for cells without one.
     keep
         Axes of `UNITS` to keep instead of averaging.
     failures

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LIGHT = ("image", "background", "sbr", "snr", "seed")
-"""Axes of a world's photographs. That of the methods is `algorithm`, not `method`: xarray's `sel`
-takes that for a keyword of its own, and selects nothing."""
+"""Axes of a world's photographs. The axis of methods is `algorithm`, not `method`: xarray's `sel`
+would read `method` as a keyword of its own, and select nothing."""
 
 LONG, FIRST = 24.0, 16
 """Hours from which on a sweep says how long it takes, and the cells by which it knows."""
@@ -58,7 +58,7 @@ class Sweep:
         Names of further axes to their values, numbers or texts. An axis ``hidden`` has the sizes of
         the only hidden surface, as ``29x36``.
     units
-        Of the values of these axes.
+        Units of the values of these axes.
     conditions
         Other settings of the results, of JSON's types, such as the scene that the methods fit.
         A store with other conditions is not resumed, so name everything that may change.

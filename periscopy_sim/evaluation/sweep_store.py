@@ -60,7 +60,7 @@ class SweepStore:
         All that every cell depends on, and of what those of single values of an axis depend on
         besides, by axis and value.
     units
-        Of axes.
+        Units of axes.
     measures
         Further variables, a number for each cell: their attributes.
     """

@@ -43,8 +43,7 @@ class World:
     draw
         A world that differs from others by chance, as by what a ruler reads, has noise of its own.
     measures
-        What else some of the methods say of a photograph by ``measures(photograph)``: long names
-        and units.
+        Further numbers that some methods return by ``measures(photograph)``: long names and units.
 
     Raises
     ------
@@ -197,7 +196,7 @@ class WorldMaker(Protocol):
 
     @property
     def measures(self) -> Mapping[str, Mapping[str, Any]]:
-        """What else some methods say of a photograph; see `World`."""
+        """Further numbers that some methods return for a photograph; see `World`."""
 
     @property
     def conditions(self) -> Mapping[str, Any]:

@@ -42,8 +42,8 @@ STEEP = 10.0
 def line_of_sight(camera: PerspectiveCamera, wall: AnyWall) -> tuple[Array, Array, Array]:
     """Return a camera's place, the wall's point that it looks at, and the top of its picture.
 
-    The top is up. Of a camera that looks straight down it is y, and straight up -y, as someone sees
-    it who stands facing along y.
+    The top is up. For a camera that looks straight down the top is y, and straight up -y, as
+    someone who stands facing along y sees it.
     """
     position = np.array([each.value for each in camera.position])
     along = {**dict(zip(wall.axes, camera.target, strict=True)), wall.depth: wall.place}

@@ -2,7 +2,7 @@
 
 The difference D = (1, −2, 1)ᵀ(1, −2, 1)/6 removes light that varies linearly down or across, most
 of penumbrae, and keeps the whole variance of white noise. The median of its size is that of noise
-even where some edges remain. Of noise that neighbours share, as after rectification, this estimate
+even where some edges remain. Where neighbours share noise, as after rectification, this estimate
 is too small.
 """
 

@@ -42,7 +42,7 @@ chair scene has 1.5 at most (63 x 63 pixels, noise of all kinds), with an A of 1
 
 LARGE_UNEXPLAINED = 0.03, 3.0
 """Unexplained light, over the photograph and over what noise alone would leave, above which an
-image is reported as unreliable whatever the cause. Of the true chair scene (SBR 0.5, 40 to 80 dB)
+image is reported as unreliable whatever the cause. For the true chair scene (SBR 0.5, 40 to 80 dB)
 methods leave 2 % at most, but for `truncated-svd`, which leaves 5 to 20 %."""
 
 MATERIAL = 2.0
@@ -81,8 +81,8 @@ class Residual:
         Verdict on the scene.
     cost
         Error that such a misfit makes in an image, over that which noise leaves; None where A is
-        too large or the image is black. Of too few pixels with neighbours, `unexplained` is the
-        only number.
+        too large or the image is black. With too few pixels with neighbours, `unexplained` is
+        the only number.
     """
 
     light: Array = field(repr=False)

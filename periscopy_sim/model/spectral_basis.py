@@ -8,7 +8,7 @@ and any right-hand side, with d_k = ⟨W_k, d⟩ and g_k = ⟨W_k, g⟩:
 
 λ_k falls by many powers of ten, so a photograph's noise hides all but some hundred patterns, hardly
 more of them on finer grids (λ_k > 0.01 ρ at SBR 0.5 and 60 dB: 623, 754 and 1,127 of 1,044, 1,620
-and 6,480 patches). Of many patches, only the strongest patterns are computed. With d' the data
+and 6,480 patches). For many patches, only the strongest patterns are computed. With d' the data
 beyond them, for which λ_k counts as 0, the second form has the term K⁻¹ d'/ρ more.
 """
 

@@ -18,7 +18,7 @@ photograph, and the photograph shows how far: with f_LS the least-squares image,
 
 Where the scene itself errs, the photograph holds light Σ_k e_k T_k that A f does not, T_k what an
 error of one unit does to it and e of covariance Σ (`uncertain_transport`). It moves the estimate by
-H⁻¹A⊥ᵀT_k e_k/σ², alike in all channels, and adds to the covariance
+H⁻¹A⊥ᵀT_k e_k/σ², the same in every channel, and adds to the covariance
 
     H⁻¹ A⊥ᵀT Σ TᵀA⊥ H⁻¹ / σ⁴,   T = (T_1, T_2, …):
 
@@ -67,9 +67,9 @@ def standard_errors(
 ) -> Array:
     """Return the standard error of each patch, (N, 3), in units of the image.
 
-    They assume that A and B are right but for what `response` counts, and that what the wall hides
-    of the image varies like what it shows: the pull of total variation on both is alike. What f ≥ 0
-    excludes is left out of account, so errors of images with much black are reported too large.
+    They assume that A and B are right but for the errors in `response`, and that the image varies
+    alike where the wall hides it and where it shows it: total variation pulls equally on both. They
+    ignore that f ≥ 0 excludes images, so they are too large for images with much black.
 
     `factor` is F, (r, N), of the module, `hidden` the surfaces of images and `f` is f̂, (N, 3). The
     precision is Π = Mᵀ diag(1/σ_c²) M, the weight λ > 0, and the misfit

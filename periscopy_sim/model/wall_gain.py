@@ -20,10 +20,10 @@ too, out of range(B).
 Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone, of which white noise in
 (I − F Fᵀ) y is independent. So without a gain, the K terms explain as much, for each term, as other
 directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
-It is compared with the polynomials of degrees 6 and 7 in all channels rather than with all
-that is left: where light or scene do not fit the model, whatever is smooth is larger than noise.
+It is compared with the polynomials of degrees 6 and 7 in all channels rather than with the
+whole residual: where light or scene do not fit the model, its smooth part is larger than noise.
 
-A rendered A errs as well, by some δA that pixels and patches do not share. If what is left, r, is
+A rendered A errs as well, by some δA that pixels and patches do not share. If the residual, r, is
 −δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
 
     Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
@@ -135,7 +135,7 @@ class WallGain:
         shown = times_rows(terms, lights)
         whole = products(terms, count)
         H = whole - products(shown, count) - products(times_rows(terms, self._ambient), count)
-        # From what is left of y, not as a difference of sums of squares: single precision suffices.
+        # From the residual, not as a difference of sums of squares: single precision suffices.
         rest = ((y - explained) / σ).astype(np.float32)
         r = np.asarray(project_out(rest, self._ambient), np.float64)
         q = terms.reshape(count, -1).astype(np.float64) @ r.ravel()
@@ -214,9 +214,10 @@ def products(vectors: Image, count: int) -> Array:
 def largest_errors(fit: Fit) -> Array:
     """Return the energy of independent errors in each column of A⊥, (N,), at most.
 
-    They are a part s² of the columns' energies, alike in all pixels. So the weakest of N images
-    has a part s² (1 − √(N/K))² of what its patches have, K the pixels less the dimensions of
-    ambient light, by the least singular value of a random matrix; and A⊥ has no weaker one.
+    They are a fraction s² of the columns' energies, the same in every pixel. So the weakest of N
+    images has a fraction s² (1 − √(N/K))² of its patches' energies, K the pixels less the
+    dimensions of ambient light, by the least singular value of a random matrix; and A⊥ has no
+    weaker one.
     """
     images = fit.patterns.rows[fit.visible]
     energies = np.sum(fit.factor**2, axis=0)

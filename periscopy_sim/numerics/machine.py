@@ -79,7 +79,7 @@ def _executor(process: int) -> ThreadPoolExecutor:
 
 
 def available_memory() -> int | None:
-    """Return how many bytes can be had now, no more than a container may have; None if unknown."""
+    """Return the available bytes, within a container's limit; None if unknown."""
     known = [_of_machine(), _of_container()]
     return min((size for size in known if size is not None), default=None)
 

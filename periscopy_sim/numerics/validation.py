@@ -52,7 +52,7 @@ def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
 
 
 def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDArray[Any]:
-    """Return an image that stands beside another, checked like it, in its shape and precision."""
+    """Return a companion of an image, checked like it, in its shape and precision."""
     values = checked_image(image, name)
     if values.shape != beside.shape:
         raise InputError(f"{name} has shape {values.shape}, the image beside it {beside.shape}")

@@ -168,7 +168,7 @@ class Prepared:
 class FilmAreas:
     """The pixels of a scene's film as areas of a photograph, and the flaws of both.
 
-    Photographs of one camera at rest have the areas in common.
+    Photographs of one camera that does not move have the areas in common.
     """
 
     corners: Array  # (rows + 1, columns + 1, 2) of the film's pixels: column and row

@@ -102,10 +102,10 @@ def trace_paths(
     All are Dr.Jit arrays. Emission that the rays themselves meet is left out. Paths draw `numbers`
     of the dimensions from `first_number` on, and meet `most` surfaces that reflect or emit light at
     most; None for any number. Of what the rays meet, the arrays hold positions, normals towards the
-    rays' origins, whether there is a surface, and whether it scatters alike in all directions.
+    rays' origins, whether there is a surface, and whether it scatters equally in all directions.
     """
     context = mi.BSDFContext()
-    # A BSDF without these scatters alike in all directions; Delta lets light pass straight, too.
+    # A BSDF without these scatters equally in all directions; Delta lets light pass straight, too.
     other = int(mi.BSDFFlags.Glossy) | int(mi.BSDFFlags.Delta) | int(mi.BSDFFlags.Delta1D)
     last = min(most or 0xFFFFFFFF, 0xFFFFFFFF)  # of 32 bits
 

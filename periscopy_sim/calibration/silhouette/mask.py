@@ -146,7 +146,7 @@ def known_pictures(
 def outline(opacities: Array) -> tuple[float, Array]:
     """Return the outline's penalty for opacities, (rows, columns), and its gradient.
 
-    Of two masks that explain a photograph alike, the one with the shorter outline is the likelier
+    If two masks explain a photograph equally well, the mask with the shorter outline is likelier
     (Ising's model, with opacities between 0 and 1). A side of a cell counts 1: at Ising's critical
     0.88 islands of any size are as likely.
     """

@@ -70,8 +70,8 @@ def recover_silhouette(
     scene, parameters, camera, progress
         As of `calibrate`.
     hidden
-        (R, C) of the hidden image; of several surfaces a mapping of such by id. Of unknown ones,
-        the search uses at most 24 patches along a side, of known ones 36.
+        (R, C) of the hidden image; of several surfaces a mapping of such by id. The
+        search uses at most 24 patches along a side of an unknown one, 36 of a known one.
     shape
         The occluder's id. Its form does not matter, only the rectangle about it, see `MaskPlane`.
     cells
@@ -82,7 +82,7 @@ def recover_silhouette(
         surfaces mappings of such by id. Two of them make the silhouette far more certain than any
         unknown image.
     seed
-        Of the random masks from which a search for an unknown image starts.
+        Seed of the random masks from which a search for an unknown image starts.
 
     Returns
     -------

@@ -23,7 +23,7 @@ class Silhouette:
     Attributes
     ----------
     name
-        Of the shape whose place it takes.
+        Id of the shape whose place it takes.
     plane
         The rectangle of its cells.
     opacities

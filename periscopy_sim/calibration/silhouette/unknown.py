@@ -5,8 +5,8 @@
 
 The photograph is bilinear in mask and image: a blind deconvolution, whose kernel is the mask. As
 Levin et al. (IEEE TPAMI 33, 2011) advise for that, the image is integrated out while the mask is
-sought. That nothing shines negatively tells most masks from the right one: without it a wrong one
-explains a photograph nearly as well. α is held while opacities move. The allowance τ is a fraction
+estimated. The constraint f ≥ 0 rules out most wrong masks: without it a wrong mask
+explains a photograph nearly as well. α is fixed while opacities move. The allowance τ is a fraction
 of the photograph that need not be explained yet: the larger, the smoother is E.
 """
 
@@ -38,10 +38,10 @@ place, 9 of 12."""
 
 STARTS, FINALISTS = 6, 3
 """Random masks of few cells that the search begins with; of where they lead, followed to all cells.
-Of a letter F of 16 x 16 cells, 9 of 12 descents with 8 x 8 end near it, with 16 x 16 one of 6."""
+For a letter F of 16 x 16 cells, 9 of 12 descents with 8 x 8 end near it, with 16 x 16 one of 6."""
 
 SMOOTH = 1 / 6
-"""Of random masks: the deviation of the Gaussian that smooths them, over the cells along a side."""
+"""Deviation of the Gaussian that smooths random masks, over the cells along a side."""
 
 AGREEING = 0.6
 """Cells opaque in both of two masks, over those opaque in either, from which they are one; masks of

@@ -168,8 +168,8 @@ class Differencing(StillMethod[np.float64]):
     B
         (M, L) prototype backgrounds, for the residual alone; None for none.
     photograph_shape
-        (rows, columns) of photographs; the method must know it, or get `Photograph`s. Of one with a
-        mask a difference counts only if both its pixels are used, see `neighbour_differences`.
+        (rows, columns) of photographs; the method must know it, or get `Photograph`s. In one with
+        a mask a difference counts only if both its pixels are used, see `neighbour_differences`.
     tv_weight
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
     stop

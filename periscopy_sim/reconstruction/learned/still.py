@@ -83,7 +83,7 @@ class Learned(NoiseAware):
     Parameters
     ----------
     weights
-        Of the network: ``"unrolled"``, which ship with the package, or a file that
+        Weights of the network: ``"unrolled"``, which ship with the package, or a file that
         `experiments.learned.train` wrote.
     A, B, **settings
         As of `NoiseAware`, whose other errors it raises, too.

@@ -85,7 +85,7 @@ class Residuals(NamedTuple):
 
         The primal one is the root of the gap over the larger of the image and the split, the dual
         one is in proportion to the root of the change over the split. None is over less than
-        `black`, the norm of an image that counts as black: one that becomes so could never be told
+        `black`, the norm of an image that counts as black: such an image could not be distinguished
         from its own rounding.
         """
         gap, change, image, split = map(math.sqrt, self)

@@ -16,9 +16,9 @@ The exposures maximize the evidence of images f ~ N(0, K⁻¹/μ_c), K = ∇ᵀ�
     log p(y⊥|s, μ) = Σ_c ½ (m log μ_c − log det H_c + d_cᵀH_c⁻¹d_c),
     H_c = μ_c I + Σ_v s_v² G_v/σ_vc²,  d_c = Σ_v s_v WᵀA⊥_vᵀy⊥_vc/σ_vc²,  G_v = WᵀA⊥_vᵀA⊥_v W,
 
-m patterns W, with WᵀKW = I, being those that the views show best. In alternation with the image
-they would take hundreds of images where the views show different parts of the scene. What such
-images' equal brightness alone says of exposures is believed to a factor of two.
+m patterns W, with WᵀKW = I, being those that the views show best. Alternating with the image would
+need hundreds of images where the views show different parts of the scene. The assumption
+that such images are equally bright constrains exposures only to a factor of two.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ from periscopy_sim.reconstruction.noise_aware.noise_aware import (
 )
 
 STRONGEST = 150
-"""Patterns of each view in which exposures are estimated. Of two walls (64 x 64 pixels, 29 x 36
+"""Patterns of each view in which exposures are estimated. For two walls (64 x 64 pixels, 29 x 36
 patches, 60 and 55 dB) 100 move the exposure by 0.7 standard errors, 200 by 0.1, against 400."""
 
 DISTINCT = 1e-6

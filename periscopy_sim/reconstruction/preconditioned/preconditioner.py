@@ -128,7 +128,7 @@ def form_preconditioner(
     except np.linalg.LinAlgError:
         cholesky = np.zeros_like(gram)
     # R_jj is the distance of column j from range(B) and the columns before it. Rounding leaves
-    # about 1e-7 of the column's norm where there is none, and the Gram matrix resolves no less.
+    # about 1e-7 of the column's norm where it is 0, and the Gram matrix resolves no less.
     if (np.diag(cholesky) <= max(1e-6, precision_of(A)) * norms).any():
         dark = int((norms <= 1e-7 * norms.max()).sum())
         raise InputError(

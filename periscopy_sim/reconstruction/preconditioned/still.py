@@ -182,8 +182,8 @@ def denoise_and_repair(
 ) -> Reconstruction:
     """Lead P y, (N, channels), through total variation and repair (Algorithm 1, lines 6 and 8).
 
-    The noise of each channel is for the record; λ is (channels,); κ is a part, `repair_threshold`,
-    of the 99th percentile of the denoised magnitudes.
+    The noise per channel is for the record; λ is (channels,); κ is a fraction,
+    `repair_threshold`, of the 99th percentile of the denoised magnitudes.
     """
     denoised = prox_total_variation(estimate, weight, hidden=hidden)
     image, threshold = repaired(hidden, denoised, repair_threshold)

@@ -123,7 +123,7 @@ class BouncedIrradiance:
         direction = away / distance
         at_wall = dr.dot(gathered(mi.Normal3f, self._normals, index), direction)
         at_hit = -dr.dot(toward_wall, direction)
-        # What does not scatter alike in all directions serves the path's own point alone.
+        # A surface that scatters unequally by direction serves only the path's own point.
         seen = valid & (own | diffuse) & (at_wall > 0) & (at_hit > 0)
         ray = mi.Ray3f(point, direction, nearly(distance), 0.0, [])
         blocked = self._scene.ray_test(ray, seen & ~own)

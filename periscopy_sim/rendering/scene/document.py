@@ -29,7 +29,7 @@ MOST = {
 """What a scene may have at most, with all that its documents include."""
 
 Element = tuple[int, str, Mapping[str, str]]
-"""Of a document: its level below the first one, its tag and its attributes."""
+"""A document's element: its level below the first one, its tag and its attributes."""
 
 
 def read_document(path: str | Path, parameters: Mapping[str, str] | None = None) -> SceneDocument:

@@ -30,7 +30,7 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
 
 SIDES = 128
-"""Of the polygon that stands for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
+"""Sides of the polygon for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
 
 ASIDE = 1e-5, 2e-5
 """Distance in u and v to a point beside one that rays miss."""
@@ -63,9 +63,9 @@ def load_scenario(
     """Return the scenario of a scene that keeps the id contract.
 
     It has a relay wall, the shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape
-    ``monitor``, and every shape whose id begins with ``hidden``. Of several walls, whose ids begin
-    with ``wall``, a camera's is the one that the middle of its picture shows; the others are
-    occluders to it. The view's points are where the camera's own rays
+    ``monitor``, and every shape whose id begins with ``hidden``. A scene may have several walls,
+    whose ids begin with ``wall``: a camera's is the one in the middle of its picture; the others
+    are occluders to it. The view's points are where the camera's own rays
     through the pixels' centres meet the wall, so any sensor serves; the patches are an R x C grid
     in a surface's UV square, so any shape with a UV parametrization serves. A surface without an
     emitter is Lambertian: its image is the radiance that it reflects.

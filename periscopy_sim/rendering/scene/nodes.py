@@ -221,17 +221,17 @@ class SceneNodes:
         for name in self.hidden:
             self._straighten(self._by_id(name))
         state, self._state = self._state, None
-        refused = ""
+        fault = ""
         try:
             with searching():
                 built = mi.parser.instantiate(self._config, state)
         except (RuntimeError, ValueError) as error:
-            refused = one_line(error)
+            fault = one_line(error)
         # What was built of a rejected scene must go at once: Dr.Jit would trace an emitter that
         # outlives its shape at the next virtual call, and crash.
         del state
-        if refused:
-            raise self.error(refused)
+        if fault:
+            raise self.error(fault)
         return built[0] if isinstance(built, list | tuple) else built
 
     def _by_id(self, name: str) -> Any:
@@ -244,8 +244,8 @@ class SceneNodes:
     def _straighten(self, surface: Any) -> None:
         """Rewrite a flipped or mirrored rectangle as a plain one with the same emitting side.
 
-        Of such a rectangle Mitsuba's rays, position samples and UV lookups report different
-        normals, so that its light would depend on the way it was found.
+        Mitsuba's rays, position samples and UV lookups report different normals of such a
+        rectangle, so its light would depend on which of them samples it.
         """
         if surface.plugin_name() != "rectangle":
             return

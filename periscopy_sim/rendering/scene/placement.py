@@ -41,9 +41,9 @@ class SceneLayout:
 def only_motions(
     before: SceneLayout, after: SceneLayout, movable: Collection[str]
 ) -> dict[str, Array] | None:
-    """Return the motion, (4, 4), of each thing whose place differs, by id; None if more differs.
+    """Return the motion, (4, 4), of each moved part, by id; None if more than places differ.
 
-    What is movable are ids.
+    `movable` are ids.
     """
     if after.rest != before.rest:
         return None

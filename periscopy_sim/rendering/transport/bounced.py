@@ -50,7 +50,7 @@ around would send a pixel 1 at most."""
 
 @dataclass(frozen=True, eq=False)
 class BouncedLight:
-    """What light that is reflected more than once adds to the transport matrix of each channel.
+    """The light reflected more than once: its part of the transport matrix, per channel.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class BouncedLight:
     relative_error
         Error of a white image's photograph by this light, chance and what polynomials cannot follow
         together: root mean square over pixels and channels, relative to the whole photograph's root
-        mean square. Of an image of which only a part s is lit, chance errs by about 1 / sqrt(s)
-        times as much.
+        mean square. For an image of which only a fraction s is lit, chance errs by about
+        1 / sqrt(s) times as much.
     """
 
     over_wall: NDArray[np.float32]
@@ -87,7 +87,7 @@ class BouncedLight:
 
 @dataclass(frozen=True, eq=False)
 class BouncedTransport:
-    """The light transport matrix of each channel, where surroundings reflect the monitor's light.
+    """The light transport matrix per channel, where surroundings reflect the monitor's light.
 
     `A @ f` is the photograph, (M, 3), of a hidden image, (N, 3), each channel by its own matrix,
     before `Scenario.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),

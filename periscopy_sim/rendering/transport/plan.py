@@ -235,7 +235,8 @@ def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: 
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
     Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
-    areas. Of as many wall points both err alike; rows of pixels' centres also by light's curvature.
+    areas. With as many wall points both err alike; rows of pixels' centres also by light's
+    curvature.
     """
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[:PIXELS]
     rows.sort()

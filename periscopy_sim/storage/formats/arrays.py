@@ -46,7 +46,7 @@ def mapped_stack(path: Path, _: Size = None) -> NDArray[Any]:
 
 def npz_array(path: Path, size: Size = None, key: str = PHOTOGRAPH) -> NDArray[Any]:
     """Return the array `key` of an NPZ archive: of one size, if given, or frames of it."""
-    # Of its own file, NumPy leaves a damaged one open.
+    # NumPy leaves a damaged file that it opened itself open.
     with decoding(path, "NPZ"), path.open("rb") as file, np.load(file) as archive:
         if key not in archive:
             raise PhotographError(f"{path}: has {listed(archive.files)}, no array '{key}'; add it")

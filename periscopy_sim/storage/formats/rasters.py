@@ -1,6 +1,6 @@
 """Rasters of 8 and 16 bits, and raw files of cameras, read by LibRaw.
 
-Of a raw file, each 2 x 2 cell of the Bayer mosaic becomes one pixel: its red, its blue and the mean
+Each 2 x 2 cell of a raw file's Bayer mosaic becomes one pixel: its red, its blue and the mean
 of its two greens. Nothing is interpolated, as demosaicing would, so noise stays white; there is no
 white balance, no colour matrix and no gamma.
 """
