@@ -150,6 +150,7 @@ class FolderSource:
         self._waiting: dict[FileVersion, float] = {}  # since when
         self._done: set[FileVersion] = set()
         self._format = ""
+        self._old: set[FileVersion] | None = None  # there at the first look
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield the newest whole photograph at each look; see `FrameSource`."""
@@ -188,6 +189,8 @@ class FolderSource:
                         state = entry.stat()
                         present.add(FileVersion(state.st_mtime_ns, entry.name, state.st_size))
         self._done &= present
+        if self._old is None:
+            self._old = set(present)
         known, now, before = suffixes(), time.monotonic(), self._waiting
         self._waiting = {}
         for version in present - self._done:
@@ -214,7 +217,8 @@ class FolderSource:
                 say(str(error))
             return None
         self._done.add(version)
-        self._format = self._format or suffixes()[file.suffix.lower()]
+        if version not in (self._old or ()):  # what lay there may be another camera's
+            self._format = self._format or suffixes()[file.suffix.lower()]
         for warning in warnings:
             say(warning)
         return light
@@ -243,7 +247,7 @@ class VideoSource:
             container = av.open(self._place, format=kind, options=options, timeout=PATIENCE)
         except av.FFmpegError as error:
             raise PeriscopyError(
-                f"{self._place}: {_reason(error)}; name a folder, or a video that nobody else reads"
+                f"{self._place}: {_reason(error)}; name a folder, a video, a stream or a device"
             ) from None
         if not container.streams.video:
             raise PeriscopyError(f"{self._place}: holds no video; name another stream or file")

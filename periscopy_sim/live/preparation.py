@@ -205,7 +205,9 @@ class PreparedFrames:
             self._measure_noise(frame)
         self._frames += 1
         weight = 1 / min(self._frames, (count + 1) / 2)
-        self.average = self.average + weight * (frame.values - self.average)
+        # Where it is saturated, a method that still uses the pixel sees what was before.
+        known = ~frame.saturated[..., np.newaxis]
+        self.average = self.average + weight * known * (frame.values - self.average)
         self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
         mask = self._mask & ~self._saturated
@@ -263,7 +265,7 @@ class PreparedFrames:
         wall, average = self.wall, self.average
         if wall is None or average is None:
             return None
-        return replace(wall, values=blackened(average, wall.mask))
+        return replace(wall, values=average)  # a method formed before may use more pixels
 
     def take_monitor_off(self) -> None:
         """Make the present average a photograph with the monitor off, in place of a former one."""

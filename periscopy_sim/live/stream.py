@@ -42,7 +42,7 @@ class Progress:
     rate: float  # frames a second, of the latest ones
     dropped: int  # frames that came too late to be shown, so far
     averaged: float  # frames whose mean has as little noise
-    noise: float  # of a frame, over its mean light
+    noise: float  # of a frame, over its mean light; 0 where only one has come
     noise_left: float  # of the average
 
     def lines(self, latency: float) -> list[str]:
@@ -51,7 +51,9 @@ class Progress:
             f"{self.rate:.1f} frames a second, latency {1000 * latency:.0f} ms",
             f"{self.dropped} late frames dropped",
             f"average of {self.averaged:.3g} frames: noise {100 * self.noise_left:.2g} %, of one "
-            f"frame {100 * self.noise:.2g} %",
+            f"frame {100 * self.noise:.2g} %"
+            if self.noise
+            else "one frame, whose noise is not known",
         ]
 
 
@@ -95,6 +97,7 @@ class Stream:
 
     def start(self) -> None:
         """Begin to read."""
+        self.show_lines([self.notice])
         for step in (self._read_frames, self._average_frames, self._show_frames):
             Thread(target=self._guarded, args=(step,), daemon=True).start()
 
@@ -144,9 +147,15 @@ class Stream:
             self.stop()
 
     def use(self, formed: FrameMethod) -> None:
-        """Use a method from the latest frame on, of a recording from the next one."""
+        """Use a method from the latest frame on, of a recording from the next one.
+
+        A coarse one does not replace a full one of the same choice, whose mask has changed.
+        """
         with self._changed:
-            self._formed, self._is_rejected = formed, False
+            former, self._is_rejected = self._formed, False
+            if formed.is_coarse and former is not None and former.choice == formed.choice:
+                return
+            self._formed = formed
             self._changed.notify_all()
         if self._source.is_live:
             self._averaged.repeat()

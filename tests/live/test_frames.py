@@ -109,6 +109,14 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert any("c.npy" in line and "another format" in line for line in others)
 
 
+def test_what_lay_in_a_folder_does_not_choose_its_format(tmp_path, said, stopped):
+    np.save(tmp_path / "old.npy", np.ones((4, 6, 3)))
+    incoming = open_source(tmp_path).frames(stopped, said.append)
+    assert value_of(next(incoming)) == 1
+    Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "a.tif").write_bytes(tiff(5))).start()
+    assert value_of(next(incoming)) == 5 and not said
+
+
 @pytest.mark.parametrize("first", [0, 3600])
 def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped, first):
     pytest.importorskip("av")

@@ -121,6 +121,23 @@ def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
     assert (~frames.wall.pixels).sum() == 4
 
 
+def test_a_method_formed_before_pixels_saturate_sees_their_average(
+    scenario, level, choice, monkeypatch
+):
+    monkeypatch.setattr(preparation, "STEADY", 0)
+    prepare = Preparation(light(WALL), scenario, Companions())
+    frames = PreparedFrames(prepare)
+    frames.add(prepare(light(WALL)))
+    formed = level().form(choice, lambda *_: None, frames.photograph())
+    before = formed.see(frames.photograph(), 0.01, 0).image
+    full = np.zeros((24, 24), bool)
+    full[5:8] = True
+    frames.add(prepare(light(np.where(full[..., None], 9, WALL), full)))
+    assert (~frames.wall.pixels).sum() == 72
+    after = formed.see(frames.photograph(), 0.01, 1).image
+    np.testing.assert_allclose(after, before, atol=0.01 * np.abs(before).max())
+
+
 @pytest.mark.parametrize("white_at", [0, 2])
 def test_a_white_frame_is_left_out(scenario, white_at):
     prepare = Preparation(light(WALL), scenario, Companions())

@@ -123,11 +123,15 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
     photograph = pictures.photograph.values
     provenance = session.provenance_of(scenario)
     values = {name: f"{value:.9g}" for name, value in choice.values.items()}
+    settings = asdict(choice)
+    if pictures.truth is None:
+        settings = {name: settings[name] for name in ("values", "method")}
+    else:
+        settings["psnr"] = pictures.psnr
     record: dict[str, Any] = {
-        **asdict(choice),
+        **settings,
         "photograph": None if photo is None else str(photo),
         "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
-        "psnr": pictures.psnr,
         "notes": report_sentences(report),
         **({} if report.residual is None else report.residual.numbers()),
         "provenance": provenance,

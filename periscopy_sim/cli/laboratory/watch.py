@@ -17,7 +17,7 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, option
 from periscopy_sim.cli.output import output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession, files_of_view
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
@@ -138,10 +138,13 @@ class Recorder:
     """The pictures of all frames and their numbers in a folder, whole at any moment.
 
     `frames.npy`, of several surfaces one for each, and `metrics.csv` grow with each frame in full
-    size; `close` writes `summary.json`. The first frame replaces the files of a former run.
+    size; `close` writes `summary.json`. An OutputError says that the folder holds a recording,
+    which no camera can repeat.
     """
 
     def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
+        if (folder / "metrics.csv").exists():
+            raise OutputError(f"{folder} holds a recording; name another folder for --out")
         with unwritable_reported(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._session, self._stream = folder, session, stream
@@ -166,7 +169,8 @@ class Recorder:
             "method": pictures.choice.method,
             **numbers,
             "unexplained": residual.unexplained if residual else "",
-            **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged", "noise_left")},
+            **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
+            "noise_left": progress.noise_left or "",
             **pictures.choice.values,
         }
         with WRITING, unwritable_reported(self._folder / "metrics.csv"):
@@ -180,10 +184,7 @@ class Recorder:
             self._count += 1
 
     def _begin(self, columns: Sequence[str]) -> TextIO:
-        """Remove the files of a former run, and begin the table."""
-        for pattern in ("summary.json", "frames.npy", "frames_*.npy"):
-            for former in self._folder.glob(pattern):
-                former.unlink()
+        """Begin the table."""
         self._file = file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
         # Another method may have other numbers, which are left out.
         self._table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")

@@ -38,8 +38,6 @@ def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
     mask = np.ones((24, 24), bool)
     mask[:, :2] = False
     np.save(tmp_path / "mask.npy", mask)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "frames_of_a_former_run.npy").touch()
     ran = periscopy(
         "watch", "wall.mkv", *SCENE, "--mask", "mask.npy", "--port", 0, "--average", 50,
         "--out", "out",
@@ -102,17 +100,17 @@ def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypa
     assert "'.[video]'" in refused("watch", "rtsp://camera", *SCENE)
 
 
-def test_a_run_that_shows_nothing_keeps_the_former_files(codes, refused, tmp_path):
+def test_a_recording_is_not_replaced(codes, refused, tmp_path):
     pytest.importorskip("av")
     pytest.importorskip("websockets")
     write_video(tmp_path / "wall.mkv", codes[:3])
     (tmp_path / "out").mkdir()
     for name in ("metrics.csv", "summary.json", "frames.npy"):
         (tmp_path / "out" / name).write_text("former")
+    assert refused("watch", "wall.mkv", *SCENE, "--port", 0, "--out", "out").startswith("out ")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        message = refused("watch", "wall.mkv", *SCENE, "--port", port, "--out", "out")
-    assert str(port) in message
+        assert str(port) in refused("watch", "wall.mkv", *SCENE, "--port", port)
 
 
 def test_a_record_that_cannot_be_written_ends_the_command_in_a_line(
