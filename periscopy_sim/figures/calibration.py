@@ -78,7 +78,7 @@ def _draw_residuals(axes: Any, photograph: "Photograph", calibration: "Calibrati
         for time, number, residual in zip(("start", "calibrated"), numbers, residuals, strict=True)
     }
     show_light(axes[0], "photograph", np.moveaxis(photograph.planes, 0, -1))
-    show_signed(axes[1:], maps, "unexplained, % of rms")
+    show_signed(axes[1:], maps, "unexplained,\n% of rms")
 
 
 def _percent(residual: Array, photograph: "Photograph") -> Array:
@@ -114,7 +114,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xlabel("(value − measured value) / its standard error")
+    ax.set_xlabel("(value − measured value) /\nits standard error")
     ax.figure.legend(loc="outside upper center")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks, side_by_side
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -74,6 +74,7 @@ def _draw_curves(
     ax.set(yscale="log", xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     plain_ticks(ax.yaxis)
+    ax.locator_params(axis="x", nbins=5)
     figure.legend(
         handles=[*ax.get_legend_handles_labels()[0], *_marks()], ncols=2, loc="outside upper center"
     )
@@ -84,28 +85,27 @@ def _draw_maps(
 ) -> None:
     """Draw a map of each error over the two parameters, in words with their units."""
     across, up = values_of(rows[0])
-    figure.set_size_inches(COLUMN, 3.3)
-    grid = figure.subplots(2, 2, sharex=True, sharey=True)
-    axes = grid.flat[: len(shown)]
-    for ax in grid.flat[len(shown) :]:
-        ax.set_axis_off()
-    grid[1, 1].legend(handles=_marks(), loc="center left")
+    figure.set_size_inches(COLUMN, 2.7)
+    (axes,) = figure.subplots(1, len(shown), sharey=True, squeeze=False)
+    figure.legend(handles=_marks(), ncols=3, loc="outside upper center", columnspacing=1)
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
-    for ax, number in zip(axes, shown, strict=True):
-        ax.set(facecolor=GREY, title=DRAWN[number].replace(", ", ",\n"))
+    titles = side_by_side([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
+    for ax, number, title in zip(axes, shown, titles, strict=True):
+        ax.set(facecolor=GREY, title=title)
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
             picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
-            bar = figure.colorbar(picture, ax=ax)
-            bar.ax.set_title("%", fontsize=7)  # of white
-            plain_ticks(bar.ax.yaxis)
+            bar = figure.colorbar(picture, ax=ax, location="bottom", aspect=12, label="% of white")
+            low, high = picture.get_clim()
+            ends = [low, np.sqrt(low * high), high]
+            bar.set_ticks(ends, labels=[f"{each:.2g}" for each in ends], minor=False)
+            bar.ax.minorticks_off()
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
-        ax.locator_params(axis="x", nbins=3)
+        ax.set_xticks(x[[0, -1]], [f"{each:.3g}" for each in x[[0, -1]]])
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
-    figure.supylabel(words[up])
-    for ax in grid[1]:
-        ax.set_xlabel(words[across])
+    axes[0].set_ylabel(words[up])
+    axes[len(axes) // 2].set_xlabel(words[across])
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

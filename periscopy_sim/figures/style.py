@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -21,15 +21,15 @@ COLUMN, PAGE = 3.5, 7.2
 LETTERS = 16.0
 """Letters of 8 points in an inch, about."""
 
-MARGIN = 0.04
-"""Inches about a figure, and between its caption and the rest."""
+LINE, MARGIN = 0.135, 0.04
+"""Inches of a line of text; about a figure, and between its caption and the rest."""
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that the colour-blind distinguish, after Okabe and Ito, the darker first."""
 
 STYLE: Any = {
-    "font.size": 8, "figure.titlesize": 9, "figure.labelsize": 8,
-    "axes.titlesize": 9, "axes.labelsize": 8, "axes.linewidth": 0.6, "axes.axisbelow": True,
+    "font.size": 8, "figure.titlesize": 8, "figure.labelsize": 8,
+    "axes.titlesize": 8, "axes.labelsize": 8, "axes.linewidth": 0.6, "axes.axisbelow": True,
     "axes.spines.top": False, "axes.spines.right": False,
     "grid.color": "0.88", "grid.linewidth": 0.5, "lines.linewidth": 1.3,
     "xtick.labelsize": 7, "ytick.labelsize": 7, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
@@ -78,6 +78,16 @@ def wrapped(text: str, inches: float) -> str:
     """Return text in lines that fit into a width."""
     lines = (fill(line, int(LETTERS * inches), break_long_words=False) for line in text.split("\n"))
     return "\n".join(lines)
+
+
+def side_by_side(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
+    """Return titles in lines that fit, each in as many lines as the longest if it has the words."""
+    shown = [wrapped(title, width) for title, width in zip(titles, inches, strict=True)]
+    most = max(title.count("\n") for title in shown)
+    for k, width in enumerate(inches):
+        narrower = (wrapped(titles[k], each) for each in np.arange(width, 0.2, -1 / LETTERS))
+        shown[k] = next((each for each in narrower if each.count("\n") == most), shown[k])
+    return shown
 
 
 def _frame(figure: "Figure", caption: str) -> Any:
