@@ -8,7 +8,7 @@ import numpy as np
 
 from periscopy_sim.calibration.result import DeterminedBy
 from periscopy_sim.figures.panels import show, show_light, show_signed
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, wrapped
+from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.numerics import Array
 from periscopy_sim.storage.pictures import averaged_photograph
@@ -42,7 +42,7 @@ def draw_calibration(
     doubts = wrapped("\n".join(["NOT TO BE TRUSTED", *calibration.doubts]), COLUMN)
     doubts = doubts if calibration.doubts else ""
     images = _images(calibration)
-    heights = [1.5 + 0.14 * len(doubts.split("\n"))]
+    heights = [1.3 + LINE * len(doubts.split("\n"))]
     heights += [1.4 * len(images)] if images else []
     heights += [1.3 + 0.2 * len(calibration.parameters)]
     with drawn(path, metadata) as figure:
@@ -59,7 +59,8 @@ def draw_calibration(
                 shares = zip(row, shown, [1 - sum(probabilities), *probabilities], strict=True)
                 for k, (ax, image, share) in enumerate(shares):
                     place = "aside" if k else "calibrated"
-                    show_light(ax, f"{name} {place} ({100 * share:.0f} %)", image)
+                    title = f"{name} {place} ({100 * share:.0f}\N{NO-BREAK SPACE}%)"
+                    show_light(ax, wrapped(title, COLUMN / len(shown)), image)
         _draw_parameters(beneath.subplots(), calibration, units)
 
 
@@ -129,10 +130,11 @@ def draw_silhouette(
     images = image if isinstance(image, Mapping) else {"image": image}
     lines = 1 + -(-(1 + len(images)) // 2)
     with drawn(path, metadata) as figure:
+        figure.set_layout_engine("compressed")
         figure.set_size_inches(COLUMN, 1.75 * lines + 0.3 * len(solution.doubts))
         axes = figure.subplots(lines, 2)
         show_light(axes[0, 0], "photograph", np.moveaxis(photograph.planes, 0, -1))
-        title = f"unexplained: {100 * solution.unexplained:.2f} %"
+        title = f"unexplained:\n{100 * solution.unexplained:.2f} %"
         show_signed(axes[0, 1:], {title: _percent(solution.residual, photograph)}, "% of rms")
         cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
         height, width = solution.plane.sides

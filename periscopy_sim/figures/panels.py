@@ -39,7 +39,7 @@ LONGEST = 4.0
 ABREAST, LEAST, TALLEST = 3, 0.8, 2.2
 """Panels side by side in a column, and inches that they are high at least and at most."""
 
-GAP, BAR = 0.08, 0.55
+GAP, BAR = 0.08, 0.65
 """Inches between panels, and of a colour bar with its numbers and its label."""
 
 CERTAINTY = 0.3, 100.0

@@ -127,7 +127,8 @@ def draw_sweep(
         legend = len(handles[1]) if width > 2 * COLUMN else legend
         figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
         height = 0.13 * -(-len(handles[1]) // legend) + 0.2
-        height += (0.45 + 0.6 * width / columns) * len(grid)
+        longest = max([len(each) for each in results[over].values if isinstance(each, str)], default=0)
+        height += (0.45 + 0.6 * width / columns + 0.04 * longest) * len(grid)
         words = words_of(results[surfaces[0]], metric)
         figure.supylabel(fill(words, int(11 * height), break_long_words=False))
         figure.set_size_inches(width, height)
@@ -291,7 +292,7 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     """Return an axis and its value in words."""
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
-    text = f"{value:g} {unit}".strip() if is_number else str(value)
+    text = f"{value:.4g} {unit}".strip() if is_number else str(value)
     return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
@@ -327,7 +328,7 @@ def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], lette
         ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
     if is_text:
         is_wide = sum(map(len, values)) + 2 * len(values) > letters
-        ax.set_xticks(places, values, rotation=35 * is_wide, ha="right" if is_wide else "center")
+        ax.set_xticks(places, values, rotation=50 * is_wide, ha="right" if is_wide else "center")
         ax.set_xlim(-0.5, len(values) - 0.5)
     elif (
         values.min() > 0 and values.max() >= 10 * values.min()

@@ -20,7 +20,7 @@ smaller than this size are in sight; of larger ones, such as a floor, up to one 
 COVERING = 0.15
 """Fraction of a panel; a thing that covers more is drawn as its ground."""
 
-CHARACTERS = 112
+CHARACTERS = 92
 """Characters of a line of text."""
 
 FLAT = 0.9999
