@@ -59,7 +59,7 @@ def draw_calibration(
                 shares = zip(row, shown, [1 - sum(probabilities), *probabilities], strict=True)
                 for k, (ax, image, share) in enumerate(shares):
                     place = "aside" if k else "calibrated"
-                    title = f"{name} {place} ({100 * share:.0f}\N{NO-BREAK SPACE}%)"
+                    title = f"{name} {place} ({100 * share:.0f} %)"
                     show_light(ax, wrapped(title, COLUMN / len(shown)), image)
         _draw_parameters(beneath.subplots(), calibration, units)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks, side_by_side
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks, balanced
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -89,7 +89,7 @@ def _draw_maps(
     (axes,) = figure.subplots(1, len(shown), sharey=True, squeeze=False)
     figure.legend(handles=_marks(), ncols=3, loc="outside upper center", columnspacing=1)
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
-    titles = side_by_side([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
+    titles = balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
     for ax, number, title in zip(axes, shown, titles, strict=True):
         ax.set(facecolor=GREY, title=title)
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
@@ -98,7 +98,7 @@ def _draw_maps(
             bar = figure.colorbar(picture, ax=ax, location="bottom", aspect=12, label="% of white")
             low, high = picture.get_clim()
             ends = [low, np.sqrt(low * high), high]
-            bar.set_ticks(ends, labels=[f"{each:.2g}" for each in ends], minor=False)
+            bar.set_ticks(ends, labels=[f"{float(f'{each:.2g}'):g}" for each in ends], minor=False)
             bar.ax.minorticks_off()
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
         ax.set_xticks(x[[0, -1]], [f"{each:.3g}" for each in x[[0, -1]]])

@@ -14,7 +14,7 @@ from periscopy_sim.figures.style import (
     drawn,
     mpl,
     plain_ticks,
-    side_by_side,
+    balanced,
     wrapped,
 )
 from periscopy_sim.numerics import Array, Image, Mask
@@ -193,13 +193,13 @@ def show_rows(figure: Any, rows: Rows) -> None:
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
     width = COLUMN if columns <= ABREAST else PAGE
     names = LINE * max(len(name.split("\n")) for name, _ in lines) if len(lines[0][0]) else 0
-    gap = 3 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
+    gap = 4 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
     room = width - names - (columns + 1) * gap
     unit = min(room / sum(ratios), TALLEST)
     slots = unit * np.array(ratios)
     middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
     heights = [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
-    titles = [side_by_side([t for t, _ in panels], slots[: len(panels)]) for _, panels in lines]
+    titles = [balanced([t for t, _ in panels], slots[: len(panels)]) for _, panels in lines]
     above = [gap + LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
     height = bottom = sum(heights) + sum(above) + gap
     figure.set_layout_engine("none")

@@ -1,6 +1,7 @@
 """How figures look: sizes and colours that suit a paper's column and every reader's eyes."""
 
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -20,6 +21,8 @@ COLUMN, PAGE = 3.5, 7.2
 
 LETTERS = 16.0
 """Letters of 8 points in an inch, about."""
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
 
 LINE, MARGIN = 0.135, 0.04
 """Inches of a line of text; about a figure, and between its caption and the rest."""
@@ -75,18 +78,19 @@ def drawn(
 
 
 def wrapped(text: str, inches: float) -> str:
-    """Return text in lines that fit into a width."""
-    lines = (fill(line, int(LETTERS * inches), break_long_words=False) for line in text.split("\n"))
-    return "\n".join(lines)
+    """Return text in lines that fit into a width; a number keeps its unit."""
+    bound = re.sub(r" (?=%|dB)", NO_BREAK, text)
+    lines = (fill(each, int(LETTERS * inches), break_long_words=False) for each in bound.split("\n"))
+    return "\n".join(lines).replace(NO_BREAK, " ")
 
 
-def side_by_side(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
-    """Return titles in lines that fit, each in as many lines as the longest if it has the words."""
+def balanced(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
+    """Return titles in even lines that fit, as many as the longest title needs where words allow."""
     shown = [wrapped(title, width) for title, width in zip(titles, inches, strict=True)]
     most = max(title.count("\n") for title in shown)
     for k, width in enumerate(inches):
-        narrower = (wrapped(titles[k], each) for each in np.arange(width, 0.2, -1 / LETTERS))
-        shown[k] = next((each for each in narrower if each.count("\n") == most), shown[k])
+        narrower = [wrapped(titles[k], each) for each in np.arange(width, 0.2, -1 / LETTERS)]
+        shown[k] = [shown[k], *(each for each in narrower if each.count("\n") == most)][-1]
     return shown
 
 
@@ -97,7 +101,8 @@ def _frame(figure: "Figure", caption: str) -> Any:
     box = figure.get_tightbbox()
     bottom = box.y0 - MARGIN
     if caption:
-        label = figure.supxlabel(wrapped(caption, width), y=bottom / height, va="top")
+        (text,) = balanced([caption], [width])
+        label = figure.supxlabel(text, y=bottom / height, va="top")
         label.set_in_layout(False)  # the rest stays where it is
         bottom = label.get_window_extent().y0 / figure.dpi - MARGIN
     sides = min(0.0, box.x0), max(width, box.x1)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.laboratory.geometry import (
-    CHARACTERS,
     RoomPlan,
     border,
     extremes,
@@ -277,6 +276,9 @@ LARGER: Any = {
 }  # fmt: skip
 """Letters of the drawing, which people look at on a screen, too, and frames about its panels."""
 
+CHARACTERS = 98
+"""Characters of a line of text."""
+
 TALLEST = 4.0
 """Inches that a panel may be high; the drawing is as wide as a page."""
 
@@ -304,7 +306,7 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     scale = min(0.84 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
-    lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
+    lines = [line for each in (LINES, *facts(layout)) for line in wrap(each, CHARACTERS)]
     height = scale * (spans[1] + spans[2]) + 1.6 + 0.2 * len(lines)
     with mpl.rc_context(STYLE | LARGER):
         figure: Figure = mpl.figure.Figure(figsize=(PAGE, height), dpi=220)

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.colors import to_rgba
 from scipy.interpolate import RegularGridInterpolator
 
-from periscopy_sim.figures.laboratory.geometry import NO_BREAK, RoomPlan, facts, turn_and_tilt
+from periscopy_sim.figures.laboratory.geometry import RoomPlan, facts, turn_and_tilt
 from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
-from periscopy_sim.figures.style import PAGE
+from periscopy_sim.figures.style import NO_BREAK, PAGE
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.shipped import find_scene
 
