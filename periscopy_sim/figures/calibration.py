@@ -51,7 +51,7 @@ def draw_calibration(
             len(heights), 1, height_ratios=heights, squeeze=False
         )[:, 0]
         _draw_residuals(above.subplots(1, 3), photograph, calibration)
-        above.suptitle(doubts, color=WARNING, fontsize=8)
+        above.suptitle(doubts, color=WARNING)
         probabilities = [rival.probability for rival in calibration.rivals]
         for part in middle:
             axes = part.subplots(len(images), len(calibration.images), squeeze=False)
@@ -147,4 +147,4 @@ def draw_silhouette(
             show_light(ax, f"{name} with\nthis silhouette", image)
         for ax in others[len(images) :]:
             ax.remove()
-        figure.suptitle(wrapped("\n".join(solution.doubts), COLUMN), color=WARNING, fontsize=8)
+        figure.suptitle(wrapped("\n".join(solution.doubts), COLUMN), color=WARNING)

@@ -78,16 +78,11 @@ def hatching(rows: int = STRIPES, columns: int = STRIPES) -> Pixels:
     return np.where(stripe[..., None], *GREYS).astype(np.uint8).repeat(3, axis=2)
 
 
-def hatched(pixels: Pixels, known: Mask) -> Pixels:
-    """Return pixels, (rows, columns, 3), hatched in grey where they are not known."""
-    return np.where(known[..., None], pixels, hatching(*known.shape))
-
-
 def enlarged(image: Image, down: int, across: int) -> Pixels:
     """Return 8-bit sRGB of linear light in [0, 1], pixels repeated down and across, NaN hatched."""
     known = _known(image).repeat(down, axis=0).repeat(across, axis=1)
     pixels = srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
-    return hatched(pixels, known)
+    return np.where(known[..., None], pixels, hatching(*known.shape))
 
 
 def common_white(images: Iterable[Image]) -> float:
@@ -206,7 +201,9 @@ def show_rows(figure: Any, rows: Rows) -> None:
     figure.set_size_inches(width, height)
     for k, (name, panels) in enumerate(lines):
         bottom -= heights[k] + above[k]
-        for middle, aspect, title, panel in zip(middles, aspects[k], titles[k], panels, strict=False):
+        for middle, aspect, title, panel in zip(
+            middles, aspects[k], titles[k], panels, strict=False
+        ):
             across = aspect * heights[k] / width
             box = middle / width - across / 2, bottom / height, across, heights[k] / height
             show(figure.add_axes(box), title, panel[1])

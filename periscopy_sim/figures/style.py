@@ -80,7 +80,9 @@ def drawn(
 def wrapped(text: str, inches: float) -> str:
     """Return text in lines that fit into a width; a number keeps its unit."""
     bound = re.sub(r" (?=%|dB)", NO_BREAK, text)
-    lines = (fill(each, int(LETTERS * inches), break_long_words=False) for each in bound.split("\n"))
+    lines = (
+        fill(each, int(LETTERS * inches), break_long_words=False) for each in bound.split("\n")
+    )
     return "\n".join(lines).replace(NO_BREAK, " ")
 
 
