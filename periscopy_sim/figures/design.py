@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks, balanced
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, balanced, drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -71,10 +71,12 @@ def _draw_curves(
             ax.plot(_values([row], name), _percent([row], number), marker, **LOOK)
     for x in _values([row for row in rows[1:] if not np.isfinite(row["bound"] or np.nan)], name):
         ax.axvline(x, color=GREY, zorder=0)
-    ax.set(yscale="log", xlabel=words[name], ylabel="standard error, % of white")
+    ax.set(xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
-    plain_ticks(ax.yaxis)
-    ax.locator_params(axis="x", nbins=5)
+    if any(np.isfinite(_percent(rows, number)).any() for number in shown):
+        ax.set_yscale("log")
+        plain_ticks(ax.yaxis)
+    ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(5))
     figure.legend(
         handles=[*ax.get_legend_handles_labels()[0], *_marks()], ncols=2, loc="outside upper center"
     )

@@ -11,10 +11,10 @@ from periscopy_sim.figures.style import (
     COLUMN,
     LINE,
     PAGE,
+    balanced,
     drawn,
     mpl,
     plain_ticks,
-    balanced,
     wrapped,
 )
 from periscopy_sim.numerics import Array, Image, Mask
@@ -194,7 +194,9 @@ def show_rows(figure: Any, rows: Rows) -> None:
     slots = unit * np.array(ratios)
     middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
     heights = [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
-    titles = [balanced([t for t, _ in panels], slots[: len(panels)]) for _, panels in lines]
+    titles = [
+        balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
+    ]
     above = [gap + LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
     height = bottom = sum(heights) + sum(above) + gap
     figure.set_layout_engine("none")

@@ -87,7 +87,7 @@ def wrapped(text: str, inches: float) -> str:
 
 
 def balanced(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
-    """Return titles in even lines that fit, as many as the longest title needs where words allow."""
+    """Return titles in even lines that fit, as many of each as the longest needs, if it can."""
     shown = [wrapped(title, width) for title, width in zip(titles, inches, strict=True)]
     most = max(title.count("\n") for title in shown)
     for k, width in enumerate(inches):

@@ -185,9 +185,10 @@ def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
     caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
     caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
+    sides = ("rl"[name in axes and cells[name].dtype.kind not in "if"] for name in cells)
     latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
         index=False, na_rep="", float_format="%g", escape=False, position="tb",
-        column_format="".join("rl"[each in axes and cells[each].dtype.kind not in "if"] for each in cells),
+        column_format="".join(sides),
         caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
     )  # fmt: skip
     return f"% needs \\usepackage{{booktabs}}\n{latex}"
