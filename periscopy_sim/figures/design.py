@@ -103,7 +103,7 @@ def _draw_maps(
             bar.set_ticks(ends, labels=[f"{float(f'{each:.2g}'):g}" for each in ends], minor=False)
             bar.ax.minorticks_off()
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
-        ax.set_xticks(x[[0, -1]], [f"{each:.3g}" for each in x[[0, -1]]])
+        ax.set_xticks(x[[0, -1]], [f"{each:.3g}".replace("-", "−") for each in x[[0, -1]]])
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
     axes[0].set_ylabel(words[up])

@@ -80,9 +80,8 @@ def drawn(
 def wrapped(text: str, inches: float) -> str:
     """Return text in lines that fit into a width; a number keeps its unit."""
     bound = re.sub(r" (?=%|dB)", NO_BREAK, text)
-    lines = (
-        fill(each, int(LETTERS * inches), break_long_words=False) for each in bound.split("\n")
-    )
+    whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+    lines = (fill(each, int(LETTERS * inches), **whole) for each in bound.split("\n"))
     return "\n".join(lines).replace(NO_BREAK, " ")
 
 
