@@ -276,7 +276,7 @@ LARGER: Any = {
 }  # fmt: skip
 """Letters of the drawing, which people look at on a screen, too, and frames about its panels."""
 
-CHARACTERS = 98
+CHARACTERS = 92
 """Characters of a line of text."""
 
 TALLEST = 4.0
