@@ -19,7 +19,7 @@ from matplotlib.transforms import Affine2D
 import periscopy_sim as ps
 from periscopy_sim.figures.laboratory.geometry import RoomPlan
 from periscopy_sim.figures.panels import draw_panels
-from periscopy_sim.figures.style import OKABE_ITO, drawn
+from periscopy_sim.figures.style import OKABE_ITO, PAGE, drawn
 
 DOCS = Path(__file__).parent
 TURN, TILT = np.radians(24), np.radians(27)
@@ -64,7 +64,7 @@ def draw_schematic(path: Path) -> None:
     monitor = survey.corners["monitor"].reshape(-1, 3)
     left, right = monitor.min(axis=0), monitor.max(axis=0)
     with drawn(path) as figure:
-        figure.set_size_inches(6.6, 4.0)
+        figure.set_size_inches(PAGE, 4.4)
         ax = figure.subplots()
         ax.set_axis_off()
         for outline, colour, depth in ((floor, "0.94", 0), (wall, "0.985", 1)):
@@ -97,7 +97,7 @@ def draw_schematic(path: Path) -> None:
             ("corner", [0.90, 0.13, 0.27], "0.25"),
         ):
             x, y = flat([place])[0]
-            ax.text(x, y, text, color=colour, ha="center", va="center", fontsize=8, zorder=10)
+            ax.text(x, y, text, color=colour, ha="center", va="center", fontsize=10, zorder=10)
         ax.set(aspect="equal")
         ax.margins(0.01)
         ax.autoscale_view()

@@ -49,14 +49,6 @@ def show_light(ax: Any, image: NDArray[np.floating[Any]], white: float | None = 
     ax.set_axis_off()
 
 
-def label_row(ax: Any, text: str) -> None:
-    """Write a name along the left of a row of pictures, whose first axes are given."""
-    ax.text(
-        -0.06, 0.5, text, transform=ax.transAxes, rotation=90, ha="right", va="center",
-        fontsize=7, multialignment="center",
-    )  # fmt: skip
-
-
 def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:
     """Return the field of view on the wall for imshow: left, right, bottom, top, in millimetres.
 

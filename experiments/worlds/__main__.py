@@ -34,11 +34,16 @@ def main(out: Annotated[Path, typer.Option(help="Folder to write.")]) -> None:
         folder = out / str(number)
         truth, error = photographed(world, folder)
         images = reconstructed(world, folder)
-        panels = [("photograph", displayable(np.load(folder / "photograph.npy")))]
-        panels += [(f"hidden: {each}", displayable(f, 1)) for each, f in truth.items()]
-        for each, image in images.items():
-            panels.append((f"recovered: {each}", ps.gain_matched(image, truth[each])))
-        draw_panels(folder / "world.png", panels)
+        photograph = displayable(np.load(folder / "photograph.npy"))
+        rows = {
+            each: [
+                ("hidden image", displayable(f, 1)),
+                ("photograph", photograph),
+                ("reconstruction", ps.gain_matched(images[each], f)),
+            ]
+            for each, f in truth.items()
+        }
+        draw_panels(folder / "world.png", rows)
         summary = json.loads((folder / "out" / "summary.json").read_text("utf-8"))
         quality = (
             f"{ps.psnr_gain_matched(f, truth[each]):.1f} {each}" for each, f in images.items()

@@ -189,17 +189,22 @@ def draw_sheet(
     """
     chosen = evenly_spaced(len(photographs), 8)
     white = white_of(photographs)
-    rows = {"photograph": [(f"frame {k}", exposed(photographs[k], white)) for k in chosen]}
+    of = {name: f"\n{name}" if len(known) > 1 else "" for name in known}
+    rows = {
+        f"hidden image{of[name]}": [("", displayable(truth[k], 1)) for k in chosen]
+        for name, truth in known.items()
+    }
+    rows["photograph"] = [("", exposed(photographs[k], white)) for k in chosen]
     for name, truth in known.items():
-        of = f"\n{name}" if len(known) > 1 else ""
-        rows[f"hidden image{of}"] = [("", displayable(truth[k], 1)) for k in chosen]
-        rows[f"reconstruction{of}"] = [
+        rows[f"reconstruction{of[name]}"] = [
             (
                 f"MSE {mean_squared_error(images[name][k], truth[k]):.2g}",
                 displayable(gain_matched(images[name][k], truth[k]), 1),
             )
             for k in chosen
         ]
+    first = next(iter(rows))
+    rows[first] = [(f"frame {k}", image) for k, (_, image) in zip(chosen, rows[first], strict=True)]
     draw_panels(path, rows, metadata=text)
 
 

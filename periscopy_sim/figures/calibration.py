@@ -8,7 +8,7 @@ import numpy as np
 
 from periscopy_sim.calibration.result import DeterminedBy
 from periscopy_sim.figures.panels import show, show_light, show_signed
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, wrapped
+from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.numerics import Array
 from periscopy_sim.storage.pictures import averaged_photograph
@@ -42,7 +42,7 @@ def draw_calibration(
     doubts = wrapped("\n".join(["NOT TO BE TRUSTED", *calibration.doubts]), COLUMN)
     doubts = doubts if calibration.doubts else ""
     images = _images(calibration)
-    heights = [1.5 + 0.14 * len(doubts.split("\n"))]
+    heights = [1.3 + LINE * len(doubts.split("\n"))]
     heights += [1.4 * len(images)] if images else []
     heights += [1.3 + 0.2 * len(calibration.parameters)]
     with drawn(path, metadata) as figure:
@@ -51,7 +51,7 @@ def draw_calibration(
             len(heights), 1, height_ratios=heights, squeeze=False
         )[:, 0]
         _draw_residuals(above.subplots(1, 3), photograph, calibration)
-        above.suptitle(doubts, color=WARNING, fontsize=8)
+        above.suptitle(doubts, color=WARNING)
         probabilities = [rival.probability for rival in calibration.rivals]
         for part in middle:
             axes = part.subplots(len(images), len(calibration.images), squeeze=False)
@@ -59,7 +59,8 @@ def draw_calibration(
                 shares = zip(row, shown, [1 - sum(probabilities), *probabilities], strict=True)
                 for k, (ax, image, share) in enumerate(shares):
                     place = "aside" if k else "calibrated"
-                    show_light(ax, f"{name} {place} ({100 * share:.0f} %)", image)
+                    title = f"{name} {place} ({100 * share:.0f} %)"
+                    show_light(ax, wrapped(title, COLUMN / len(shown)), image)
         _draw_parameters(beneath.subplots(), calibration, units)
 
 
@@ -78,7 +79,7 @@ def _draw_residuals(axes: Any, photograph: "Photograph", calibration: "Calibrati
         for time, number, residual in zip(("start", "calibrated"), numbers, residuals, strict=True)
     }
     show_light(axes[0], "photograph", np.moveaxis(photograph.planes, 0, -1))
-    show_signed(axes[1:], maps, "unexplained, % of rms")
+    show_signed(axes[1:], maps, "unexplained,\n% of rms")
 
 
 def _percent(residual: Array, photograph: "Photograph") -> Array:
@@ -114,7 +115,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ]
     ax.set_yticks(rows, names)
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.set_xlabel("(value − measured value) / its standard error")
+    ax.set_xlabel("(value − measured value) /\nits standard error")
     ax.figure.legend(loc="outside upper center")
 
 
@@ -129,10 +130,11 @@ def draw_silhouette(
     images = image if isinstance(image, Mapping) else {"image": image}
     lines = 1 + -(-(1 + len(images)) // 2)
     with drawn(path, metadata) as figure:
+        figure.set_layout_engine("compressed")
         figure.set_size_inches(COLUMN, 1.75 * lines + 0.3 * len(solution.doubts))
         axes = figure.subplots(lines, 2)
         show_light(axes[0, 0], "photograph", np.moveaxis(photograph.planes, 0, -1))
-        title = f"unexplained: {100 * solution.unexplained:.2f} %"
+        title = f"unexplained:\n{100 * solution.unexplained:.2f} %"
         show_signed(axes[0, 1:], {title: _percent(solution.residual, photograph)}, "% of rms")
         cells = np.where(solution.opaque, 0.1, np.where(solution.seen, 1.0, 0.8))
         height, width = solution.plane.sides
@@ -145,4 +147,4 @@ def draw_silhouette(
             show_light(ax, f"{name} with\nthis silhouette", image)
         for ax in others[len(images) :]:
             ax.remove()
-        figure.suptitle(wrapped("\n".join(solution.doubts), COLUMN), color=WARNING, fontsize=8)
+        figure.suptitle(wrapped("\n".join(solution.doubts), COLUMN), color=WARNING)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import COLUMN, OKABE_ITO, balanced, drawn, mpl, plain_ticks
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -73,7 +73,8 @@ def _draw_curves(
         ax.axvline(x, color=GREY, zorder=0)
     ax.set(xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
-    if shown and np.isfinite([_percent(rows, number) for number in shown]).any():
+    ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(5))
+    if any(np.isfinite(_percent(rows, number)).any() for number in shown):
         ax.set_yscale("log")
         plain_ticks(ax.yaxis)
     else:
@@ -88,28 +89,27 @@ def _draw_maps(
 ) -> None:
     """Draw a map of each error over the two parameters, in words with their units."""
     across, up = values_of(rows[0])
-    figure.set_size_inches(COLUMN, 3.3)
-    grid = figure.subplots(2, 2, sharex=True, sharey=True)
-    axes = grid.flat[: len(shown)]
-    for ax in grid.flat[len(shown) :]:
-        ax.set_axis_off()
-    grid[1, 1].legend(handles=_marks(), loc="center left")
+    figure.set_size_inches(COLUMN, 2.7)
+    (axes,) = figure.subplots(1, len(shown), sharey=True, squeeze=False)
+    figure.legend(handles=_marks(), ncols=3, loc="outside upper center", columnspacing=1)
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
-    for ax, number in zip(axes, shown, strict=True):
-        ax.set(facecolor=GREY, title=DRAWN[number].replace(", ", ",\n"))
+    titles = balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
+    for ax, number, title in zip(axes, shown, titles, strict=True):
+        ax.set(facecolor=GREY, title=title)
         values = _percent(rows[1:], number).reshape(len(x), len(y)).T
         if np.isfinite(values).any():
             picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
-            bar = figure.colorbar(picture, ax=ax)
-            bar.ax.set_title("%", fontsize=7)  # of white
-            plain_ticks(bar.ax.yaxis)
+            bar = figure.colorbar(picture, ax=ax, location="bottom", aspect=12, label="% of white")
+            low, high = picture.get_clim()
+            ends = [low, np.sqrt(low * high), high]
+            bar.set_ticks(ends, labels=[f"{float(f'{each:.2g}'):g}" for each in ends], minor=False)
+            bar.ax.minorticks_off()
         ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # marks beyond are cut off
-        ax.locator_params(axis="x", nbins=3)
+        ax.set_xticks(x[[0, -1]], [f"{each:.3g}".replace("-", "−") for each in x[[0, -1]]])
         for row, marker in marked:
             ax.plot(_values([row], across), _values([row], up), marker, **LOOK)
-    figure.supylabel(words[up])
-    for ax in grid[1]:
-        ax.set_xlabel(words[across])
+    axes[0].set_ylabel(words[up])
+    axes[len(axes) // 2].set_xlabel(words[across])
 
 
 def _values(rows: Sequence[Row], name: str) -> Array:

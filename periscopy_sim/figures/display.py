@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.panels import displayable, show_rows
-from periscopy_sim.figures.style import mpl
+from periscopy_sim.figures.style import STYLE, mpl
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
@@ -87,8 +87,9 @@ def show(
     names = [*(titles or ("{} x {}".format(*picture.shape) for picture in pictures[: len(images)]))]
     names += [title.replace("_", " ") for title in titled]
     plt = mpl.pyplot
-    figure: Any = plt.figure(layout="constrained")
-    show_rows(figure, list(zip(names, pictures, strict=True)))
+    figure: Any = plt.figure()
+    with mpl.rc_context(STYLE):
+        show_rows(figure, list(zip(names, pictures, strict=True)))
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     elif plt.get_backend().endswith("inline"):

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.style import COLUMN, PAGE, drawn, mpl, plain_ticks, wrapped
+from periscopy_sim.figures.style import (
+    COLUMN,
+    LINE,
+    PAGE,
+    balanced,
+    drawn,
+    mpl,
+    plain_ticks,
+    wrapped,
+)
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -30,8 +39,8 @@ LONGEST = 4.0
 ABREAST, LEAST, TALLEST = 3, 0.8, 2.2
 """Panels side by side in a column, and inches that they are high at least and at most."""
 
-BAR = 0.55
-"""Inches of a colour bar with its numbers and its label."""
+GAP, BAR = 0.08, 0.65
+"""Inches between panels, and of a colour bar with its numbers and its label."""
 
 CERTAINTY = 0.3, 100.0
 """Ends of the scale of standard errors, in percent of white."""
@@ -69,16 +78,11 @@ def hatching(rows: int = STRIPES, columns: int = STRIPES) -> Pixels:
     return np.where(stripe[..., None], *GREYS).astype(np.uint8).repeat(3, axis=2)
 
 
-def hatched(pixels: Pixels, known: Mask) -> Pixels:
-    """Return pixels, (rows, columns, 3), hatched in grey where they are not known."""
-    return np.where(known[..., None], pixels, hatching(*known.shape))
-
-
 def enlarged(image: Image, down: int, across: int) -> Pixels:
     """Return 8-bit sRGB of linear light in [0, 1], pixels repeated down and across, NaN hatched."""
     known = _known(image).repeat(down, axis=0).repeat(across, axis=1)
     pixels = srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
-    return hatched(pixels, known)
+    return np.where(known[..., None], pixels, hatching(*known.shape))
 
 
 def common_white(images: Iterable[Image]) -> float:
@@ -106,7 +110,7 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
     ax.set_axis_off()
     width = proportions(picture)
     aspect = picture.shape[1] / picture.shape[0] / width
-    if not np.isclose(aspect, 1):
+    if _is_strip(picture):
         ax.set_axis_on()
         ax.spines[:].set_visible(True)
         for axis, size in zip((ax.yaxis, ax.xaxis), picture.shape, strict=False):
@@ -121,6 +125,10 @@ def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
 def proportions(picture: NDArray[Any]) -> float:
     """Return the width of a picture over its height as it is drawn; a strip is stretched."""
     return float(np.clip(picture.shape[1] / picture.shape[0], 1 / LONGEST, LONGEST))
+
+
+def _is_strip(picture: NDArray[Any]) -> bool:
+    return not np.isclose(proportions(picture), picture.shape[1] / picture.shape[0])
 
 
 def show_light(ax: Any, title: str, image: Image, white: float | None = None) -> None:
@@ -168,10 +176,9 @@ def show_rows(figure: Any, rows: Rows) -> None:
     """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles, in named rows.
 
     The figure is as wide as a column; if a named row has more than `ABREAST`, as a page. A single
-    row has no name, and continues below.
+    row has no name, and continues below. Pictures of a line are equally high.
     """
-    named = rows if isinstance(rows, Mapping) else {"": rows}
-    lines = list(named.items())
+    lines = list((rows if isinstance(rows, Mapping) else {"": rows}).items())
     if len(lines) == 1:
         ((_, panels),) = lines
         parts = lines_of([proportions(picture) for _, picture in panels], COLUMN)
@@ -180,21 +187,30 @@ def show_rows(figure: Any, rows: Rows) -> None:
     columns = max(map(len, aspects))
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
     width = COLUMN if columns <= ABREAST else PAGE
-    unit = min((width - 0.2 - 0.1 * columns) / sum(ratios), TALLEST)
-    heights = [max(unit * r / a for r, a in zip(ratios, each, strict=False)) for each in aspects]
-    heights = [min(height, TALLEST) for height in heights]
-    figure.set_layout_engine("compressed")
-    figure.set_size_inches(width, sum(heights) + 0.35 * len(lines))
-    shape = {"width_ratios": ratios, "height_ratios": heights, "squeeze": False}
-    grid = figure.subplots(len(lines), columns, **shape)
-    for axes, (name, panels) in zip(grid, lines, strict=True):
-        for ax in axes[len(panels) :]:
-            ax.remove()
-        for ax, (title, picture), ratio in zip(axes, panels, ratios, strict=False):
-            show(ax, wrapped(title, max(0.7, unit * ratio)), picture)
-        if name:
-            side = {"rotation": 90, "ha": "right", "va": "center", "multialignment": "center"}
-            axes[0].text(-0.04, 0.5, name, transform=axes[0].transAxes, **side)
+    names = LINE * max(len(name.split("\n")) for name, _ in lines) if len(lines[0][0]) else 0
+    gap = 4 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
+    room = width - names - (columns + 1) * gap
+    unit = min(room / sum(ratios), TALLEST)
+    slots = unit * np.array(ratios)
+    middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
+    heights = [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
+    titles = [
+        balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
+    ]
+    above = [gap + LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
+    height = bottom = sum(heights) + sum(above) + gap
+    figure.set_layout_engine("none")
+    figure.set_size_inches(width, height)
+    for k, (name, panels) in enumerate(lines):
+        bottom -= heights[k] + above[k]
+        for middle, aspect, title, panel in zip(
+            middles, aspects[k], titles[k], panels, strict=False
+        ):
+            across = aspect * heights[k] / width
+            box = middle / width - across / 2, bottom / height, across, heights[k] / height
+            show(figure.add_axes(box), title, panel[1])
+        side = {"rotation": 90, "ha": "center", "va": "center", "multialignment": "center"}
+        figure.text(names / 2 / width, (bottom + heights[k] / 2) / height, name, **side)
 
 
 def draw_panels(
@@ -265,18 +281,17 @@ def draw_certainty(
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
     colours = {"cmap": "magma_r", "norm": mpl.colors.LogNorm(*CERTAINTY)}
-    sentences = ["Right: the standard error of each patch (one standard deviation)."]
-    sentences += [f"This assumes that {assumed}."] * bool(assumed)
-    with drawn(path, metadata, "\n".join(sentences)) as figure:
+    caption = f"The standard errors assume that {assumed}." if assumed else ""
+    with drawn(path, metadata, caption) as figure:
         heights = [min(1.4 / proportions(each), TALLEST) for each in images.values()]
         figure.set_size_inches(COLUMN, max(1.3, sum(heights) + 0.25 * len(images)))
         axes = figure.subplots(len(images), 2, squeeze=False, height_ratios=heights)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
             show_light(left, name if len(images) > 1 else "reconstruction", image, white)
             error = np.sqrt(np.mean(np.asarray(standard_errors[name]) ** 2, axis=2))
-            shown = show(right, "certainty", 100 / white * error, **colours)
-        label = "standard error, % of white"
-        bar = figure.colorbar(shown, ax=axes[:, 1], shrink=0.9, label=label, extend="both")
+            shown = show(right, "standard error", 100 / white * error, **colours)
+        look: dict[str, Any] = {"shrink": 0.9, "label": "% of white", "extend": "both"}
+        bar = figure.colorbar(shown, ax=axes[:, 1], **look)
         bar.set_ticks(ticks := [0.3, 1, 3, 10, 30, 100], labels=[f"{each:g}" for each in ticks])
         bar.ax.minorticks_off()
         bar.ax.invert_yaxis()
@@ -296,7 +311,7 @@ def draw_residual(
         axes = figure.subplots(1, 2)
         unused = np.isnan(values)[..., np.newaxis]
         show_light(axes[0], "photograph", np.where(unused, np.nan, photograph))
-        show_signed(axes[1:], {"unexplained": values}, unit.replace(" root", "\nroot"), bound)
+        show_signed(axes[1:], {"unexplained": values}, wrapped(unit, 1.3), bound)
 
 
 def residual_map(residual: "Residual") -> tuple[Array, float, str]:

@@ -104,7 +104,7 @@ def show_space(
         beside = np.sign(ends[above][0] - border[..., 0].mean())
         ax.annotate(
             label, tuple(ends[above]), (0, (-4, 4)[above]), textcoords="offset points",
-            ha=("center", "left", "right")[int(beside)], va=("top", "bottom")[above],
+            ha=("center", "right", "left")[int(beside)], va=("top", "bottom")[above],
         )  # fmt: skip
     return np.asarray(high - low)
 

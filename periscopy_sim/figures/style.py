@@ -1,8 +1,9 @@
 """How figures look: sizes and colours that suit a paper's column and every reader's eyes."""
 
 import os
+import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -21,15 +22,17 @@ COLUMN, PAGE = 3.5, 7.2
 LETTERS = 16.0
 """Letters of 8 points in an inch, about."""
 
-MARGIN = 0.04
-"""Inches about a figure, and between its caption and the rest."""
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
+LINE, MARGIN = 0.135, 0.04
+"""Inches of a line of text; about a figure, and between its caption and the rest."""
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that the colour-blind distinguish, after Okabe and Ito, the darker first."""
 
 STYLE: Any = {
-    "font.size": 8, "figure.titlesize": 9, "figure.labelsize": 8,
-    "axes.titlesize": 9, "axes.labelsize": 8, "axes.linewidth": 0.6, "axes.axisbelow": True,
+    "font.size": 8, "figure.titlesize": 8, "figure.labelsize": 8,
+    "axes.titlesize": 8, "axes.labelsize": 8, "axes.linewidth": 0.6, "axes.axisbelow": True,
     "axes.spines.top": False, "axes.spines.right": False,
     "grid.color": "0.88", "grid.linewidth": 0.5, "lines.linewidth": 1.3,
     "xtick.labelsize": 7, "ytick.labelsize": 7, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
@@ -75,9 +78,21 @@ def drawn(
 
 
 def wrapped(text: str, inches: float) -> str:
-    """Return text in lines that fit into a width."""
-    lines = (fill(line, int(LETTERS * inches), break_long_words=False) for line in text.split("\n"))
-    return "\n".join(lines)
+    """Return text in lines that fit into a width; a number keeps its unit."""
+    bound = re.sub(r" (?=%|dB)", NO_BREAK, text)
+    whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+    lines = (fill(each, int(LETTERS * inches), **whole) for each in bound.split("\n"))
+    return "\n".join(lines).replace(NO_BREAK, " ")
+
+
+def balanced(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
+    """Return titles in even lines that fit, as many of each as the longest needs, if it can."""
+    shown = [wrapped(title, width) for title, width in zip(titles, inches, strict=True)]
+    most = max(title.count("\n") for title in shown)
+    for k, width in enumerate(inches):
+        narrower = [wrapped(titles[k], each) for each in np.arange(width, 0.2, -1 / LETTERS)]
+        shown[k] = [shown[k], *(each for each in narrower if each.count("\n") == most)][-1]
+    return shown
 
 
 def _frame(figure: "Figure", caption: str) -> Any:
@@ -87,7 +102,8 @@ def _frame(figure: "Figure", caption: str) -> Any:
     box = figure.get_tightbbox()
     bottom = box.y0 - MARGIN
     if caption:
-        label = figure.supxlabel(wrapped(caption, width), y=bottom / height, va="top")
+        (text,) = balanced([caption], [width])
+        label = figure.supxlabel(text, y=bottom / height, va="top")
         label.set_in_layout(False)  # the rest stays where it is
         bottom = label.get_window_extent().y0 / figure.dpi - MARGIN
     sides = min(0.0, box.x0), max(width, box.x1)

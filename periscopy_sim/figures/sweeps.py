@@ -5,13 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from string import ascii_lowercase
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import COLUMN, LETTERS, OKABE_ITO, drawn, mpl, plain_ticks, wrapped
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,15 +100,15 @@ def draw_sweep(
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
     held = f"; panels: {panels}" if _is_long(panels) else ""
     caption = _caption([found for _, found in parts]) + held + _held(results, fixed, [over, panels])
-    letters, methods = int(11 * width / columns), results.attrs.get("algorithms", [])
-    with drawn(path, metadata if path.suffix == ".png" else None) as figure:
+    room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
+    with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
         grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
             ax.remove()
         for ax, letter, (title, found) in zip(grid.flat, ascii_lowercase, parts, strict=False):
-            _draw(ax, found, over, methods or found["algorithm"].values.tolist(), letters)
+            _draw(ax, found, over, methods or found["algorithm"].values.tolist(), room)
             if len(parts) > 1:
-                ax.set_title(f"{letter}  {title}", loc="left", fontsize=8)
+                ax.set_title(f"{letter}  {title}", loc="left")
         least = min(float(found["mean"].min()) for _, found in parts)
         if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
@@ -120,16 +119,17 @@ def draw_sweep(
         else:
             grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
         for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
-            ax.set_xlabel(fill(words_of(results[over], over), letters, break_long_words=False))
-        figure.supxlabel(fill(caption, int(22 * width)), fontsize=6)
+            ax.set_xlabel(wrapped(words_of(results[over], over), room))
         handles = grid[0, 0].get_legend_handles_labels()
         legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
         legend = len(handles[1]) if width > 2 * COLUMN else legend
         figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
         height = 0.13 * -(-len(handles[1]) // legend) + 0.2
-        height += (0.45 + 0.6 * width / columns) * len(grid)
-        words = words_of(results[surfaces[0]], metric)
-        figure.supylabel(fill(words, int(11 * height), break_long_words=False))
+        longest = max(
+            [len(each) for each in results[over].values if isinstance(each, str)], default=0
+        )
+        height += (0.45 + 0.6 * width / columns + 0.04 * longest) * len(grid)
+        figure.supylabel(wrapped(words_of(results[surfaces[0]], metric), 0.7 * height))
         figure.set_size_inches(width, height)
     return caption
 
@@ -185,9 +185,10 @@ def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
     words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
     caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
     caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
+    sides = ("rl"[name in axes and cells[name].dtype.kind not in "if"] for name in cells)
     latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
         index=False, na_rep="", float_format="%g", escape=False, position="tb",
-        column_format="".join("lr"[is_number] for is_number in _right(cells, len(axes) - 1)),
+        column_format="".join(sides),
         caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
     )  # fmt: skip
     return f"% needs \\usepackage{{booktabs}}\n{latex}"
@@ -199,11 +200,6 @@ def _escaped(text: Any) -> Any:
     if not isinstance(text, str):
         return text
     return re.sub(r"[\\~^%_&#${}]", lambda each: signs.get(each[0], rf"\{each[0]}"), text)
-
-
-def _right(cells: Any, axes: int) -> list[bool]:
-    """Return which columns of a table are of numbers: those of methods, and axes of numbers."""
-    return [n >= axes or cells[name].dtype.kind in "if" for n, name in enumerate(cells.columns)]
 
 
 def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
@@ -291,14 +287,14 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     """Return an axis and its value in words."""
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
-    text = f"{value:g} {unit}".strip() if is_number else str(value)
+    text = f"{value:.4g} {unit}".strip() if is_number else str(value)
     return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
-def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], letters: int) -> None:
+def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
     """Draw each method's mean and interval over the values of an axis, where there are some.
 
-    A method looks as its place among all of them says; as many letters fit below the panel.
+    A method looks as its place among all of them says. The panel is `room` inches wide.
     """
     all_looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     looks = dict(zip(methods, all_looks, strict=False))
@@ -326,8 +322,8 @@ def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], lette
         # The edge keeps the band of a single value in sight.
         ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
     if is_text:
-        is_wide = sum(map(len, values)) + 2 * len(values) > letters
-        ax.set_xticks(places, values, rotation=35 * is_wide, ha="right" if is_wide else "center")
+        is_wide = sum(map(len, values)) + 2 * len(values) > LETTERS * room
+        ax.set_xticks(places, values, rotation=50 * is_wide, ha="right" if is_wide else "center")
         ax.set_xlim(-0.5, len(values) - 0.5)
     elif (
         values.min() > 0 and values.max() >= 10 * values.min()

@@ -3,10 +3,10 @@
 import re
 from collections import Counter
 from collections.abc import Iterable
-from textwrap import wrap
 
 import numpy as np
 
+from periscopy_sim.figures.style import NO_BREAK
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.survey import Solid, Survey
@@ -20,9 +20,6 @@ smaller than this size are in sight; of larger ones, such as a floor, up to one 
 COVERING = 0.15
 """Fraction of a panel; a thing that covers more is drawn as its ground."""
 
-CHARACTERS = 112
-"""Characters of a line of text."""
-
 FLAT = 0.9999
 """Length of the mean normal of a surface that counts as flat; a curved one has a shorter."""
 
@@ -32,8 +29,6 @@ these are one: facets turn their normals."""
 
 TOUCHING = 1e-3
 """Metres from the wall up to which a thing stands on it."""
-
-NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 class RoomPlan:
@@ -123,7 +118,7 @@ def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
 
 
 def facts(layout: RoomPlan) -> list[str]:
-    """Return lines of distances and sizes."""
+    """Return sentences of distances and sizes."""
     scenario, survey, normal = layout.scenario, layout.survey, layout.normal
     corners = survey.view_points[:4]
     sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
@@ -173,7 +168,7 @@ def facts(layout: RoomPlan) -> list[str]:
     if distances:
         what = " (and width x height of the penumbra of an edge)" if flat else ""
         lines.append(f"Distance of occluders from the wall{what}: {', '.join(distances)}.")
-    return [line for long in lines for line in wrap(long, CHARACTERS)]
+    return lines
 
 
 def _sphere(surface: Surface, corners: Array) -> str:

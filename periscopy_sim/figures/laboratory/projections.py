@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.figures.laboratory.geometry import (
-    CHARACTERS,
     RoomPlan,
     border,
     extremes,
@@ -271,6 +270,15 @@ def _draw_shadow_rays(ax: Any, layout: RoomPlan, axes: tuple[int, int]) -> None:
 SEEN = 0.35, 0.6, 0.8
 """Linear light of the part of the wall that the camera sees, in space: a pale blue."""
 
+LARGER: Any = {
+    "font.size": 10, "axes.titlesize": 10, "axes.labelsize": 10, "figure.labelsize": 10,
+    "xtick.labelsize": 9, "ytick.labelsize": 9, "axes.spines.top": True, "axes.spines.right": True,
+}  # fmt: skip
+"""Letters of the drawing, which people look at on a screen, too, and frames about its panels."""
+
+CHARACTERS = 92
+"""Characters of a line of text."""
+
 TALLEST = 4.0
 """Inches that a panel may be high; the drawing is as wide as a page."""
 
@@ -298,9 +306,9 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     scale = min(0.84 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
-    lines = [*wrap(LINES, CHARACTERS), *facts(layout)]
-    height = scale * (spans[1] + spans[2]) + 1.5 + 0.17 * len(lines)
-    with mpl.rc_context(STYLE | {"axes.spines.top": True, "axes.spines.right": True}):
+    lines = [line for each in (LINES, *facts(layout)) for line in wrap(each, CHARACTERS)]
+    height = scale * (spans[1] + spans[2]) + 1.6 + 0.2 * len(lines)
+    with mpl.rc_context(STYLE | LARGER):
         figure: Figure = mpl.figure.Figure(figsize=(PAGE, height), dpi=220)
         figure.set_layout_engine("constrained", h_pad=0.1)
         # Labels are placed by their size in pixels.
@@ -314,7 +322,8 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
             ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
         _show_in_space(rest, scenario)
-        figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.5)
+        rest.set_anchor("N")
+        figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.4)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # nothing moves once labels have their places
         draw_wall(panels[layout.wall], layout)

@@ -147,7 +147,7 @@ class Periscope(StillMethod[np.floating[Any]]):
         """Return the stages of Algorithm 1 and the rank of B; see `StillMethod`."""
         report = super().report(photograph, solution)
         fitted = {"background_rank": self.preconditioner.Q.shape[1], "explicit": self.explicit}
-        numbers, stages = {**fitted, **report.numbers}, solution.stages("preconditioned, P y")
+        numbers, stages = {**fitted, **report.numbers}, solution.stages("preconditioned")
         return replace(report, numbers=numbers, stages=stages)
 
     def estimate(self, photographs: Image) -> Estimate:
