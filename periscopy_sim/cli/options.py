@@ -96,19 +96,6 @@ class OptionGroup:
         return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
 
 
-def file_of_view(entry: str) -> Path:
-    """Return ``FILE``, or ``CAMERA=FILE`` of one of several views, if there is the file."""
-    if not (file := split_of_view(entry)[1]).exists():
-        raise typer.BadParameter(f"Path '{file}' does not exist.")
-    return Path(entry)
-
-
-def split_of_view(entry: str | Path) -> tuple[str, Path]:
-    """Return the camera and the file of ``CAMERA=FILE``, or no camera and ``FILE``."""
-    camera, equals, file = str(entry).partition("=")
-    return (camera, Path(file)) if equals and not Path(entry).exists() else ("", Path(entry))
-
-
 # -- the options ---------------------------------------------------------------------------------
 
 
@@ -157,12 +144,8 @@ PhotoArguments = Annotated[
     list[Path], typer.Argument(metavar="PHOTO", help=f"{_PHOTO} {_EACH}", exists=True)
 ]
 FilesOfViews = list[Path] | None
-MaskOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH, parser=file_of_view)
-]
-MonitorOffOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH, parser=file_of_view)
-]
+MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH)]
+MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
@@ -172,29 +155,16 @@ MatrixOption = Annotated[
     Path | None, option("FILE", f"{_MATRIX}.", "--transport", group=LIGHT, exists=True)
 ]
 MatricesOption = Annotated[
-    FilesOfViews,
-    option(
-        "[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT, parser=file_of_view
-    ),
+    FilesOfViews, option("[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT)
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
 ]
-
-
-def place_of(text: str) -> Path:
-    """Return the place that a path or a URL names."""
-    try:
-        return place(text)
-    except PeriscopyError as error:
-        raise typer.BadParameter(str(error)) from error
-
-
 Store = Annotated[
     Path,
-    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place_of),
+    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place),
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
@@ -317,6 +287,24 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 
 
 # -- forms of values -----------------------------------------------------------------------------
+
+
+def files_of_view(
+    flag: str, entries: Iterable[Path] | None, cameras: Sequence[str]
+) -> dict[str, list[Path]]:
+    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
+    files = {camera: list[Path]() for camera in cameras}
+    for entry in entries or ():
+        camera, equals, name = str(entry).partition("=")
+        if entry.exists() or not equals:
+            camera, name = cameras[0] if len(cameras) == 1 else "", str(entry)
+        if camera not in files:
+            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
+            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
+        if not Path(name).exists():
+            raise PeriscopyError(f"{flag} {name}: no such file")
+        files[camera].append(Path(name))
+    return files
 
 
 def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:

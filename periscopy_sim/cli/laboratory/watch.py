@@ -16,7 +16,7 @@ from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, option
 from periscopy_sim.cli.output import output_files, progress, record, say, written
-from periscopy_sim.cli.session import PhotoSession, files_of_view
+from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
@@ -116,20 +116,17 @@ def _companions(
     """Read what belongs to all frames, of their encoding."""
     from periscopy_sim.live.preparation import Companions
 
-    masks, off = (
-        files_of_view(flag, files, [session.sensor])[session.sensor]
-        for flag, files in (("--mask", session.mask), ("--monitor-off", session.monitor_off))
-    )
+    mask, monitor_off = session.files()
     if dark and black:
         raise PeriscopyError("a dark frame holds the black level; give one of the two")
     return Companions(
         marks,
-        read_mask(masks[-1]) if masks else None,
+        read_mask(mask) if mask else None,
         black,
         averaged(exposures(dark, encoding=encoding), f"the dark frame {dark[-1]}")
         if dark
         else None,
-        {str(file): next(exposures([file], None, black, encoding)) for file in off},
+        {str(file): next(exposures([file], None, black, encoding)) for file in monitor_off},
         session.colours,
     )
 

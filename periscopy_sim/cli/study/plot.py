@@ -12,14 +12,9 @@ from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
-from periscopy_sim.figures.sweeps import (
-    draw_sweep,
-    labelled,
-    latex_of,
-    surfaces_of,
-    table_of,
-)
+from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
+from periscopy_sim.storage.outputs.places import place
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,9 +25,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 def plot(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="SWEEP", help="What 'periscopy sweep' wrote.", parser=options.place_of
-        ),
+        typer.Argument(metavar="SWEEP", help="What 'periscopy sweep' wrote.", parser=place),
     ],
     out: Annotated[
         Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)

@@ -238,10 +238,8 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         pictures = session.by_surface(entries, flag)
         return {",".join(f"{name}={Path(each).stem}" for name, each in pictures.items()): pictures}
     (surface,), files = session.scenario.hidden, list[str]()
-    listed = [
-        each.strip() for text in entries for each in text.removeprefix(f"{surface}=").split(",")
-    ]
-    for entry in listed:
+    listed = ",".join(text.removeprefix(f"{surface}=") for text in entries)
+    for entry in map(str.strip, listed.split(",")):
         path = Path(entry)
         held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]
         if not held:
@@ -266,14 +264,8 @@ def _show_means(results: "xr.Dataset") -> None:
         means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
         table = table.rename(columns="{:g}".format)
-        record(
-            **{
-                surface: table.astype(object)
-                .where(table.notna(), None)
-                .reset_index()
-                .to_dict("records")
-            }
-        )
+        values = table.astype(object).where(table.notna(), None).reset_index()
+        record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]
