@@ -291,14 +291,9 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         output.say(sentence("any_place"))
     else:
         pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
-        channels = "red", "green", "blue"
-        output.show_table(
-            [
-                [name, *(f"{m:.2f} ± {error:.2f}" for m, error in row)]
-                for name, row in zip(channels, pairs, strict=True)
-            ],
-            ["camera, from the monitor's", *channels],
-        )
+        camera = dict(zip(("red", "green", "blue"), pairs, strict=True))
+        rows = [[n, *(f"{m:.2f} ± {error:.2f}" for m, error in row)] for n, row in camera.items()]
+        output.show_table(rows, ["camera, from the monitor's", *camera])
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:

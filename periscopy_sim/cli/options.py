@@ -232,8 +232,7 @@ def settings_for(
     """
     if coupling and not (method in _VIDEOS and coupling in _VIDEOS[method].couplings):
         known = "; ".join(f"{name}: {', '.join(v.couplings)}" for name, v in _VIDEOS.items())
-        name, names = (coupling, COUPLINGS) if method in _VIDEOS else (method, _VIDEOS)
-        guess = "" if name in names else did_you_mean(name, names)
+        guess = "" if method in _VIDEOS else did_you_mean(method, _VIDEOS)
         raise PeriscopyError(
             f"--method {method} --coupling {coupling}: {guess or f'videos have {known}'}"
         )

@@ -209,12 +209,11 @@ def write_report(
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]
-        rows = {
-            name: [(title, panels.displayable(stage[name])) for title, stage in stages]
+        walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
+        shown = {
+            name: [*walls, *((title, panels.displayable(stage[name])) for title, stage in stages)]
             for name in hidden
         }
-        walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
-        shown = {name: [*walls, *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
@@ -258,12 +257,11 @@ def _compare(
             *walls,
             ("reconstruction", metrics.gain_matched(image, truth)),
         ]
+        of = f"{name}: " if len(images) > 1 else ""
         lines.append(
-            f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
+            f"{of}PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
             f"{best.psnr:.1f} dB after the best shift"
         )
-    if len(lines) > 1:
-        lines = [f"{name}: {line}" for name, line in zip(rows, lines, strict=True)]
     file = folder / "comparison.png"
     panels.draw_panels(file, rows, caption="\n".join(lines), metadata=session.metadata)
     return compared

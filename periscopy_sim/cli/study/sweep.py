@@ -101,9 +101,10 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    for name, is_given in {"sbr": sbr != SBRS, "snr": snr != SNR}.items():
-        if is_given and name in axes:
-            raise PeriscopyError(f"--{name} and --vary {name}: give one of them")
+    given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
+    for name in (*session.definitions, *(name for name, value in given.items() if value)):
+        if name in axes:
+            raise PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
     ratios = check_numbers("ratio", of["sbr"], ratios)
