@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
@@ -49,9 +48,9 @@ class CalibrationSession(PhotoSession):
 
     photo: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="PHOTO",
-            help="One or more photographs, between which only the monitor's picture changed.",
+        argument(
+            "PHOTO",
+            "One or more photographs, between which only the monitor's picture changed.",
             exists=True,
         ),
     ]

@@ -82,6 +82,11 @@ def option(
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
+def argument(form: str, words: str, **more: Any) -> Any:
+    """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
+    return typer.Argument(metavar=form, help=words, **more)
+
+
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -132,7 +137,7 @@ _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
 _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
+SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
 Hidden = Annotated[list[str], option("[ID=]ROWSxCOLUMNS", _HIDDEN, group=SCENE)]
 Define = Annotated[
@@ -140,9 +145,7 @@ Define = Annotated[
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
 ]
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
-PhotoArguments = Annotated[
-    list[Path], typer.Argument(metavar="PHOTO", help=f"{_PHOTO} {_EACH}", exists=True)
-]
+PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
 MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH)]
 MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
@@ -163,8 +166,7 @@ ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
 ]
 Store = Annotated[
-    Path,
-    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place),
+    Path, option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place)
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]

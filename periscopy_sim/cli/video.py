@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import OUTPUT, option
+from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
 from periscopy_sim.cli.reconstruct import draw_residual
 from periscopy_sim.cli.session import PhotoSession, Session
@@ -32,7 +31,7 @@ _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ 
 
 def video(
     *,
-    frames: Annotated[Path, typer.Argument(metavar="FRAMES", help=_FRAMES)],
+    frames: Annotated[Path, argument("FRAMES", _FRAMES)],
     session: PhotoSession,
     light: Light,
     matrix: options.MatrixOption = None,

@@ -14,7 +14,7 @@ from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, expo
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, option
+from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import PeriscopyError
@@ -42,7 +42,7 @@ _AVERAGE = "Frames of the running average; 8-bit cameras need some tens."
 
 def watch(
     *,
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help=_SOURCE)],
+    source: Annotated[str, argument("SOURCE", _SOURCE)],
     session: PhotoSession,
     out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
     average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,

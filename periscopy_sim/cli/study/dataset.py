@@ -10,7 +10,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import example_of, option
+from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
@@ -19,10 +19,7 @@ from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DATA", help="A data set, as 'periscopy dataset' writes it.", parser=place
-    ),
+    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=place)
 ]
 Example = Annotated[
     bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
@@ -51,9 +48,7 @@ app = typer.Typer(
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[
-        Path, typer.Argument(metavar="CONFIG.yaml", help="The configuration; see --example.")
-    ],
+    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.")],
     out: options.Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")

@@ -4,10 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, option
+from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
@@ -23,10 +21,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="SWEEP", help="What 'periscopy sweep' wrote.", parser=place),
-    ],
+    folder: Annotated[Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=place)],
     out: Annotated[
         Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
     ],
@@ -54,8 +49,7 @@ def plot(
     reference: Annotated[
         str,
         option(
-            "METHOD",
-            "Show differences to this method, or to AXIS=VALUE, photograph by photograph.",
+            "METHOD", "Show differences to this method, or to AXIS=VALUE, photograph by photograph."
         ),
     ] = "",
     width: Annotated[

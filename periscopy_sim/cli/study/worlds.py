@@ -49,8 +49,9 @@ or what a calibration by each photograph makes of these."""
 KEPT = 8
 """Scenes that are held in memory."""
 
-OF_LIGHT, OF_SCENE = ("samples", "model"), ("scene", "hidden")
-"""Axes beside the scene's <default>s: of A, and of the scene as a whole."""
+OF_LIGHT: Mapping[str, Callable[[Any], Any]] = {"samples": int, "model": Model}
+OF_SCENE = "scene", "hidden"
+"""Axes beside the scene's <default>s: of A, with their types, and of the scene as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,12 +293,8 @@ class Worlds:
 
     def _light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
-        samples, model = (values.get(name) for name in OF_LIGHT)
-        return replace(
-            self.light,
-            samples=self.light.samples if samples is None else int(samples),
-            model=self.light.model if model is None else Model(model),
-        )
+        varied = {name: of(values[name]) for name, of in OF_LIGHT.items() if name in values}
+        return replace(self.light, **varied)
 
     def _settings(self, values: Mapping[str, Any], method: str) -> dict[str, float]:
         """Return a method's options at values of axes."""
