@@ -165,8 +165,19 @@ Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[
     Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
 ]
+
+
+def place_of(text: str) -> Path:
+    """Return the place that a path or a URL names."""
+    try:
+        return place(text)
+    except PeriscopyError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
 Store = Annotated[
-    Path, option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place)
+    Path,
+    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place_of),
 ]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]

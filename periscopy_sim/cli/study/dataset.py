@@ -15,11 +15,10 @@ from periscopy_sim.cli.output import conclude, progress, record, say, show_table
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import require_all
-from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
-    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=place)
+    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=options.place_of)
 ]
 Example = Annotated[
     bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")

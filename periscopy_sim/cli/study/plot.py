@@ -12,7 +12,6 @@ from periscopy_sim.extras import require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
 from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
-from periscopy_sim.storage.outputs.places import place
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,7 +20,9 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=place)],
+    folder: Annotated[
+        Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=options.place_of)
+    ],
     out: Annotated[
         Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
     ],
