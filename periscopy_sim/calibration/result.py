@@ -1,7 +1,7 @@
 """The result of a calibration, and how far to trust it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -16,6 +16,10 @@ from periscopy_sim.numerics import Array
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph
 determines a parameter; photographs that reduce all of them by less determine nothing."""
+
+
+OWN = "name", "trusted"
+"""Fields of a `Parameter` that its record leaves to the `Calibration`'s."""
 
 
 class DeterminedBy(StrEnum):
@@ -70,6 +74,11 @@ class Parameter:
             if error**2 < LEARNED * self.ruler_error**2:
                 return source
         return DeterminedBy.RULER
+
+    def record(self) -> dict[str, float | bool]:
+        """Return the numbers as a JSON file has them."""
+        numbers = {name: value for name, value in asdict(self).items() if name not in OWN}
+        return {**numbers, "determined": self.determined}
 
 
 @dataclass(frozen=True)
@@ -189,3 +198,32 @@ class Calibration:
             self.trusted,
             np.array([*(parameter.start for parameter in self.parameters), *held.values]),
         )
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as its JSON file has it."""
+        fixed = self.uncertain
+
+        def by_name(values: Iterable[Any]) -> dict[str, Any]:
+            return dict(zip(self.values, values, strict=True))
+
+        return {
+            "trusted": self.trusted,
+            "doubts": self.doubts,
+            "better_than_start": self.moved,
+            "parameters": {parameter.name: parameter.record() for parameter in self.parameters},
+            "uncertain": {
+                name: {"value": value, "standard_error": error, "moves": by_name(moves)}
+                for name, value, error, moves in zip(
+                    fixed.names, fixed.values, fixed.standard_errors, self.moves.T, strict=True
+                )
+            },
+            "correlation": by_name(map(by_name, self.correlation)),
+            "unexplained_before": self.noise_before,
+            "unexplained": self.noise,
+            "overdispersion": self.overdispersion,
+            "gain": {"least": self.gain.min(), "largest": self.gain.max()},
+            "colour_matrix": self.colour_matrix,
+            "colour_errors": self.colour_errors,
+            "rivals": [asdict(rival) for rival in self.rivals],
+            "path": [{"values": rows[:, :-1], "evidence": rows[:, -1]} for rows in self.path],
+        }

@@ -1,24 +1,22 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
+from periscopy_sim.storage.outputs.staging import spare_inputs
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -50,9 +48,9 @@ class CalibrationSession(PhotoSession):
 
     photo: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="PHOTO",
-            help="One or more photographs, between which only the monitor's picture changed.",
+        argument(
+            "PHOTO",
+            "One or more photographs, between which only the monitor's picture changed.",
             exists=True,
         ),
     ]
@@ -61,8 +59,8 @@ class CalibrationSession(PhotoSession):
     @property
     def inputs(self) -> list[Path | None]:
         """The files that are read."""
-        others = self.path, self.colour_matrix
-        return [*self.photo, *(self.mask or ()), *(self.monitor_off or ()), *others]
+        mask, monitor_off = self.files()
+        return [*self.photo, mask, *monitor_off, self.path, self.colour_matrix]
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
@@ -128,10 +126,6 @@ def calibrate(
 NEGLIGIBLE = 0.1
 """Of how far an error of a fixed number moves the free ones, over the errors of their rulers."""
 
-PARAMETER = "start", "value", "statistical_error", "standard_error", "ruler_error", "determined"
-SILHOUETTE = "opacities", "unexplained_open", "unexplained", "starts", "evidence"
-"""What the JSON files have of a `Parameter` and of a `Silhouette`, under its own name."""
-
 
 def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
@@ -143,9 +137,9 @@ def find_parameters(
     freed = None if free is None else arguments.parse_errors(free, "--free")
     named = ",".join(each for each in uncertain if each != "none")
     errors = arguments.known_errors(named, document) if uncertain else None
-    colours = session.colours
+    colours = {"colour_matrix": session.colours.matrix} if session.colours else {}
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
-    with output.output_files(*outputs, inputs=session.inputs) as staged, ExitStack() as stack:
+    with output.output_files(*outputs, inputs=session.inputs) as (scene, json, png):
         with output.progress("loading"):  # takes seconds
             from periscopy_sim.calibration.calibrate import calibrate
             from periscopy_sim.calibration.search import ASIDES
@@ -153,7 +147,6 @@ def find_parameters(
         asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
         spare_inputs(asides, session.inputs)
         files = session.read()
-        scene, json, png = staged
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with (
             session.timed("calibrate"),
@@ -165,14 +158,12 @@ def find_parameters(
         _write_copy(session, scene, _written(result, result.values), out, remark)
         reasons = fixed_numbers(result, document.units) if result.doubts else ()
         session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
-        record = calibration_record(result)
-        session.write(json, record | ({"colour_matrix": colours.matrix} if colours else {}))
+        session.write(json, result.record() | colours)
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
-        for rival, aside in zip(result.rivals, asides, strict=False):
-            values = _written(result, rival.values)
-            _write_copy(session, stack.enter_context(staged_file(aside)), values, aside, remark)
     beside = asides[: len(result.rivals)]
-    output.written(*beside)
+    with output.output_files(*beside) as staged:
+        for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
+            _write_copy(session, file, _written(result, rival.values), aside, remark)
     for stale in asides[len(beside) :]:
         stale.unlink(missing_ok=True)
     show_calibration(result, document.units)
@@ -264,54 +255,9 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.doubt(*solution.doubts, advice="look_at_silhouette")
-        session.write(json, silhouette_record(solution))
+        session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     show_silhouette(solution)
-
-
-def calibration_record(result: "Calibration") -> dict[str, Any]:
-    """Return a calibration as its JSON file has it."""
-    fixed = result.uncertain
-
-    def by_name(values: Iterable[Any]) -> dict[str, Any]:
-        return dict(zip(result.values, values, strict=True))
-
-    return {
-        "trusted": result.trusted,
-        "doubts": result.doubts,
-        "better_than_start": result.moved,
-        "parameters": {p.name: {n: getattr(p, n) for n in PARAMETER} for p in result.parameters},
-        "uncertain": {
-            name: {"value": value, "standard_error": error, "moves": by_name(moves)}
-            for name, value, error, moves in zip(
-                fixed.names, fixed.values, fixed.standard_errors, result.moves.T, strict=True
-            )
-        },
-        "correlation": by_name(map(by_name, result.correlation)),
-        "unexplained_before": result.noise_before,
-        "unexplained": result.noise,
-        "overdispersion": result.overdispersion,
-        "gain": {"least": result.gain.min(), "largest": result.gain.max()},
-        "colour_matrix": result.colour_matrix,
-        "colour_errors": result.colour_errors,
-        "rivals": [{"values": r.values, "probability": r.probability} for r in result.rivals],
-        "path": [{"values": rows[:, :-1], "evidence": rows[:, -1]} for rows in result.path],
-    }
-
-
-def silhouette_record(solution: "Silhouette") -> dict[str, Any]:
-    """Return a silhouette as its JSON file has it."""
-    return {
-        "shape": solution.name,
-        "trusted": not solution.doubts,
-        "doubts": solution.doubts,
-        "rectangle": {way: getattr(solution.plane, way) for way in ("corner", "across", "down")},
-        "opaque": ["".join("#" if cell else "." for cell in row) for row in solution.opaque],
-        "cells_seen": int(solution.seen.sum()),
-        "cells_decided": solution.decided,
-        "starts_agreeing": solution.agreeing,
-        **{key: getattr(solution, key) for key in SILHOUETTE},
-    }
 
 
 def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
@@ -344,14 +290,9 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         output.say(sentence("any_place"))
     else:
         pairs = np.stack([result.colour_matrix, result.colour_errors], axis=2)
-        channels = "red", "green", "blue"
-        output.show_table(
-            [
-                [name, *(f"{m:.2f} ± {error:.2f}" for m, error in row)]
-                for name, row in zip(channels, pairs, strict=True)
-            ],
-            ["camera, from the monitor's", *channels],
-        )
+        camera = dict(zip(("red", "green", "blue"), pairs, strict=True))
+        rows = [[n, *(f"{m:.2f} ± {error:.2f}" for m, error in row)] for n, row in camera.items()]
+        output.show_table(rows, ["camera, from the monitor's", *camera])
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:

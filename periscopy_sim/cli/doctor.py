@@ -8,12 +8,7 @@ from importlib.util import find_spec
 
 from periscopy_sim.cli.output import conclude, record, show_table
 from periscopy_sim.extras import EXTRA_OF, installation
-from periscopy_sim.rendering.variant import (
-    OVERRIDE,
-    examine_variants,
-    is_vectorized,
-    use_variant,
-)
+from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, is_vectorized, use_variant
 
 
 def doctor() -> None:

@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
-from periscopy_sim.cli.options import option
+from periscopy_sim.cli.options import argument, option
 from periscopy_sim.cli.output import output_folder, progress, record, show_table, written
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.published import fetch as fetch_set
 from periscopy_sim.storage.published import published_sets
 
-Name = Annotated[str, typer.Argument(metavar="[NAME]", help="A set; all are listed without it.")]
+Name = Annotated[str, argument("[NAME]", "A set; all are listed without it.")]
 Out = Annotated[Path | None, option("DIR", "Folder to copy the set into.")]
 
 

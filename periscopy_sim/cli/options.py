@@ -82,6 +82,11 @@ def option(
     return typer.Option(*names, metavar=form, help=words, rich_help_panel=group, **more)
 
 
+def argument(form: str, words: str, **more: Any) -> Any:
+    """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
+    return typer.Argument(metavar=form, help=words, **more)
+
+
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -94,19 +99,6 @@ class OptionGroup:
         """Return the parameters of the constructor, some of them with other defaults."""
         members = inspect.signature(cls, eval_str=True).parameters.values()
         return [each.replace(default=defaults.get(each.name, each.default)) for each in members]
-
-
-def file_of_view(entry: str) -> Path:
-    """Return ``FILE``, or ``CAMERA=FILE`` of one of several views, if there is the file."""
-    if not (file := split_of_view(entry)[1]).exists():
-        raise typer.BadParameter(f"Path '{file}' does not exist.")
-    return Path(entry)
-
-
-def split_of_view(entry: str | Path) -> tuple[str, Path]:
-    """Return the camera and the file of ``CAMERA=FILE``, or no camera and ``FILE``."""
-    camera, equals, file = str(entry).partition("=")
-    return (camera, Path(file)) if equals and not Path(entry).exists() else ("", Path(entry))
 
 
 # -- the options ---------------------------------------------------------------------------------
@@ -145,7 +137,7 @@ _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
 _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=_SCENE)]
+SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
 Hidden = Annotated[list[str], option("[ID=]ROWSxCOLUMNS", _HIDDEN, group=SCENE)]
 Define = Annotated[
@@ -153,16 +145,10 @@ Define = Annotated[
     option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
 ]
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
-PhotoArguments = Annotated[
-    list[Path], typer.Argument(metavar="PHOTO", help=f"{_PHOTO} {_EACH}", exists=True)
-]
+PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
-MaskOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH, parser=file_of_view)
-]
-MonitorOffOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH, parser=file_of_view)
-]
+MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH)]
+MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
@@ -172,10 +158,7 @@ MatrixOption = Annotated[
     Path | None, option("FILE", f"{_MATRIX}.", "--transport", group=LIGHT, exists=True)
 ]
 MatricesOption = Annotated[
-    FilesOfViews,
-    option(
-        "[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT, parser=file_of_view
-    ),
+    FilesOfViews, option("[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT)
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
@@ -262,8 +245,7 @@ def settings_for(
     """
     if coupling and not (method in _VIDEOS and coupling in _VIDEOS[method].couplings):
         known = "; ".join(f"{name}: {', '.join(v.couplings)}" for name, v in _VIDEOS.items())
-        name, names = (coupling, COUPLINGS) if method in _VIDEOS else (method, _VIDEOS)
-        guess = "" if name in names else did_you_mean(name, names)
+        guess = "" if method in _VIDEOS else did_you_mean(method, _VIDEOS)
         raise PeriscopyError(
             f"--method {method} --coupling {coupling}: {guess or f'videos have {known}'}"
         )
@@ -317,6 +299,24 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 
 
 # -- forms of values -----------------------------------------------------------------------------
+
+
+def files_of_view(
+    flag: str, entries: Iterable[Path] | None, cameras: Sequence[str]
+) -> dict[str, list[Path]]:
+    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
+    files = {camera: list[Path]() for camera in cameras}
+    for entry in entries or ():
+        camera, equals, name = str(entry).partition("=")
+        if entry.exists() or not equals:
+            camera, name = cameras[0] if len(cameras) == 1 else "", str(entry)
+        if camera not in files:
+            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
+            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
+        if not Path(name).exists():
+            raise PeriscopyError(f"{flag} {name}: no such file")
+        files[camera].append(Path(name))
+    return files
 
 
 def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:

@@ -13,7 +13,7 @@ from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
-from periscopy_sim.cli.session import PhotoSession, Session, files_of_view
+from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
@@ -64,7 +64,7 @@ def reconstruct(
     text = "" if uncertain in (None, "none") else str(uncertain)
     views = session.views(photo)
     session = next(iter(views.values()))
-    matrices = files_of_view("--transport", matrix, list(views))
+    matrices = options.files_of_view("--transport", matrix, list(views))
     several = len(views) > 1
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]
@@ -121,7 +121,7 @@ def reconstruct(
             write_report(folder, report, session.scenario, images, shown, session.metadata)
             for camera, own in reports.items() if several else ():
                 file = folder / f"residual_{camera}.png"
-                _draw_residual(file, own, walls[camera].values, session.metadata)
+                draw_residual(file, own, walls[camera].values, session.metadata)
         compared = _compare(folder, images, known, shown, session) if known else {}
         summary = {
             "method_sha256": source_sha256(method),
@@ -193,9 +193,8 @@ def write_report(
 ) -> None:
     """Write images, (R, C, channels), by their surfaces, and what the method reports beside them.
 
-    The photographs are by title, NaN where pixels are not used.
-
-    They have one exposure: their relative brightness is a result, too.
+    The photographs are by title, NaN where pixels are not used. The images have one exposure: their
+    relative brightness is a result, too.
     """
     hidden, white = scenario.hidden, panels.common_white(images.values())
     lit = {name: panels.displayable(image, white) for name, image in images.items()}
@@ -210,12 +209,11 @@ def write_report(
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]
-        rows = {
-            name: [(title, panels.displayable(stage[name])) for title, stage in stages]
+        walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
+        shown = {
+            name: [*walls, *((title, panels.displayable(stage[name])) for title, stage in stages)]
             for name in hidden
         }
-        walls = [(title, panels.exposed(each)) for title, each in photographs.items()]
-        shown = {name: [*walls, *row] for name, row in rows.items()}
         panels.draw_panels(folder / "stages.png", shown, metadata=text)
     if report.standard_errors is not None:
         errors = hidden.images(report.standard_errors)
@@ -223,10 +221,10 @@ def write_report(
             np.save(folder / f"{name}.npy", each.astype(np.float32))
         counted = messages.assumptions(report.numbers.get("standard_errors_count", ()))
         panels.draw_certainty(folder / "certainty.png", images, errors, counted, text)
-    _draw_residual(folder / "residual.png", report, next(iter(photographs.values())), text)
+    draw_residual(folder / "residual.png", report, next(iter(photographs.values())), text)
 
 
-def _draw_residual(file: Path, report: "Report", photograph: Array, text: dict[str, str]) -> None:
+def draw_residual(file: Path, report: "Report", photograph: Array, text: dict[str, str]) -> None:
     """Draw the residual beside its photograph, if the report has one."""
     if report.residual is not None:
         panels.draw_residual(file, photograph, report.residual, messages.verdict(report), text)
@@ -259,12 +257,11 @@ def _compare(
             *walls,
             ("reconstruction", metrics.gain_matched(image, truth)),
         ]
+        of = f"{name}: " if len(images) > 1 else ""
         lines.append(
-            f"PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
+            f"{of}PSNR {psnr:.1f} dB after one gain per channel that fits the hidden image, "
             f"{best.psnr:.1f} dB after the best shift"
         )
-    if len(lines) > 1:
-        lines = [f"{name}: {line}" for name, line in zip(rows, lines, strict=True)]
     file = folder / "comparison.png"
     panels.draw_panels(file, rows, caption="\n".join(lines), metadata=session.metadata)
     return compared

@@ -4,12 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import MonitorLight
-from periscopy_sim.cli.options import LIGHT, option
+from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
@@ -29,8 +28,7 @@ def photograph(
     *,
     session: Annotated[Session, {"hidden": ["29x36"]}],
     image: Annotated[
-        str | None,
-        typer.Argument(metavar="IMAGE", help="The hidden image: a file, or a shipped one."),
+        str | None, argument("IMAGE", "The hidden image: a file, or a shipped one.")
     ] = None,
     images: Annotated[
         list[str] | None, option("ID=IMAGE", "Image of a hidden surface; repeatable.", "--image")
@@ -85,7 +83,7 @@ def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME", help="Scene files or shipped conditions.")
+        list[str] | None, argument("NAME", "Scene files or shipped conditions.")
     ] = None,
     target: TargetOption = 3e-4,
     seed: options.Seed = 0,

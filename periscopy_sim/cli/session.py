@@ -291,13 +291,21 @@ class WallSession(Session):
     monitor_off: options.MonitorOffOption = None
     mask: options.MaskOption = None
 
+    def files(self) -> tuple[Path | None, list[Path]]:
+        """Return the files of the mask, of which the last counts, and with the monitor off."""
+        flags = {"--mask": self.mask, "--monitor-off": self.monitor_off}
+        masks, monitor_off = (
+            options.files_of_view(flag, entries, [self.sensor])[self.sensor]
+            for flag, entries in flags.items()
+        )
+        return next(reversed(masks), None), monitor_off
+
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
-        masks = files_of_view("--mask", self.mask, [self.sensor])[self.sensor]
-        mask = read_mask(masks[-1], self.scenario.photograph_shape) if masks else None
-        files = files_of_view("--monitor-off", self.monitor_off, [self.sensor])[self.sensor]
-        monitor_off = {str(file): self.photograph(file, mask).values for file in files}
-        self.record |= {"mask": masks[-1] if masks else None, "backgrounds": list(monitor_off)}
+        file, off = self.files()
+        mask = read_mask(file, self.scenario.photograph_shape) if file else None
+        monitor_off = {str(each): self.photograph(each, mask).values for each in off}
+        self.record |= {"mask": file, "backgrounds": list(monitor_off)}
         self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
         return mask, monitor_off
 
@@ -382,8 +390,8 @@ class PhotoSession(WallSession):
         if len(cameras) == 1:
             return {cameras[0]: self}
         check_file_names(self.path, "camera", cameras)
-        masks = files_of_view("--mask", self.mask, cameras)
-        off = files_of_view("--monitor-off", self.monitor_off, cameras)
+        masks = options.files_of_view("--mask", self.mask, cameras)
+        off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
         views = {
             each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
             for each in cameras
@@ -421,19 +429,3 @@ class PhotoSession(WallSession):
         if scene_covariance(self.scenario.document) is not None:
             return sentence("look")
         return sentence("calibrate" if declared_errors(self.scenario.document) else "declare")
-
-
-def files_of_view(
-    flag: str, entries: Sequence[Path] | None, cameras: Sequence[str]
-) -> dict[str, list[Path]]:
-    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
-    files = {camera: list[Path]() for camera in cameras}
-    for entry in entries or ():
-        camera, file = options.split_of_view(entry)
-        if not camera and len(cameras) == 1:
-            camera = cameras[0]
-        if camera not in files:
-            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
-            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
-        files[camera].append(file)
-    return files

@@ -5,16 +5,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import Light
-from periscopy_sim.cli.options import OUTPUT, option
+from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
+from periscopy_sim.cli.reconstruct import draw_residual
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
-from periscopy_sim.figures.panels import draw_residual
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
@@ -32,7 +31,7 @@ _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ 
 
 def video(
     *,
-    frames: Annotated[Path, typer.Argument(metavar="FRAMES", help=_FRAMES)],
+    frames: Annotated[Path, argument("FRAMES", _FRAMES)],
     session: PhotoSession,
     light: Light,
     matrix: options.MatrixOption = None,
@@ -92,9 +91,7 @@ def video(
                 with progress(f"drawing the animation as {ending}") as drawn:
                     file = folder / f"video.{ending}"
                     animation.draw_video(file, walls, images, known, white, rate, text, drawn)
-        if report.residual is not None:
-            caption = messages.verdict(report)
-            draw_residual(folder / "residual.png", photographs[0], report.residual, caption, text)
+        draw_residual(folder / "residual.png", report, photographs[0], text)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
         summary = {

@@ -1,6 +1,6 @@
 """The silhouette of an occluder nobody measured, and how far it is to be believed."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -89,3 +89,21 @@ class Silhouette:
                 "better one"
             )
         return tuple(doubts)
+
+    def record(self) -> dict[str, Any]:
+        """Return the silhouette as its JSON file has it."""
+        return {
+            "shape": self.name,
+            "trusted": not self.doubts,
+            "doubts": self.doubts,
+            "rectangle": asdict(self.plane),
+            "opaque": ["".join("#" if cell else "." for cell in row) for row in self.opaque],
+            "cells_seen": int(self.seen.sum()),
+            "cells_decided": self.decided,
+            "starts_agreeing": self.agreeing,
+            "opacities": self.opacities,
+            "unexplained_open": self.unexplained_open,
+            "unexplained": self.unexplained,
+            "starts": self.starts,
+            "evidence": self.evidence,
+        }

@@ -4,11 +4,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, example_of, option, require_suffix
+from periscopy_sim.cli.options import OUTPUT, argument, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.rendering.variant import require_vectorized
@@ -18,7 +16,7 @@ Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "comme
 
 def lab(
     measurements: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENTS.yaml", help="The measurements; see --example.")
+        Path, argument("MEASUREMENTS.yaml", "The measurements; see --example.")
     ],
     out: Annotated[
         Path,

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
@@ -37,9 +36,7 @@ Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH)]
 
 
 def prepare(
-    photos: Annotated[
-        list[Path], typer.Argument(metavar="PHOTO", help="Photographs of one exposure, averaged.")
-    ],
+    photos: Annotated[list[Path], argument("PHOTO", "Photographs of one exposure, averaged.")],
     scene: options.SceneOption,
     out: options.OutFile,
     black: Black = 0.0,

@@ -9,13 +9,12 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import option
+from periscopy_sim.cli.options import argument, option
 from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
@@ -44,8 +43,7 @@ def view(
     scene: options.SceneArgument,
     hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
     photo: Annotated[
-        Path | None,
-        typer.Argument(metavar="PHOTO", help="A photograph. Without one: synthetic photographs."),
+        Path | None, argument("PHOTO", "A photograph. Without one: synthetic photographs.")
     ] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,

@@ -14,9 +14,9 @@ from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, expo
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, option
+from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, say, written
-from periscopy_sim.cli.session import PhotoSession, files_of_view
+from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require
 from periscopy_sim.hidden import named
@@ -42,7 +42,7 @@ _AVERAGE = "Frames of the running average; 8-bit cameras need some tens."
 
 def watch(
     *,
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help=_SOURCE)],
+    source: Annotated[str, argument("SOURCE", _SOURCE)],
     session: PhotoSession,
     out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
     average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,
@@ -116,20 +116,17 @@ def _companions(
     """Read what belongs to all frames, of their encoding."""
     from periscopy_sim.live.preparation import Companions
 
-    masks, off = (
-        files_of_view(flag, files, [session.sensor])[session.sensor]
-        for flag, files in (("--mask", session.mask), ("--monitor-off", session.monitor_off))
-    )
+    mask, monitor_off = session.files()
     if dark and black:
         raise PeriscopyError("a dark frame holds the black level; give one of the two")
     return Companions(
         marks,
-        read_mask(masks[-1]) if masks else None,
+        read_mask(mask) if mask else None,
         black,
         averaged(exposures(dark, encoding=encoding), f"the dark frame {dark[-1]}")
         if dark
         else None,
-        {str(file): next(exposures([file], None, black, encoding)) for file in off},
+        {str(file): next(exposures([file], None, black, encoding)) for file in monitor_off},
         session.colours,
     )
 

@@ -7,17 +7,10 @@ from typing import Annotated, Any
 import typer
 
 import periscopy_sim as ps
+from periscopy_sim.cli import options
 from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.messages import sentence
-from periscopy_sim.cli.options import (
-    Out,
-    Scheduler,
-    Store,
-    example_of,
-    option,
-    parse_indices,
-    place_of,
-)
+from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
@@ -25,13 +18,8 @@ from periscopy_sim.extras import require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
-    Path,
-    typer.Argument(
-        metavar="DATA", help="A data set, as 'periscopy dataset' writes it.", parser=place_of
-    ),
+    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=options.place_of)
 ]
-
-
 Example = Annotated[
     bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
 ]
@@ -59,14 +47,12 @@ app = typer.Typer(
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[
-        Path, typer.Argument(metavar="CONFIG.yaml", help="The configuration; see --example.")
-    ],
-    out: Store,
+    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.")],
+    out: options.Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
     ] = None,
-    scheduler: Scheduler = None,
+    scheduler: options.Scheduler = None,
     example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
@@ -118,12 +104,12 @@ def verify(data: Archive) -> None:
 @with_options_of_groups
 def export(
     data: Archive,
-    out: Out,
+    out: options.Out,
     samples: Annotated[str, option("NUMBERS", "Numbers and ranges, such as 0,4-7.")] = "0-11",
 ) -> None:
     """Write samples as EXR files, with a contact sheet."""
     count = open_dataset(data, incomplete=True).sizes["sample"]
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
-        files = export_samples(data, folder, parse_indices(samples, count), report)
+        files = export_samples(data, folder, options.parse_indices(samples, count), report)
     written(out)
     conclude(f"{len(files)} files, among them sheet.png")

@@ -150,7 +150,7 @@ def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     """Print the errors of the given and the best scene; warn of points that are no scenes."""
     from periscopy_sim.evaluation.design import NUMBERS, values_of
 
-    shown, place = [], ""
+    shown = []
     for row in rows:
         place = ", ".join(f"{name}={value}" for name, value in values_of(row).items())
         if row["failure"]:
@@ -163,5 +163,4 @@ def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     if best is None:
         warn(sentence("no_best"))
     else:
-        place = ", ".join(f"{name}={value}" for name, value in values_of(best).items())
-        conclude(f"best: {place}", "green")
+        conclude(f"best: {shown[-1][1]}", "green")

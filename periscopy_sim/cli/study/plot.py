@@ -4,21 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import OUTPUT, option
+from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
-from periscopy_sim.figures.sweeps import (
-    draw_sweep,
-    labelled,
-    latex_of,
-    surfaces_of,
-    table_of,
-)
+from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
 
 if TYPE_CHECKING:
@@ -29,10 +21,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 def plot(
     folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SWEEP", help="What 'periscopy sweep' wrote.", parser=options.place_of
-        ),
+        Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=options.place_of)
     ],
     out: Annotated[
         Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
@@ -61,8 +50,7 @@ def plot(
     reference: Annotated[
         str,
         option(
-            "METHOD",
-            "Show differences to this method, or to AXIS=VALUE, photograph by photograph.",
+            "METHOD", "Show differences to this method, or to AXIS=VALUE, photograph by photograph."
         ),
     ] = "",
     width: Annotated[

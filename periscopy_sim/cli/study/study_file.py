@@ -35,18 +35,14 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     model = create_model("Study", __base__=Strict, folder=(Path, ...), **fields)
     study = read_yaml(file, model)
     given = study.model_dump(include=study.model_fields_set - {"folder"})
-    inner = {
-        f"{n}: {k}": v
-        for n, each in given.items()
-        if isinstance(each, dict)
-        for k, v in each.items()
-    }
-    if empty := [name for name, each in (given | inner).items() if each in (None, "", [], {})]:
-        raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
     context.default_map = {}
     for each in (each for each in options if each.name in given):
         value = given[each.name]
-        if isinstance(value, dict) and not each.multiple:
+        parts = value if isinstance(value, dict) else {}
+        whole = {each.name: value, **{f"{each.name}: {name}": part for name, part in parts.items()}}
+        if empty := [name for name, part in whole.items() if part in (None, "", [], {})]:
+            raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
+        if parts and not each.multiple:
             raise ConfigurationError(f"{file}: {each.name}: give a value, or a list")
         context.default_map[each.name] = _entries(value) if each.multiple else _words(value)
         if isinstance(value, dict):

@@ -101,9 +101,10 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    for name, is_given in {"sbr": sbr != SBRS, "snr": snr != SNR}.items():
-        if is_given and name in axes:
-            raise PeriscopyError(f"--{name} and --vary {name}: give one of them")
+    given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
+    for name in (*session.definitions, *(name for name, value in given.items() if value)):
+        if name in axes:
+            raise PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
     ratios = check_numbers("ratio", of["sbr"], ratios)
@@ -238,10 +239,8 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         pictures = session.by_surface(entries, flag)
         return {",".join(f"{name}={Path(each).stem}" for name, each in pictures.items()): pictures}
     (surface,), files = session.scenario.hidden, list[str]()
-    listed = [
-        each.strip() for text in entries for each in text.removeprefix(f"{surface}=").split(",")
-    ]
-    for entry in listed:
+    listed = ",".join(text.removeprefix(f"{surface}=") for text in entries)
+    for entry in map(str.strip, listed.split(",")):
         path = Path(entry)
         held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]
         if not held:
@@ -266,14 +265,8 @@ def _show_means(results: "xr.Dataset") -> None:
         means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
         table = table.rename(columns="{:g}".format)
-        record(
-            **{
-                surface: table.astype(object)
-                .where(table.notna(), None)
-                .reset_index()
-                .to_dict("records")
-            }
-        )
+        values = table.astype(object).where(table.notna(), None).reset_index()
+        record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]

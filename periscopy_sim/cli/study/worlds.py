@@ -49,8 +49,9 @@ or what a calibration by each photograph makes of these."""
 KEPT = 8
 """Scenes that are held in memory."""
 
-OF_LIGHT, OF_SCENE = ("samples", "model"), ("scene", "hidden")
-"""Axes beside the scene's <default>s: of A, and of the scene as a whole."""
+OF_LIGHT: Mapping[str, Callable[[Any], Any]] = {"samples": int, "model": Model}
+OF_SCENE = "scene", "hidden"
+"""Axes beside the scene's <default>s: of A, with their types, and of the scene as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ class Worlds:
     keep: Callable[[], None] = lambda: None
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
-    _plans: "dict[Any, TransportPlan]" = field(default_factory=dict, init=False)
+    _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
 
     @property
     def axes(self) -> dict[str, list[str]]:
@@ -180,34 +181,21 @@ class Worlds:
         assumed = [ASSUMED + name for name in numbers if name not in errors]
         known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
         for axis, values in axes.items():
-            if axis not in known and axis.rpartition(".")[0] in {*self.methods} - {*METHODS}:
-                raise PeriscopyError(
-                    f"--vary {axis}: a method of yours has no options here; make one for each "
-                    "value by functools.partial, and name all of them in --methods"
-                )
             if axis not in known:
                 guess = did_you_mean(axis, known) or f"there are {', '.join(known)}"
                 raise PeriscopyError(f"--vary {axis}: no such axis; {guess}")
-            name = axis.removeprefix(ASSUMED)
             if self.photographs and axis in (*numbers, "scene"):
-                instead = f"vary {ASSUMED}{axis}, or " if axis in numbers else ""
                 raise PeriscopyError(
-                    f"--vary {axis}: --photograph is of one scene; {instead}give --hidden-image"
+                    f"--vary {axis}: --photograph is of one scene; give --hidden-image, or vary "
+                    f"{ASSUMED}NAME"
                 )
-            if axis in self.session.definitions:
-                raise PeriscopyError(f"-D {axis} and --vary {axis}: give one of them")
-            if axis == "hidden" and len(self.hidden) > 1:
-                raise PeriscopyError("--vary hidden: the scene has several hidden surfaces")
-            given = {"samples": self.light.samples, "model": self.light.model}.get(axis)
-            if given is not None:
-                raise PeriscopyError(f"--{axis} and --vary {axis}: give one of them")
             words = [each for each in values if not np.isfinite(number_of(str(each)))]
+            unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
-                _check_value(axis, value, options.get(axis), document.units.get(name, ""))
-            for value in (
-                {values[0], values[-1]} if axis in (KNOWN, *OF_SCENE, *numbers, *assumed) else ()
-            ):
-                self._check_scene(axis, value)
+                _check_value(axis, value, options.get(axis), unit)
+            if axis in (KNOWN, *OF_SCENE, *numbers, *assumed):
+                self._check_scene(axis, values[0])
+                self._check_scene(axis, values[-1])
         if sizes := [*map(str, axes.get("hidden", ()))]:  # before hours of rendering others
             largest = max(sizes, key=lambda size: int(np.prod(size_of(size))))
             for method in self.methods:
@@ -305,12 +293,8 @@ class Worlds:
 
     def _light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
-        samples, model = (values.get(name) for name in OF_LIGHT)
-        return replace(
-            self.light,
-            samples=self.light.samples if samples is None else int(samples),
-            model=self.light.model if model is None else Model(model),
-        )
+        varied = {name: of(values[name]) for name, of in OF_LIGHT.items() if name in values}
+        return replace(self.light, **varied)
 
     def _settings(self, values: Mapping[str, Any], method: str) -> dict[str, float]:
         """Return a method's options at values of axes."""
@@ -326,11 +310,11 @@ class Worlds:
 
         scenario, light = session.scenario, self._light(values)
         folder = self._folder(values, ASSUMED)
-        for name in self.methods:
-            key = folder, light.samples, light.model, name
-            if key not in self._plans:
-                self._plans[key] = light.plan(scenario, self.noise, session.seed, name)
-        plans = {n: self._plans[folder, light.samples, light.model, n] for n in self.methods}
+        key = folder, light.samples, light.model
+        if key not in self._plans:
+            plan = partial(light.plan, scenario, self.noise, session.seed)
+            self._plans[key] = {name: plan(name) for name in self.methods}
+        plans = self._plans[key]
         matrices = {p: self._transport(session, light, p, folder) for p in {*plans.values()}}
         B = light.backgrounds(scenario)
         errors = {} if _is_known(values) else free_parameters(scenario.document)
