@@ -148,7 +148,7 @@ const unit = (a) => a.map((x) => x / Math.hypot(...a));
 // -- camera ---------------------------------------------------------------------------------------
 
 const camera = { target: [0, 0, 0], azimuth: 0, elevation: 0, distance: 0 };
-const TANGENT = Math.tan((37.5 * Math.PI) / 180); // of half the field of view, upwards
+const TANGENT = Math.tan((37.5 * Math.PI) / 180); // of half the field of view, along the shorter side
 
 function lookFrom(view) {
   const [x, y, z] = minus(view.eye, view.target);
@@ -167,12 +167,15 @@ function pose() {
   return { eye: plus(camera.target, back, camera.distance), right, up: cross(back, right), back };
 }
 
+/** The focal length in pixels of the canvas. */
+const focalLength = () => Math.min(marks.clientWidth, marks.clientHeight) / 2 / TANGENT;
+
 /** The matrix from the scene to the screen, column after column. */
 function projection() {
   const { eye, right, up, back } = pose();
-  const aspect = marks.clientWidth / marks.clientHeight;
+  const [wide, high] = [marks.clientWidth, marks.clientHeight].map((side) => (2 * focalLength()) / side);
   const [near, far] = [camera.distance / 100, camera.distance * 20];
-  const scales = [1 / (TANGENT * aspect), 1 / TANGENT, (far + near) / (near - far)];
+  const scales = [wide, high, (far + near) / (near - far)];
   const rows = [right, up, back].map((axis, i) => [...axis, -dot(axis, eye)].map((x) => scales[i] * x));
   rows[2][3] += (2 * far * near) / (near - far);
   rows.push([...back.map((x) => -x), dot(back, eye)]);
@@ -184,14 +187,14 @@ function onScreen(point) {
   const { eye, right, up, back } = pose();
   const [x, y, z] = [right, up, back].map((axis) => dot(axis, minus(point, eye)));
   if (z >= 0) return [NaN, NaN]; // behind the eye: neither drawn nor gripped
-  const focal = marks.clientHeight / 2 / TANGENT;
+  const focal = focalLength();
   return [marks.clientWidth / 2 - (focal * x) / z, marks.clientHeight / 2 + (focal * y) / z];
 }
 
 /** The ray through a pixel of the canvas: its origin and its direction, of length 1. */
 function rayThrough([x, y]) {
   const { eye, right, up, back } = pose();
-  const focal = marks.clientHeight / 2 / TANGENT;
+  const focal = focalLength();
   const sideways = plus(right.map((r) => (r * (x - marks.clientWidth / 2)) / focal), back, -1);
   return [eye, unit(plus(sideways, up, (marks.clientHeight / 2 - y) / focal))];
 }
@@ -432,7 +435,7 @@ marks.onpointermove = (event) => {
       camera.elevation = Math.min(Math.max(camera.elevation + y / 200, -1.5), 1.5);
     } else {
       const { right, up } = pose();
-      const metres = (2 * TANGENT * camera.distance) / marks.clientHeight;
+      const metres = camera.distance / focalLength();
       camera.target = plus(plus(camera.target, right, -x * metres), up, y * metres);
     }
   }
