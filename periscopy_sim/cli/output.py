@@ -98,9 +98,21 @@ def part_of_command() -> Iterator[Outcome]:
         _OUTCOME.reset(token)
 
 
-def say(message: str) -> None:
-    """Print one line, or several; beside JSON to standard error."""
-    for line in [] if outcome().is_silent else message.split("\n"):
+def for_threads(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a function for other threads, which adds to the outcome of the command at work."""
+    present = outcome()
+
+    def called(*values: Any) -> None:
+        _OUTCOME.set(present)
+        function(*values)
+
+    return called
+
+
+def say(message: str, *, is_result: bool = False) -> None:
+    """Print one line, or several, beside JSON to standard error; if quiet, a result alone."""
+    is_silent = outcome().is_silent and not is_result
+    for line in [] if is_silent else message.split("\n"):
         if outcome().as_json:
             print(f"periscopy: {printable(line)}", file=sys.stderr, flush=True)
         else:

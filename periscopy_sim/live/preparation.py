@@ -213,6 +213,7 @@ class PreparedFrames:
         mask = self._mask & ~self._saturated
         if not mask.any():
             self._restart()
+            self.wall = None
             raise PhotographError("all pixels are saturated or masked; shorten the exposure")
         is_other = self.wall is None or not np.array_equal(mask, self.wall.pixels)
         if is_other and time.monotonic() >= self._due:

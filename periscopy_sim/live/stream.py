@@ -52,7 +52,7 @@ class Progress:
             f"{self.dropped} late frames dropped",
             f"average of {self.averaged:.3g} frames: noise {100 * self.noise_left:.2g} %, of one "
             f"frame {100 * self.noise:.2g} %"
-            if self.noise
+            if self.noise or self.averaged > 1
             else "one frame, whose noise is not known",
         ]
 
@@ -89,6 +89,7 @@ class Stream:
         )
         self._frames: PreparedFrames | None = None
         self._formed: FrameMethod | None = None
+        self._coarse: FrameMethod | None = None  # the latest
         self._changed = Condition()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
@@ -127,11 +128,12 @@ class Stream:
         Before the first, it is formed for frames without a mask, and kept by the laboratory. A
         source ends if it offers nothing of which a method of full size can be formed.
         """
-        if (wall := self.wall) is None:
+        if self._frames is None:
             shape, colours = self.scenario.photograph_shape, self.companions.colour_matrix
             blank = Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
             with suppress(PeriscopyError, InputError):
                 laboratory.form(choice, unless_overtaken, blank)
+        if (wall := self.wall) is None:
             raise PeriscopyError(self.notice)
         try:
             return laboratory.form(choice, unless_overtaken, wall)
@@ -139,6 +141,9 @@ class Stream:
             if not laboratory.is_coarse:
                 self.report(str(error))
                 self._is_rejected = True
+                with self._changed:
+                    if self._coarse is not None and self._coarse.choice == choice:
+                        self._formed = self._coarse
                 self._end_if_rejected()
             raise
 
@@ -149,12 +154,14 @@ class Stream:
     def use(self, formed: FrameMethod) -> None:
         """Use a method from the latest frame on, of a recording from the next one.
 
-        A coarse one does not replace a full one of the same choice, whose mask has changed.
+        A coarse one does not replace a full one of the same choice, unless a new one fails.
         """
         with self._changed:
             former, self._is_rejected = self._formed, False
-            if formed.is_coarse and former is not None and former.choice == formed.choice:
-                return
+            if formed.is_coarse:
+                self._coarse = formed
+                if former and not former.is_coarse and former.choice == formed.choice:
+                    return
             self._formed = formed
             self._changed.notify_all()
         if self._source.is_live:
@@ -162,7 +169,7 @@ class Stream:
 
     def take_monitor_off(self) -> None:
         """Make the present average the photograph with the monitor off."""
-        if self._frames is None:
+        if self._frames is None or self.wall is None:
             self.report("no frame has come yet")
             return
         self._frames.take_monitor_off()

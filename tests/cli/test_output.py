@@ -1,6 +1,7 @@
 import json
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from periscopy_sim.cli import output
 from periscopy_sim.cli.output import (
     conclude,
     fixable,
+    for_threads,
     outcome_of,
     part_of_command,
     progress,
@@ -140,6 +142,14 @@ def test_json_is_all_of_standard_output(capfd):
         "warnings": ["few samples"],
     }
     assert err == WARNED
+
+
+def test_warnings_of_threads_are_in_the_json(capfd):
+    with outcome_of(quiet=True, as_json=True):
+        thread = Thread(target=for_threads(warn), args=("the stream ended",))
+        thread.start()
+        thread.join()
+    assert json.loads(capfd.readouterr().out)["warnings"] == ["the stream ended"]
 
 
 def test_files_that_were_written_before_an_error_are_named(capfd):

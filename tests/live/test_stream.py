@@ -114,6 +114,45 @@ def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch)
     assert formed.method is fitted[0] and len(fitted) == 1
 
 
+def test_a_full_method_stays_until_a_new_one_comes_or_fails(level):
+    random, shown = np.random.default_rng(0), []
+
+    def camera():
+        time.sleep(0.01)
+        return random.integers(20000, 21000, (24, 24, 3)).astype(np.uint16)
+
+    def formed(name, is_coarse, choice="as it is"):
+        return SimpleNamespace(see=lambda *_: name, is_coarse=is_coarse, choice=choice)
+
+    def is_shown(name):
+        end, count = time.monotonic() + PATIENCE / 10, len(shown)
+        while len(shown) < count + 3 and time.monotonic() < end:
+            time.sleep(0.01)
+        return shown[-1] == name
+
+    def fail(*_):
+        raise PeriscopyError("no method")
+
+    stream = Stream(open_source(camera, linear=True), level().scenario)
+    stream.show = lambda pictures, *_: shown.append(pictures)
+    stream.start()
+    try:
+        for name, is_coarse, expected in (
+            ("coarse", True, "coarse"), ("next coarse", True, "next coarse"),
+            ("full", False, "full"), ("last coarse", True, "full"),
+        ):  # fmt: skip
+            stream.use(formed(name, is_coarse))
+            assert is_shown(expected)
+        with pytest.raises(PeriscopyError, match="no method"):
+            stream.form(SimpleNamespace(is_coarse=False, form=fail), "as it is", fail)
+        assert is_shown("last coarse")
+        stream.use(formed("full", False))
+        stream.use(formed("moved", True, "moved"))
+        assert is_shown("moved")
+    finally:
+        stream.stop()
+
+
 def test_frames_are_averaged_until_the_picture_is_sharp(watched):
     pictures, progress = watched.until(lambda _, progress: progress.averaged > 19)
     assert ps.psnr_gain_matched(pictures.image, watched.image) > 25

@@ -64,6 +64,8 @@ def view(
     require("websockets")
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
+    if mask and photo is None:
+        raise PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
@@ -103,7 +105,7 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
                 "other computers can open the page, and its address is sent without encryption; "
                 "leave --host out to keep the page on this computer"
             )
-        say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it")
+        say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
         while worker.is_alive():
             worker.join(1.0)  # without an end, Windows would not interrupt it
     except KeyboardInterrupt:

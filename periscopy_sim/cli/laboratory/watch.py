@@ -15,7 +15,7 @@ from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
-from periscopy_sim.cli.output import output_files, progress, record, say, written
+from periscopy_sim.cli.output import for_threads, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require
@@ -81,7 +81,7 @@ def watch(
         check_memory(scenario, method)
         session.check_lights()
         companions = _companions(session, marks, black, dark, encoding)
-        stream = Stream(frames, scenario, companions, average, session.warn)
+        stream = Stream(frames, scenario, companions, average, for_threads(session.warn))
         recorder = None if out is None else Recorder(out, session, stream, source)
         folder = (out or Path("watch")) / "set"
         live = LiveSession(
@@ -140,7 +140,7 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
-        if (folder / "metrics.csv").exists():
+        if any(any(folder.glob(name)) for name in ("metrics.csv", "summary.json", "frames*.npy")):
             raise OutputError(f"{folder} holds a recording; name another folder for --out")
         with unwritable_reported(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -167,7 +167,7 @@ class Recorder:
             **numbers,
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
-            "noise_left": progress.noise_left or "",
+            "noise_left": progress.noise_left if progress.averaged > 1 else "",
             **pictures.choice.values,
         }
         with WRITING, unwritable_reported(self._folder / "metrics.csv"):

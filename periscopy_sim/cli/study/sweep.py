@@ -265,7 +265,7 @@ def _show_means(results: "xr.Dataset") -> None:
         means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
         table = table.rename(columns="{:g}".format)
-        values = table.astype(object).where(table.notna(), None).reset_index()
+        values = table.astype(object).where(np.isfinite(table), None).reset_index()
         record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
@@ -273,7 +273,7 @@ def _show_means(results: "xr.Dataset") -> None:
         show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
-        say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' tells them apart")
+        say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' shows each")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
     for surface in surfaces if others else ():

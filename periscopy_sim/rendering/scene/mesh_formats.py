@@ -5,6 +5,7 @@ short, vertices that are not finite, indices of no vertex, polygons with a notch
 fill, and what trimesh skips of GLB.
 """
 
+import hashlib
 import io
 import json
 import logging
@@ -131,12 +132,12 @@ def as_ply(path: Path, kind: str) -> Path:
 
     What is wrong is a ValueError, see `read_mesh`.
     """
-    return _copy(path, kind, path.stat().st_mtime_ns)
+    return _copy(path, kind, hashlib.sha256(_content(path)).digest())
 
 
 @lru_cache(maxsize=256)
-def _copy(path: Path, kind: str, _: int) -> Path:
-    """Write a mesh file as PLY, once as of a time."""
+def _copy(path: Path, kind: str, _: bytes) -> Path:
+    """Write a mesh file as PLY, once for its content."""
     mesh = read_mesh(path, kind)
     copy = Path(_copies().name) / f"{uuid.uuid4().hex}.ply"
     write_ply(copy, mesh)
