@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiments.report import Picture
 from periscopy_sim.figures import style
-from periscopy_sim.figures.panels import Rows, displayable, draw_panels
+from periscopy_sim.figures.panels import Rows, draw_panels
 from periscopy_sim.figures.style import PAGE as PAGE
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.view import wall_frame
 
 COLORS = {
@@ -41,12 +39,6 @@ def draw_rows(out: Path, name: str, rows: Rows, caption: str) -> Picture:
     """Draw linear pictures in [0, 1], each under its title, in rows by their names."""
     draw_panels(out / f"{name}.png", rows)
     return Picture(out / f"{name}.png", caption)
-
-
-def show_light(ax: Any, image: NDArray[np.floating[Any]], white: float | None = None) -> None:
-    """Show linear light, (rows, columns, 3), as it would look, without axes; see `displayable`."""
-    ax.imshow(np.clip(srgb_encode(displayable(image, white)), 0, 1), interpolation="nearest")
-    ax.set_axis_off()
 
 
 def wall_extent(scenario: Scenario) -> tuple[float, float, float, float]:

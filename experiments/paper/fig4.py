@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import PAGE, draw_rows, drawn, show_light
+from experiments.drawing import PAGE, draw_rows, drawn
 from experiments.page import described
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import SNR, Setting
 from experiments.sweeps import drawn_sweep, recovered, swept, tabulated
-from periscopy_sim.figures.panels import displayable
+from periscopy_sim.figures.panels import displayable, show_light
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -166,8 +166,7 @@ def _draw_places(setting: Setting, light: dict[str, Array]) -> Picture:
         for number, (name, background) in enumerate(light.items()):
             top, bottom = axes[2 * (number // half) :, number % half][:2]
             place, brightness = setting.place(name), background.mean(axis=2)
-            show_light(top, place, float(np.percentile(place, 98)))
-            top.set_title(name.replace("_", " "))
+            show_light(top, name.replace("_", " "), place, float(np.percentile(place, 98)))
             bottom.imshow(brightness, cmap="gray")
             bottom.set_title(f"max/min {brightness.max() / brightness.min():.2f}", fontsize=7)
             bottom.set_axis_off()

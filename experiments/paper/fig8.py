@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from experiments.drawing import PAGE, drawn, show_light
+from experiments.drawing import PAGE, drawn
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import GLASS, SNR, Setting
+from periscopy_sim.figures.panels import show_light
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
 
@@ -77,8 +78,8 @@ def _draw(setting: Setting, pictures: Mapping[str, Array], signal: Array) -> Pic
             "abcde", axes.T, pictures.items(), strict=True
         ):
             white = float(np.percentile(image, 99.5))
-            show_light(top, image.reshape(*shape, 3), white)
-            top.set_title(f"{letter}. {title}\nwhite = {white:.2f}")
+            heading = f"{letter}. {title}\nwhite = {white:.2f}"
+            show_light(top, heading, image.reshape(*shape, 3), white)
             outside = P.project_out(image).mean(axis=1).reshape(shape)
             drawing = bottom.imshow(outside, cmap="RdBu_r", vmin=-limit, vmax=limit)
             bottom.set_axis_off()

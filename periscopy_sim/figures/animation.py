@@ -183,7 +183,7 @@ def draw_sheet(
     images: Mapping[str, Image],
     text: dict[str, str],
 ) -> None:
-    """Draw photograph, hidden images and gain-matched images of 8 frames evenly chosen (Fig. 7).
+    """Draw hidden images, photograph and gain-matched images of 8 frames evenly chosen (Fig. 7).
 
     The images are by the surfaces' ids; their mean squared errors stand above.
     """

@@ -8,9 +8,11 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.animation import (
     ENCODINGS,
     draw_animation,
+    draw_sheet,
     require_encoder,
     side_by_side,
 )
+from periscopy_sim.storage.formats.srgb import srgb_bytes
 from tests.scenes.pictures import box, covers
 
 METADATA = {"command": "periscopy video λ", "seed": "3"}
@@ -74,6 +76,22 @@ def test_frames_last_as_the_rate_asks_and_repeat_for_ever(rate, moments, tmp_pat
 
 
 av = pytest.importorskip("av")
+
+
+@pytest.mark.usefixtures("drawings")
+def test_sheet_has_hidden_images_above_reconstructions_and_frames_in_order(tmp_path):
+    truth = np.array([plain(0.8 * colour) for colour in COLOURS])
+    draw_sheet(tmp_path / "sheet.png", 0 * truth + 0.5, {"m": truth}, {"m": 2 * truth}, METADATA)
+    with Image.open(tmp_path / "sheet.png") as picture:
+        pixels, text = np.asarray(picture.convert("RGB")).astype(int), dict(picture.text)
+    assert METADATA.items() <= text.items()
+    middles = []
+    for colour in srgb_bytes(0.8 * COLOURS).astype(int):
+        rows, columns = np.nonzero((np.abs(pixels - colour) < 3).all(axis=2))
+        (gap,) = np.nonzero(np.diff(np.unique(rows)) > 50)  # the photograph's row
+        assert len(gap) == 1
+        middles.append(columns.mean())
+    assert np.all(np.diff(middles) > 100)
 
 
 def frames(count, size=(7, 9)):

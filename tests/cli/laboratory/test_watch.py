@@ -100,6 +100,15 @@ def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypa
     assert "'.[video]'" in refused("watch", "rtsp://camera", *SCENE)
 
 
+def test_what_a_stream_reports_is_in_the_json(codes, periscopy, tmp_path):
+    pytest.importorskip("av")
+    pytest.importorskip("websockets")
+    write_video(tmp_path / "wall.mkv", codes[:3])
+    ran = periscopy("watch", "wall.mkv", *SCENE, "--port", 0, "--json")
+    record = json.loads(ran.out)
+    assert record["frames_shown"] == 3 and "sRGB curve" in record["warnings"][0]
+
+
 def test_a_recording_is_not_replaced(codes, refused, tmp_path):
     pytest.importorskip("av")
     pytest.importorskip("websockets")
