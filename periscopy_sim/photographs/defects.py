@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.photograph import Photograph, common_pixels, with_channels
 
 PLATEAU = 5
@@ -108,14 +109,19 @@ def defective_pixels(
     used: Mask = np.ones(values.shape[:2], bool) if mask is None else np.asarray(mask, bool)
     if used.shape != values.shape[:2]:
         raise ValueError(f"the photograph has shape {values.shape}, the mask {used.shape}")
-    saturated, dead, hot = kinds = np.zeros((3, *values.shape[:2]), bool)
-    for light in np.moveaxis(values, -1, 0):
+
+    def kinds_of(light: NDArray[Any]) -> NDArray[np.bool_]:
         channel = np.asarray(light, np.float64)
         valid = np.isfinite(channel) & used
+        kinds = np.zeros((3, *channel.shape), bool)
         if valid.any():
             levels = np.unique(channel[valid], return_counts=True)
-            saturated |= _saturated(channel, valid, *levels)
-            kinds[1:] |= _dead_and_hot(channel, valid, levels[0])
+            kinds[0] = _saturated(channel, valid, *levels)
+            kinds[1:] = _dead_and_hot(channel, valid, levels[0])
+        return kinds
+
+    channels = list(np.moveaxis(values, -1, 0))
+    saturated, dead, hot = np.logical_or.reduce(in_parallel(kinds_of, channels))
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 

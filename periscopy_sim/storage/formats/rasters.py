@@ -188,12 +188,12 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
             raise ValueError("it is cut short")
         cell = 1 if raw.num_colors == 1 else 2
         check_head((raw.sizes.height // cell, raw.sizes.width // cell), size, path)
-        counts, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
-        full = counts >= raw.white_level
-        black = np.array(raw.black_level_per_channel, np.float32)
-        colours = raw.raw_colors_visible
-        light = (counts - black[0 if cell == 1 else colours])[..., np.newaxis]
-        if cell == 2:
+        light, flip = raw.raw_image_visible.astype(np.float32), raw.sizes.flip
+        full = raw.raw_image_visible >= raw.white_level
+        black, colours = raw.black_level_per_channel, raw.raw_colors_visible
+        if cell == 1:
+            light = light[..., np.newaxis] - np.float32(black[0])
+        else:
             places = [chr(raw.color_desc[index]) for index in colours[:2, :2].ravel()]
             even = (colours[2:] == colours[:-2]).all() and (colours[:, 2:] == colours[:, :-2]).all()
             if not even or sorted(places) != ["B", "G", "G", "R"]:
@@ -201,7 +201,9 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
                     f"{path}: its mosaic is no Bayer pattern of red, green and blue; export it as "
                     "16-bit linear TIFF"
                 )
-            light = bayer_colours(light[..., 0], places)
+            for k, index in enumerate(colours[:2, :2].ravel()):
+                light[k // 2 :: 2, k % 2 :: 2] -= np.float32(black[index])
+            light = bayer_colours(light, places)
             full = np.asarray(bayer_colours(full, places).any(axis=2))
     upright, full = _upright(light, flip), _upright(full, flip)
     return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=cell)
