@@ -91,6 +91,10 @@ SENTENCES = {
         "{name}, if white, sends {share:.2g} % of the light, and noise hides up to {least:.2g} %: "
         "the photograph hardly shows it"
     ),
+    "swapped": (
+        "{name}: patches of {given} (rows x columns) are {ratio:.2g} times as wide as high, those "
+        "of {other} nearly square: check the order"
+    ),
     "no_rank": (
         "A has almost no rank beside the grain of {samples} rays, in which P loses {percent:.0f} % "
         "of a white image; use the method noise-aware, or more --samples"
@@ -127,8 +131,12 @@ def sentence(code: str, **values: Any) -> str:
 
 
 def report_sentences(report: "Report") -> list[str]:
-    """Return the sentences of a report, warnings first."""
-    return [sentence(note.code, **note.values) for note in (*report.warnings, *report.notes)]
+    """Return the sentences of a report: its verdict, if it has one, warnings and notes."""
+    notes = [*report.warnings, *report.notes]
+    is_judged = report.residual is not None and report.residual.diagnosis != "unknown"
+    if is_judged and report.verdict not in notes:
+        notes.insert(0, report.verdict)
+    return [sentence(note.code, **note.values) for note in notes]
 
 
 def colour(report: "Report") -> str:

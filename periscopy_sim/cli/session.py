@@ -96,7 +96,15 @@ class Session(options.OptionGroup):
             if len(scene.emission) > 1:
                 check_file_names(self.path, "hidden surface", scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
-            return ps.load_scenario(scene, sizes, camera=self.sensor)
+            scenario = ps.load_scenario(scene, sizes, camera=self.sensor)
+        for name, surface in scenario.hidden.items():
+            (rows, columns), sides = surface.shape, (surface.across, surface.up)
+            across, up = (np.median(np.linalg.norm(each, axis=1)) for each in sides)
+            given, other = across / up, across / up * (columns / rows) ** 2
+            if 2 * abs(np.log(other)) < abs(np.log(given)):
+                swapped = {"given": f"{rows}x{columns}", "other": f"{columns}x{rows}"}
+                self.warn(sentence("swapped", name=name, ratio=given, **swapped))
+        return scenario
 
     @property
     def sensor(self) -> str:

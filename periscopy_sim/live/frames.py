@@ -175,7 +175,7 @@ class FolderSource:
                 if (light := self._read(file, say_once)) is not None:
                     others = whole[k + 1 :]
                     self._done |= {*others}
-                    self.dropped += len(others)
+                    self.dropped += len({*others} - (self._old or set()))
                     yield CameraFrame(light, LINEAR)
                     break
 

@@ -106,9 +106,7 @@ class FrameMethod:
         `noise` is what is left of the camera's, over the light. Of a method for videos, nothing is
         corrected and the residual has no verdict.
         """
-        start, scenario = time.perf_counter(), self.scenario
-        frame = averaged_photograph(frame, scenario.photograph_shape)
-        values = blackened(frame.values, self.wall.mask)
+        start, values = time.perf_counter(), self._values(frame)
         with own_errors(self.choice.method, "failed"):
             solution = self._follow(values)
             if self._follow == self.method.solve:
@@ -117,11 +115,22 @@ class FrameMethod:
                 y = self.method.corrected(values, solution)
                 residual = quick_residual(y, solution.image, noise, self.method.fit)
         return LivePictures(
-            self.choice, scenario, self.is_coarse, None,
+            self.choice, self.scenario, self.is_coarse, None,
             Photograph(values, self.wall.mask), solution.image, None,
             Report(solution.numbers(), residual=residual),
             time.perf_counter() - start, number,
         )  # fmt: skip
+
+    def judge(self, frame: Photograph) -> Report:
+        """Return a report of what the method for single photographs leaves, with its verdict."""
+        values = self._values(frame)
+        with own_errors(self.choice.method, "failed"):
+            return Report(residual=self.method.residual(values, self.method.solve(values)))
+
+    def _values(self, frame: Photograph) -> Array:
+        """Return a frame's light at this size, black where it is not used."""
+        frame = averaged_photograph(frame, self.scenario.photograph_shape)
+        return blackened(frame.values, self.wall.mask)
 
 
 class SizedLaboratory:

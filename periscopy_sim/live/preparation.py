@@ -76,8 +76,8 @@ class Preparation:
 
     `mask`, (rows, columns) bool, is True where the film's pixels measure the wall; `monitor_off`
     has the companions' photographs with the monitor off in the film's pixels, by name; `warnings`
-    are assumptions, one line each. Errors are those of `prepare`, or a PhotographError says that a
-    companion is not of the frame's size.
+    are assumptions, one line each, `record` the numbers of the view by marks. Errors are those of
+    `prepare`, or a PhotographError says that a companion is not of the frame's size.
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
@@ -108,6 +108,8 @@ class Preparation:
             for name, each in companions.monitor_off.items()
         }
         self.warnings = *areas.warnings, *decoded
+        film = areas.film
+        self.record = {} if film is None else film.view.record(film.placement)
 
     def __call__(self, frame: CameraFrame) -> PreparedFrame:
         """Return a frame in the film's pixels."""

@@ -32,6 +32,7 @@ LOG = logging.getLogger(__name__)
 Level = Callable[[Choice, Callable[..., None]], Any]
 Use = Callable[[Any], None]
 Record = Callable[[LivePictures, Progress], None]
+Describe = Callable[[Report], Sequence[str]]
 
 MOST_AVERAGED = 1000.0
 """Frames of the longest running average: half a minute of a video."""
@@ -135,7 +136,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         images: Sequence[str],
         methods: Sequence[str],
         save: Callable[[LivePictures], str],
-        describe: Callable[[Report], Sequence[str]],
+        describe: Describe,
         *,
         light: Array | None = None,
         photograph: Photograph | None = None,
@@ -161,7 +162,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         show: Use = self.page.show
         if stream is not None:
             levels, show = (partial(stream.form, quick), partial(stream.form, full)), stream.use
-            self._connect(stream, record)
+            self._connect(stream, record, describe)
         self._laboratory = LiveLaboratory(*levels, show, self.page.report)
         self.page.want = self._laboratory.want
 
@@ -173,7 +174,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
         self.page.save = lambda: self._laboratory.save(saved)
 
-    def _connect(self, stream: Stream, record: Record) -> None:
+    def _connect(self, stream: Stream, record: Record, describe: Describe) -> None:
         """Show a stream's frames and lines on the page."""
 
         def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
@@ -183,7 +184,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         def show_lines(lines: list[str]) -> None:
             self.page.gate.publish(**{"status" if stream.shown else "trouble": lines})
 
-        stream.show, stream.show_lines = show, show_lines
+        stream.show, stream.show_lines, stream.describe = show, show_lines, describe
         stream.form_anew = lambda: self._laboratory.want(self.page.choice)
 
     def _stream_controls(self, page: Page) -> dict[str, Control]:

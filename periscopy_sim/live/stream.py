@@ -7,7 +7,7 @@ source replaces it, so that no picture is late.
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
@@ -21,12 +21,17 @@ from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, Sized
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
+from periscopy_sim.photographs.marks import WallTags
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
 
 SHOWN = 60
 """Frames whose rate and latency the page shows."""
+
+JUDGED = 5.0
+"""Seconds from one verdict on the scene to the next; each takes some 0.3 s of a core."""
 
 REPEATS = 10.0
 """Seconds that the page shows a line, and before the same one is printed again."""
@@ -62,9 +67,10 @@ class Stream:
 
     `count` is that of `PreparedFrames.add`. `show` gets the pictures of each frame, `say` a line
     about what happened, and `show_lines` that line beneath the numbers; all in the threads.
-    `form_anew` is called when methods must be formed anew; they arrive by `use`. `ended` is set by
-    `stop`, when the source has ended and all is shown, or when `show` has raised the PeriscopyError
-    `fault`.
+    `form_anew` is called when methods must be formed anew; they arrive by `use`. `describe` returns
+    a report's sentences, `verdict` the latest one on the scene. `ended` is set by `stop`, when the
+    source has ended and all is shown, or by a PeriscopyError `fault`: of `show`, or of the first
+    two frames, which no later one of their size would mend.
     """
 
     def __init__(
@@ -81,6 +87,8 @@ class Stream:
         self.show: Callable[[LivePictures, Progress, list[str]], None] = lambda *_: None
         self.form_anew: Callable[[], None] = lambda: None
         self.show_lines: Callable[[list[str]], None] = lambda _: None
+        self.describe: Callable[[Report], Sequence[str]] = lambda _: ()
+        self.verdict: Report | None = None
         self.ended = Event()
         self.fault: PeriscopyError | None = None
         self._read = Latest[CameraFrame](keeps=not source.is_live)
@@ -95,11 +103,13 @@ class Stream:
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
         self._may_recover, self._is_rejected = source.is_live, False
+        self._refusal = ""  # why the latest frame cannot be prepared
 
     def start(self) -> None:
         """Begin to read."""
         self.show_lines([self.notice])
-        for step in (self._read_frames, self._average_frames, self._show_frames):
+        steps = self._read_frames, self._average_frames, self._show_frames, self._judge_scene
+        for step in steps:
             Thread(target=self._guarded, args=(step,), daemon=True).start()
 
     def stop(self) -> None:
@@ -119,6 +129,11 @@ class Stream:
     def wall(self) -> Photograph | None:
         """The present average with its conditions; None before the first frame."""
         return None if self._frames is None else self._frames.photograph()
+
+    @property
+    def record(self) -> Mapping[str, object]:
+        """The numbers of the view by marks, for metadata; none before the first frame."""
+        return {} if self._frames is None else self._frames.prepare.record
 
     def form(
         self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]
@@ -162,7 +177,7 @@ class Stream:
                 self._coarse = formed
                 if former and not former.is_coarse and former.choice == formed.choice:
                     return
-            self._formed = formed
+            self._formed, self.verdict = formed, None
             self._changed.notify_all()
         if self._source.is_live:
             self._averaged.repeat()
@@ -180,7 +195,7 @@ class Stream:
         """Print a line, unless the same was just printed, and show it on the page."""
         self.notice, now = line, time.monotonic()
         self._expires = now + REPEATS
-        self.show_lines([*self._lines, line])
+        self.show_lines(self._status())
         kind = line.rpartition(": ")[2]  # without numbers that change
         if now >= self._said.get(kind, 0.0):
             self._said[kind] = now + REPEATS
@@ -212,7 +227,11 @@ class Stream:
                 for line in frames.add(frames.prepare(frame), self.count):
                     self.report(line)
             except PeriscopyError as error:
-                self.report(str(error))
+                may_differ = isinstance(self.companions.marks, WallTags) or self._frames is not None
+                if str(error) == self._refusal and not may_differ:
+                    raise
+                self._refusal = str(error)
+                self.report(self._refusal)
                 continue
             if frames.wall is not wall:
                 self.form_anew()
@@ -264,12 +283,35 @@ class Stream:
             )
             recent = median(list(self.latencies)[-SHOWN:] or [now - arrived])
             self._lines = progress.lines(recent)
-            news = [self.notice] if now < self._expires else []
-            self.show(pictures, progress, [*self._lines, *news])
+            self.show(pictures, progress, self._status())
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
+        if self.verdict is None:
+            self._judge()
         self.stop()
+
+    def _status(self) -> list[str]:
+        """Return the numbers, the verdict and what has just happened."""
+        verdict = () if self.verdict is None else self.describe(self.verdict)
+        news = [self.notice] if time.monotonic() < self._expires else []
+        return [*self._lines, *verdict, *news]
+
+    def _judge_scene(self) -> None:
+        """Judge the scene by the present average, now and then."""
+        while not self.ended.wait(JUDGED):
+            self._judge()
+            self.show_lines(self._status())
+
+    def _judge(self) -> None:
+        formed, wall = self._formed, self.wall
+        if formed is None or formed.is_coarse or wall is None or not self.shown:
+            return
+        with suppress(PeriscopyError):  # the frame's picture reports it
+            verdict = formed.judge(wall)
+            with self._changed:
+                if self._formed is formed:
+                    self.verdict = verdict
 
     def _method(self) -> FrameMethod | None:
         """Wait for a method, of a recording for the full one; None after `stop`."""

@@ -155,13 +155,7 @@ class Prepared:
         }
         if self.view is None:
             return left_out
-        return {
-            **left_out,
-            "view_placement": self.placement,
-            "view_residual_pixels": self.view.rms,
-            "view_distortion": " ".join(map(repr, self.view.view.distortion)) or "none",
-            "view_homography": " ".join(map(repr, self.view.view.homography.ravel().tolist())),
-        }
+        return left_out | self.view.record(self.placement)
 
 
 @dataclass(frozen=True, eq=False)

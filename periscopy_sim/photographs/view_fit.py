@@ -67,6 +67,15 @@ class FittedView:
         on_wall = np.linalg.solve(self.slopes(), self.residuals[..., np.newaxis])
         return float(np.sqrt(2 * np.mean(on_wall**2)))
 
+    def record(self, placement: float) -> dict[str, object]:
+        """Return the numbers of the view, and the error with which it places, for metadata."""
+        return {
+            "view_placement": placement,
+            "view_residual_pixels": self.rms,
+            "view_distortion": " ".join(map(repr, self.view.distortion)) or "none",
+            "view_homography": " ".join(map(repr, self.view.homography.ravel().tolist())),
+        }
+
     def slopes(self) -> Array:
         """Return (n p, 2, 2) derivatives of pixels by metres across and up, at the marks."""
         places = self.places.reshape(-1, 2)

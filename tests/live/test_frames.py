@@ -53,13 +53,18 @@ def value_of(frame):
 def test_the_newest_of_a_thousand_files_is_taken_and_the_others_are_counted(
     tmp_path, said, stopped
 ):
-    for k in range(1000):
-        file = tmp_path / f"{k}.tif"
-        file.write_bytes(tiff(1 + k))
-        os.utime(file, (k, k))
+    def write(numbers):
+        for k in numbers:
+            file = tmp_path / f"{k}.tif"
+            file.write_bytes(tiff(1 + k))
+            os.utime(file, (k, k))
+
+    write(range(3))
     source = open_source(tmp_path)
     incoming = source.frames(stopped, said.append)
-    assert value_of(next(incoming)) == 1000 and source.dropped == 999
+    assert value_of(next(incoming)) == 3 and source.dropped == 0  # the old ones are not late
+    write(range(3, 1000))
+    assert value_of(next(incoming)) == 1000 and source.dropped == 996
     (tmp_path / "next.tif").write_bytes(tiff(7))
     assert value_of(next(incoming)) == 7
     assert said == []

@@ -12,7 +12,7 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live import calibrating, preparation
+from periscopy_sim.live import calibrating, preparation, stream
 from periscopy_sim.live import pictures as live_pictures
 from periscopy_sim.live.calibrating import BUSY, DECLINE, IDLE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import open_source
@@ -22,6 +22,7 @@ from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Stream
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs import prepare
+from periscopy_sim.photographs.marks import WallTags
 from periscopy_sim.rendering.scene.load import load_scenario
 
 pytest.importorskip("websockets")
@@ -344,6 +345,33 @@ def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown)
     assert len(tries) == 2 and any("no tag" in line for line in brief.said)
+
+
+@pytest.mark.parametrize("has_tags", [False, True])
+def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_tags, monkeypatch):
+    if has_tags:
+        tags = WallTags(np.arange(2), np.zeros((2, 3)), np.ones(2))
+        brief = Brief(lambda: time.sleep(0.01) or WALL, Companions(marks=tags))
+    else:
+        brief = Brief(lambda: time.sleep(0.01) or WALL[:-1])
+    with brief.session, live.running(brief.session):
+        assert brief.stream.ended.wait(1.0 if has_tags else PATIENCE / 4) is not has_tags
+    assert isinstance(brief.stream.fault, PhotographError) is not has_tags
+    assert not brief.shown
+
+
+def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
+    monkeypatch.setattr(stream, "JUDGED", 0.1)
+    watched = Watched()
+    watched.stream.describe = lambda report: [report.verdict.code]
+
+    def is_judged(code):
+        return code in watched.page.gate._state.get("status", [0, []])[1]
+
+    with watched.session, live.running(watched.session):
+        for shift, code in (0.0, "fits"), (0.03, "does_not_fit"):
+            watched.page.move({"occluder_dx": shift})
+            watched.until(lambda *_, code=code: is_judged(code))
 
 
 @pytest.mark.parametrize("is_early", [False, True])

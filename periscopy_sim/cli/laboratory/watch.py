@@ -1,6 +1,7 @@
 """`periscopy watch`: photographs as they come, reconstructed on the page of `view`."""
 
 import csv
+import os
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -13,9 +14,17 @@ import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
-from periscopy_sim.cli.messages import report_sentences
+from periscopy_sim.cli.messages import colour, report_sentences, verdict
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
-from periscopy_sim.cli.output import for_threads, output_files, progress, record, say, written
+from periscopy_sim.cli.output import (
+    conclude,
+    for_threads,
+    output_files,
+    progress,
+    record,
+    say,
+    written,
+)
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require
@@ -96,14 +105,17 @@ def watch(
             recorder.close()
         record(frames_shown=stream.shown, frames_dropped=stream.dropped)
         say(f"{stream.shown} frames shown, {stream.dropped} dropped")
+        if stream.verdict is not None:
+            conclude(verdict(stream.verdict), colour(stream.verdict))
 
     with live:
         serve(live, session.path.name, close)
-    if not (stream.shown or stream.fault):
-        raise PeriscopyError(f"{source}: no frame was shown: {stream.notice}")
-    close()
+    if stream.shown or stream.fault:
+        close()
     if stream.fault is not None:
         raise stream.fault
+    if not stream.shown:
+        raise PeriscopyError(f"{source}: no frame was shown: {stream.notice}")
 
 
 def _companions(
@@ -142,8 +154,10 @@ class Recorder:
     def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
         if any(any(folder.glob(name)) for name in ("metrics.csv", "summary.json", "frames*.npy")):
             raise OutputError(f"{folder} holds a recording; name another folder for --out")
-        with unwritable_reported(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+        # Before the first frame only a look: what fails before it leaves no empty folder.
+        place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        if not (place.is_dir() and os.access(place, os.W_OK)):
+            raise OutputError(f"cannot write {folder}; name another folder for --out")
         self._folder, self._session, self._stream = folder, session, stream
         self._source, self._count = source, 0
         self._stacks: dict[str, GrowingStack] = {}
@@ -182,6 +196,7 @@ class Recorder:
 
     def _begin(self, columns: Sequence[str]) -> TextIO:
         """Begin the table."""
+        self._folder.mkdir(parents=True, exist_ok=True)
         self._file = file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
         # Another method may have other numbers, which are left out.
         self._table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
@@ -192,7 +207,8 @@ class Recorder:
         """Write the summary of the frames, if there are any."""
         if self._file is None:
             return
-        latencies = [*self._stream.latencies]
+        latencies, report = [*self._stream.latencies], self._stream.verdict
+        judged = report and report.residual
         summary = {
             "source": self._source,
             "frames": self._count,
@@ -200,6 +216,8 @@ class Recorder:
             "frames_dropped": self._stream.dropped,
             "median_latency": median(latencies) if latencies else None,
             "average": self._stream.count,
+            **self._stream.record,
+            **(judged.numbers() if judged else {}),
         }
         with unwritable_reported(self._folder), closing(self._file):
             for stack in self._stacks.values():

@@ -57,6 +57,7 @@ def test_a_video_is_watched_to_its_end_and_recorded(codes, periscopy, tmp_path):
     assert float(rows[-1]["noise_left"]) < float(rows[1]["noise_left"])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["frames"] == 15 and summary["median_latency"] > 0
+    assert summary["diagnosis"] == "fits" and "The scene fits" in ran.out
 
 
 def test_a_video_of_which_no_frame_can_be_shown_ends_with_the_reason(codes, periscopy, tmp_path):
@@ -68,12 +69,12 @@ def test_a_video_of_which_no_frame_can_be_shown_ends_with_the_reason(codes, peri
     np.save(tmp_path / "few.npy", few)
     write_video(tmp_path / "odd.mkv", codes[:3, :94])
     for options, reason in {
-        ("wall.mkv", "--mask", "few.npy"): "pixels",
+        ("wall.mkv", "--mask", "few.npy"): "wall.mkv: no frame was shown",
         ("odd.mkv",): "94 x 96 pixels",
     }.items():
-        ended = periscopy("watch", *options, *SCENE, "--port", 0)
-        assert ended.code == 2 and reason in ended.err
-        assert f"{options[0]}: no frame was shown" in ended.err
+        ended = periscopy("watch", *options, *SCENE, "--port", 0, "--out", "out")
+        assert ended.code == 2 and reason in ended.err.splitlines()[-1]
+        assert not (tmp_path / "out").exists()
 
 
 def test_what_cannot_be_watched_is_refused_in_a_line(refused, tmp_path, monkeypatch):
