@@ -45,7 +45,7 @@ def test_scene_without_shadows_is_warned_of(capfd):
 
 @pytest.mark.parametrize(("hidden", "is_named"), [("29x36", 0), ("36x29", 1), ("4x36", 0)])
 def test_rows_and_columns_that_are_exchanged_are_named(hidden, is_named):
-    session = Session("chair", [hidden], ["resolution=24"])
+    session = Session("chair", [hidden], ["resolution=36"])
     assert session.scenario.hidden.patches and len(session.warnings) == is_named
 
 

@@ -348,7 +348,7 @@ def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
 
 
 @pytest.mark.parametrize("has_tags", [False, True])
-def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_tags, monkeypatch):
+def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_tags):
     if has_tags:
         tags = WallTags(np.arange(2), np.zeros((2, 3)), np.ones(2))
         brief = Brief(lambda: time.sleep(0.01) or WALL, Companions(marks=tags))
