@@ -170,7 +170,7 @@ class Page:
             controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in SBRS})
         placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
-        for group, names in ("places", placing), ("other parameters", others):
+        for group, names in ("Positions", placing), ("Other parameters", others):
             for name in filter(names.__contains__, self._movables):
                 controls[f"value {name}"] = placed(self._movables[name], group)
         return {
