@@ -130,7 +130,8 @@ CONTRAST = """() => {
 """Contrast of each text of the page, by WCAG 2."""
 
 
-def test_both_themes_are_legible_and_keep_the_photographs_values(page):
+def test_both_themes_are_legible_and_keep_the_photographs_values(session, page):
+    wait_for_full(session, lambda each: each.choice == session.page.choice)
     looks = {}
     for scheme in "light", "dark":
         page.emulate_media(color_scheme=scheme)
