@@ -81,15 +81,14 @@ const kinds = {
 function showControls(controls) {
   const [box, groups] = [element("controls"), {}];
   box.replaceChildren();
-  for (const { id, kind, group, ...control } of controls) {
-    const [shown, show] = kinds[kind]({ id, ...control }, (value) => send({ control: id, value }));
-    showValue[id] = show;
-    if (group && !groups[group]) {
-      const open = !Object.keys(groups).length; // the first group of sliders
-      groups[group] = make("details", { open }, make("summary", {}, group));
-      box.append(groups[group]);
-    }
-    (groups[group] ?? box).append(shown);
+  for (const control of controls) {
+    const set = (value) => send({ control: control.id, value });
+    const [shown, show] = kinds[control.kind](control, set);
+    showValue[control.id] = show;
+    const open = !Object.keys(groups).length; // the first group of sliders
+    const summary = make("summary", {}, control.group ?? "");
+    if (control.group) groups[control.group] ??= box.appendChild(make("details", { open }, summary));
+    (groups[control.group] ?? box).append(shown);
   }
 }
 
@@ -101,10 +100,7 @@ function showEach(box, values, add, show) {
 }
 
 /** A panel: its pictures, the scale of their false colours, and its caption. */
-const addPanel = () => {
-  const scale = make("div", { className: "scale" }, make("i"), make("span"), make("span"));
-  return make("figure", {}, make("div", { className: "pictures" }), make("figcaption", {}, scale, make("span")));
-};
+const addPanel = () => element("panel").content.firstElementChild.cloneNode(true);
 
 function showPanel(figure, { caption, pictures, scale }) {
   const [box, text] = figure.children;
@@ -308,13 +304,40 @@ const COLOURS = ["#d62728", "#2ca02c", "#1f77b4"]; // of arrows along x, y and z
 const REACH = 9; // pixels within which the pointer grips an arrow or a centre
 let grip; // what is dragged: a handle's name, its position, and where a ray takes it
 
-/** The arrows of a handle: axis, its number, and both ends on the screen. */
+/** The arrows of a handle: the number of their axis, and both ends on the screen. */
 function arrows(handle) {
   const from = handle.name === grip?.name ? grip.position : handle.position;
-  return [0, 1, 2].filter((i) => handle.axes[i]).map((i) => {
-    const axis = [0, 0, 0].with(i, 1);
-    return { i, axis, start: onScreen(from), end: onScreen(plus(from, axis, state.room.arrow)) };
+  return [0, 1, 2].filter((axis) => handle.axes[axis]).map((axis) => {
+    const to = from.with(axis, from[axis] + state.room.arrow);
+    return { axis, start: onScreen(from), end: onScreen(to) };
   });
+}
+
+/** Draw a handle; with an edge, in pixels, the outline that keeps it legible before everything. */
+function drawHandle(pen, handle, edge) {
+  const ink = (colour, width) => {
+    pen.strokeStyle = pen.fillStyle = edge ? colourOf("page") : colour;
+    pen.lineWidth = width + edge;
+  };
+  const drawn = arrows(handle);
+  for (const { axis, start, end } of drawn) {
+    const along = unit(minus(end, start));
+    const tip = (t, s) => plus(plus(end, along, t), [-along[1], along[0]], s);
+    const arrow = new Path2D();
+    for (const point of [start, end, tip(0, 4), tip(8, 0), tip(0, -4), end]) arrow.lineTo(...point);
+    ink(COLOURS[axis], 2);
+    pen.stroke(arrow);
+    pen.fill(arrow);
+  }
+  const [x, y] = drawn[0].start;
+  ink(colourOf("text"), 1);
+  pen.beginPath();
+  pen.arc(x, y, 4, 0, 2 * Math.PI);
+  pen.stroke();
+  pen.fill();
+  const label = [handle.name, x, Math.min(...drawn.map(({ end }) => end[1])) - 18];
+  if (edge) pen.strokeText(...label);
+  pen.fillText(...label);
 }
 
 function drawHandles() {
@@ -322,63 +345,29 @@ function drawHandles() {
   const scale = marks.width / marks.clientWidth;
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, marks.clientWidth, marks.clientHeight);
-  pen.font = "13px sans-serif";
-  pen.textAlign = "center";
-  pen.lineJoin = "round";
-  const [page, text] = ["page", "text"].map(colourOf);
-  for (const handle of state.handles ?? []) {
-    const drawn = arrows(handle);
-    for (const { i, start, end } of drawn) {
-      const along = unit(minus(end, start));
-      const tip = (t, s) => plus(plus(end, along, t), [-along[1], along[0]], s);
-      const arrow = new Path2D();
-      for (const point of [start, end, tip(0, 5), tip(10, 0), tip(0, -5), end]) arrow.lineTo(...point);
-      for (const [colour, width] of [[page, 5], [COLOURS[i], 3]]) {
-        Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: width });
-        pen.stroke(arrow);
-        pen.fill(arrow);
-      }
-    }
-    const [x, y] = drawn[0].start;
-    const label = [handle.name, x, Math.min(...drawn.map(({ end }) => end[1])) - 18];
-    const dot = new Path2D();
-    dot.arc(x, y, 5, 0, 2 * Math.PI);
-    Object.assign(pen, { strokeStyle: page, fillStyle: text, lineWidth: 3 });
-    pen.stroke(dot);
-    pen.fill(dot);
-    pen.strokeText(...label);
-    pen.fillText(...label);
-  }
+  Object.assign(pen, { font: "13px sans-serif", textAlign: "center", lineJoin: "round" });
+  for (const edge of [3, 0]) state.handles?.forEach((handle) => drawHandle(pen, handle, edge));
 }
 
-// The ways that a ray through a pixel asks a handle to go: along one axis, or in the screen's plane.
-
-const along = (axis, center) => ([eye, direction]) => {
-  const [w, b] = [minus(center, eye), dot(axis, direction)];
-  return axis.map((x) => (x * (b * dot(direction, w) - dot(axis, w))) / (1 - b * b));
-};
-
-const acrossScreen = (axes, center) => {
-  const back = apply(pose(), [0, 0, 1], 0);
-  return ([eye, direction]) => {
-    const hit = plus(eye, direction, dot(minus(center, eye), back) / dot(direction, back));
-    return minus(hit, center).map((x, i) => (axes[i] ? x : 0));
-  };
-};
-
-/** The grip on the handle under a pixel; none where there is no handle. */
+/** The grip on the handle under a pixel: on an arrow or on the centre; none where there is no handle. */
 function gripAt(pixel) {
   const isNear = (point) => Math.hypot(...minus(pixel, point)) < REACH;
-  for (const { name, axes, position, ...others } of state.handles ?? []) {
-    const drawn = arrows({ name, axes, position, ...others });
-    const ways = drawn.filter(({ start, end }) => {
+  for (const { name, axes, position } of state.handles ?? []) {
+    const drawn = arrows({ name, axes, position });
+    const onCenter = drawn.length > 1 && isNear(drawn[0].start);
+    const arrow = drawn.findLast(({ start, end }) => {
       const line = minus(end, start);
       const t = Math.min(Math.max(dot(minus(pixel, start), line) / dot(line, line), 0), 1.1);
       return isNear(plus(start, line, t));
-    }).map(({ axis }) => along(axis, position));
-    if (drawn.length > 1 && isNear(drawn[0].start)) ways.push(acrossScreen(axes, position));
-    const way = ways.at(-1);
-    if (!way) continue;
+    });
+    if (!onCenter && !arrow) continue;
+    // It follows the ray in a plane: that of the screen, or the one along the arrow that faces it most.
+    const free = onCenter ? axes : axes.map((_, i) => i === arrow.axis);
+    const normal = apply(pose(), [0, 0, 1], 0).map((x, i) => (onCenter || !free[i] ? x : 0));
+    const way = ([eye, direction]) => {
+      const hit = plus(eye, direction, dot(minus(position, eye), normal) / dot(direction, normal));
+      return minus(hit, position).map((x, i) => (free[i] ? x : 0));
+    };
     const start = way(rayThrough(pixel));
     return { name, position, follow: (ray) => plus(position, minus(way(ray), start)) };
   }
@@ -391,13 +380,10 @@ const drag = (ends) => send({ handle: grip.name, position: grip.position, ends }
 let pressed; // the last place of a pointer that turns or shifts the view
 const placeOf = (event) => [event.offsetX, event.offsetY];
 
-function turn(x, y) {
+/** Turn the view, as a pointer does that moves by some pixels, and zoom by some steps. */
+function look(x, y, steps) {
   camera.azimuth -= 0.3 * x;
   camera.elevation = Math.min(Math.max(camera.elevation + 0.3 * y, -86), 86);
-  redraw();
-}
-
-function zoom(steps) {
   camera.distance *= Math.exp(0.1 * steps);
   redraw();
 }
@@ -416,7 +402,7 @@ marks.onpointermove = (event) => {
   } else if (pressed) {
     const [x, y] = minus(placeOf(event), pressed);
     pressed = placeOf(event);
-    if (event.buttons & 1 && !event.shiftKey) return turn(x, y);
+    if (event.buttons & 1 && !event.shiftKey) return look(x, y, 0);
     const metres = camera.distance / focalLength();
     camera.target = minus(camera.target, apply(pose(), [x * metres, -y * metres, 0], 0));
     redraw();
@@ -428,25 +414,19 @@ marks.onpointerup = marks.onpointercancel = () => {
 };
 marks.onwheel = (event) => {
   event.preventDefault();
-  zoom(Math.sign(event.deltaY));
+  look(0, 0, Math.sign(event.deltaY));
 };
 marks.oncontextmenu = (event) => event.preventDefault();
 
-const KEYS = {
-  ArrowLeft: () => turn(20, 0),
-  ArrowRight: () => turn(-20, 0),
-  ArrowUp: () => turn(0, 20),
-  ArrowDown: () => turn(0, -20),
-  "+": () => zoom(-1),
-  "-": () => zoom(1),
-};
+const KEYS = { ArrowLeft: [20, 0, 0], ArrowRight: [-20, 0, 0], ArrowUp: [0, 20, 0], ArrowDown: [0, -20, 0] };
+Object.assign(KEYS, { "+": [0, 0, -1], "-": [0, 0, 1] });
 document.onkeydown = (event) => {
   const isCommand = event.ctrlKey || event.metaKey;
   const undoes = isCommand && event.key === "z" && event.target.type !== "number"; // not what is typed
   const views = !isCommand && event.target === marks && event.key in KEYS;
   if (undoes || views) event.preventDefault();
   if (undoes) send({ control: "undo", value: true });
-  if (views) KEYS[event.key]();
+  if (views) look(...KEYS[event.key]);
 };
 
 // -- frames ---------------------------------------------------------------------------------------
