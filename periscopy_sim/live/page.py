@@ -172,7 +172,7 @@ class Page:
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
             "reset": button(
-                lambda: "Back to the file's values", lambda: self._set(first.values, 0.0)
+                lambda: "Reset to the file's values", lambda: self._set(first.values, 0.0)
             ),
             **more,
             "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),
