@@ -418,8 +418,10 @@ marks.onwheel = (event) => {
 };
 marks.oncontextmenu = (event) => event.preventDefault();
 
-const KEYS = { ArrowLeft: [20, 0, 0], ArrowRight: [-20, 0, 0], ArrowUp: [0, 20, 0], ArrowDown: [0, -20, 0] };
-Object.assign(KEYS, { "+": [0, 0, -1], "-": [0, 0, 1] });
+const KEYS = {
+  ArrowLeft: [20, 0, 0], ArrowRight: [-20, 0, 0], ArrowUp: [0, 20, 0], ArrowDown: [0, -20, 0],
+  "+": [0, 0, -1], "-": [0, 0, 1],
+};
 document.onkeydown = (event) => {
   const isCommand = event.ctrlKey || event.metaKey;
   const undoes = isCommand && event.key === "z" && event.target.type !== "number"; // not what is typed
