@@ -18,9 +18,6 @@ SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
 the scene declares none, in metres by which places move; least steps from the middle to an end."""
 
-UNKNOWN_UNIT = "scene's unit"
-"""Unit of a number that neither shifts nor turns anything: metres of a size, or a ratio."""
-
 Moves = dict[str, tuple[frozenset[str], Array]]
 """The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
 
@@ -98,8 +95,9 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
         if shift is not None:
             moves[name] = frozenset(speeds), shift
         fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
-        error, unit = errors.get(name, 0.0), document.units.get(name, UNKNOWN_UNIT)
-        limits = _limits(value, error, float(fastest), is_place=shift is not None)
+        # A number that scales the file's shape is a factor, even where that is the size in metres.
+        unit = document.units.get(name, "factor" if fastest else "")
+        limits = _limits(value, errors.get(name, 0.0), float(fastest), is_place=shift is not None)
         movables.append(Movable(name, value, *limits, unit))
     if not movables:
         raise SceneError(

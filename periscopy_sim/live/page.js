@@ -27,114 +27,113 @@ function connect() {
 
 // -- beside the scene -----------------------------------------------------------------------------
 
-const inputs = {}; // by control
-let held; // the slider that is being moved: it does not follow the server
+const showValue = {}; // by control: shows the server's value
 
-function lines(id, texts) {
-  const rows = texts.map((text) => Object.assign(document.createElement("div"), { textContent: text }));
-  element(id).replaceChildren(...rows);
-}
-
-const make = (kind, properties = {}) => Object.assign(document.createElement(kind), properties);
-
-function addControl(control, places) {
-  const set = (value) => send({ control: control.id, value });
-  let made;
-  if (control.kind === "button") {
-    made = make("button", { onclick: () => set(true) });
-    inputs[control.id] = (label) => {
-      made.textContent = label;
-      made.hidden = !label;
-    };
-  } else {
-    made = make("label");
-    made.append(make("span", { textContent: control.label, title: control.label }));
-    if (control.kind === "choice") {
-      const input = make("select", { onchange: () => set(input.value) });
-      input.append(...control.options.map((name) => new Option(name, name)));
-      inputs[control.id] = (value) => (input.value = value);
-      made.append(input);
-    } else {
-      const digits = Math.max(0, Math.round(-Math.log10(control.step)));
-      const count = Math.round((control.high - control.low) / control.step);
-      const valueAt = (k) => Math.min(control.low + k * control.step, control.high);
-      const input = make("input", { type: "range", min: 0, max: count, step: 1 });
-      const typed = make("input", { type: "number", step: control.step });
-      input.oninput = () => {
-        typed.value = valueAt(+input.value).toFixed(digits);
-        set(valueAt(+input.value));
-      };
-      typed.onchange = () => {
-        if (typed.value) set(Math.min(Math.max(+typed.value, control.low), control.high));
-        else typed.value = state.values[control.id].toFixed(digits); // empty, or no number
-      };
-      input.onpointerdown = () => (held = input);
-      input.onpointerup = input.onpointercancel = () => (held = undefined);
-      input.onkeydown = () => (held = input);
-      input.onkeyup = input.onblur = () => setTimeout(() => (held = undefined), 300);
-      inputs[control.id] = (value) => {
-        if (held === input) return;
-        input.value = Math.round((value - control.low) / control.step);
-        typed.value = value.toFixed(digits);
-      };
-      made.append(input, typed);
-    }
-  }
-  if (control.group && !places[control.group]) {
-    const open = !Object.keys(places).length; // the first group of sliders
-    places[control.group] = make("details", { open });
-    places[control.group].append(make("summary", { textContent: control.group }));
-    element("controls").append(places[control.group]);
-  }
-  (places[control.group] ?? element("controls")).append(made);
-}
-
-/** A panel: a picture, the scale of its false colours, and its caption. */
-function figure() {
-  const made = make("figure");
-  const [image, scale, caption] = [make("img"), make("div", { className: "scale" }), make("figcaption")];
-  const ends = [make("span"), make("span")];
-  const bar = make("i");
-  scale.append(ends[0], bar, ends[1]);
-  made.append(image, scale, caption);
-  made.show = (panel) => {
-    image.hidden = !panel.source;
-    if (panel.source) image.src = panel.source;
-    caption.textContent = image.alt = panel.caption;
-    scale.style.display = panel.scale ? "" : "none";
-    if (!panel.scale) return;
-    [ends[0].textContent, ends[1].textContent] = [panel.scale.low, panel.scale.high];
-    bar.style.background = `linear-gradient(to right, ${panel.scale.colours.join(", ")})`;
-  };
+const make = (kind, properties = {}, ...children) => {
+  const made = Object.assign(document.createElement(kind), properties);
+  made.append(...children);
   return made;
+};
+
+const lines = (id, texts) => element(id).replaceChildren(...texts.map((text) => make("div", {}, text)));
+
+const labelled = ({ label }, ...inputs) => make("label", {}, make("span", { title: label }, label), ...inputs);
+
+// By kind of control: return its element, and the function that shows its value.
+const kinds = {
+  button: (control, set) => {
+    const button = make("button", { onclick: () => set(true) });
+    return [button, (label) => Object.assign(button, { textContent: label, hidden: !label })];
+  },
+
+  choice: (control, set) => {
+    const options = control.options.map((name) => new Option(name, name));
+    const list = make("select", { onchange: () => set(list.value) }, ...options);
+    return [labelled(control, list), (value) => (list.value = value)];
+  },
+
+  slider: (control, set) => {
+    const { low, high, step } = control;
+    const digits = Math.max(0, Math.round(-Math.log10(step)));
+    const slider = make("input", { type: "range", max: Math.round((high - low) / step) });
+    const field = make("input", { type: "number", step, ariaLabel: control.label });
+    let moved = 0; // when a person moved the slider: for a while, it does not follow the server
+    const show = (value) => {
+      const wait = moved + 300 - Date.now();
+      if (wait > 0) return setTimeout(() => show(state.values[control.id]), wait);
+      slider.value = Math.round((value - low) / step);
+      field.value = value.toFixed(digits);
+    };
+    slider.oninput = () => {
+      const value = Math.min(low + slider.value * step, high);
+      field.value = value.toFixed(digits);
+      moved = Date.now();
+      set(value);
+    };
+    field.onchange = () => {
+      if (field.value) set(Math.min(Math.max(+field.value, low), high));
+      else show(state.values[control.id]); // empty, or no number
+    };
+    return [labelled(control, slider, field), show];
+  },
+};
+
+function showControls(controls) {
+  const [box, groups] = [element("controls"), {}];
+  box.replaceChildren();
+  for (const control of controls) {
+    const set = (value) => send({ control: control.id, value });
+    const [shown, show] = kinds[control.kind](control, set);
+    showValue[control.id] = show;
+    const open = !Object.keys(groups).length; // the first group of sliders
+    const summary = make("summary", {}, control.group ?? "");
+    if (control.group) groups[control.group] ??= box.appendChild(make("details", { open }, summary));
+    (groups[control.group] ?? box).append(shown);
+  }
+}
+
+/** Keep as many children in a box as there are values, and show one value by each. */
+function showEach(box, values, add, show) {
+  while (box.children.length < values.length) box.append(add());
+  while (box.children.length > values.length) box.lastChild.remove();
+  values.forEach((value, i) => show(box.children[i], value));
+}
+
+/** A panel: its pictures, the scale of their false colours, and its caption. */
+const addPanel = () => element("panel").content.firstElementChild.cloneNode(true);
+
+function showPanel(figure, { caption, pictures, scale }) {
+  const [box, text] = figure.children;
+  showEach(box, pictures, () => make("img"), (image, { source, columns }) => {
+    Object.assign(image, { src: source, alt: caption });
+    image.style.flexGrow = columns;
+  });
+  text.lastChild.textContent = caption;
+  text.firstChild.hidden = !scale;
+  if (!scale) return;
+  const [bar, low, high] = text.firstChild.children;
+  bar.style.background = `linear-gradient(to right, ${scale.colours.join(", ")})`;
+  [low.textContent, high.textContent] = [scale.low, scale.high];
 }
 
 const shows = {
-  panels: (panels) => {
-    const box = element("panels");
-    while (box.children.length < panels.length) box.append(figure());
-    while (box.children.length > panels.length) box.lastChild.remove();
-    panels.forEach((panel, i) => box.children[i].show(panel));
-  },
+  panels: (panels) => showEach(element("panels"), panels, addPanel, showPanel),
   status: (texts) => lines("status", texts),
   trouble: (texts) => lines("trouble", texts),
   notes: (texts) => lines("notes", gl ? texts : [...texts, NO_WEBGL]),
-  controls: (controls) => {
-    const places = {};
-    element("controls").replaceChildren();
-    controls.forEach((control) => addControl(control, places));
-  },
-  values: (values) => Object.entries(values).forEach(([name, value]) => inputs[name]?.(value)),
+  controls: showControls,
+  values: (values) => Object.entries(values).forEach(([name, value]) => showValue[name]?.(value)),
   room: (room) => {
-    if (!camera.distance) lookFrom(room.view);
-    setImage("floor", room.floor);
-    setImage("wall", room.wall);
     document.body.style.setProperty("--hatching", `url(${room.hatching})`);
-    setHatching(room.hatching);
+    if (!camera.distance) Object.assign(camera, room.view);
+    for (const name of ["floor", "wall"]) setSurface(name, room[name], { colour: name, darkest: 1 });
   },
   photograph: (image) => setImage("photograph", image),
   hidden: (images) => images.forEach((image, i) => setImage(`hidden ${i}`, image)),
-  occluders: setMeshes,
+  occluders: (occluders) => {
+    const look = { colour: "occluder", darkest: 0.45 };
+    occluders.forEach(({ vertices, faces }, i) => setMesh(`occluder ${i}`, vertices, faces, look));
+  },
 };
 
 // -- vectors --------------------------------------------------------------------------------------
@@ -142,91 +141,82 @@ const shows = {
 const plus = (a, b, t = 1) => a.map((x, i) => x + t * b[i]);
 const minus = (a, b) => plus(a, b, -1);
 const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
-const cross = (a, b) => [0, 1, 2].map((i) => a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]);
 const unit = (a) => a.map((x) => x / Math.hypot(...a));
+
+/** Transform a point by a matrix; with w = 0 a direction. */
+function apply(matrix, vector, w = 1) {
+  const point = matrix.transformPoint(new DOMPoint(...vector, w));
+  return [point.x, point.y, point.z].map((x) => (w ? x / point.w : x));
+}
 
 // -- camera ---------------------------------------------------------------------------------------
 
-const camera = { target: [0, 0, 0], azimuth: 0, elevation: 0, distance: 0 };
+const camera = { target: [0, 0, 0], azimuth: 0, elevation: 0, distance: 0 }; // metres, degrees
 const TANGENT = Math.tan((37.5 * Math.PI) / 180); // of half the field of view, along the shorter side
 
-function lookFrom(view) {
-  const [x, y, z] = minus(view.eye, view.target);
-  camera.target = view.target;
-  camera.distance = Math.hypot(x, y, z);
-  camera.azimuth = Math.atan2(y, x);
-  camera.elevation = Math.asin(z / camera.distance);
-}
-
-/** The camera's place and its axes: right, up and backwards, orthonormal. */
-function pose() {
-  const { azimuth, elevation } = camera;
-  const flat = Math.cos(elevation);
-  const back = [flat * Math.cos(azimuth), flat * Math.sin(azimuth), Math.sin(elevation)];
-  const right = [-Math.sin(azimuth), Math.cos(azimuth), 0];
-  return { eye: plus(camera.target, back, camera.distance), right, up: cross(back, right), back };
-}
+/** The matrix from the camera's axes, right, up and backwards, to the scene. */
+const pose = () =>
+  new DOMMatrix()
+    .translate(...camera.target)
+    .rotate(90 - camera.elevation, 0, 90 + camera.azimuth)
+    .translate(0, 0, camera.distance);
 
 /** The focal length in pixels of the canvas. */
 const focalLength = () => Math.min(marks.clientWidth, marks.clientHeight) / 2 / TANGENT;
 
-/** The matrix from the scene to the screen, column after column. */
+/** The matrix from the scene to WebGL's clip space. */
 function projection() {
-  const { eye, right, up, back } = pose();
   const [wide, high] = [marks.clientWidth, marks.clientHeight].map((side) => (2 * focalLength()) / side);
   const [near, far] = [camera.distance / 100, camera.distance * 20];
-  const scales = [wide, high, (far + near) / (near - far)];
-  const rows = [right, up, back].map((axis, i) => [...axis, -dot(axis, eye)].map((x) => scales[i] * x));
-  rows[2][3] += (2 * far * near) / (near - far);
-  rows.push([...back.map((x) => -x), dot(back, eye)]);
-  return [0, 1, 2, 3].flatMap((column) => rows.map((row) => row[column]));
+  const [a, b] = [(far + near) / (near - far), (2 * far * near) / (near - far)];
+  return new DOMMatrix([wide, 0, 0, 0, 0, high, 0, 0, 0, 0, a, -1, 0, 0, b, 0]).multiply(pose().inverse());
+}
+
+/** The matrix from the scene to pixels of the canvas, and a depth from -1 to 1. */
+function toPixels() {
+  const [x, y] = [marks.clientWidth / 2, marks.clientHeight / 2];
+  return new DOMMatrix().translate(x, y).scale(x, -y).multiply(projection());
 }
 
 /** Where a point of the scene is on the screen, in pixels of the canvas. */
 function onScreen(point) {
-  const { eye, right, up, back } = pose();
-  const [x, y, z] = [right, up, back].map((axis) => dot(axis, minus(point, eye)));
-  if (z >= 0) return [NaN, NaN]; // behind the eye: neither drawn nor gripped
-  const focal = focalLength();
-  return [marks.clientWidth / 2 - (focal * x) / z, marks.clientHeight / 2 + (focal * y) / z];
+  const [x, y, depth] = apply(toPixels(), point);
+  return depth > 1 ? [NaN, NaN] : [x, y]; // behind the eye: neither drawn nor gripped
 }
 
 /** The ray through a pixel of the canvas: its origin and its direction, of length 1. */
-function rayThrough([x, y]) {
-  const { eye, right, up, back } = pose();
-  const focal = focalLength();
-  const sideways = plus(right.map((r) => (r * (x - marks.clientWidth / 2)) / focal), back, -1);
-  return [eye, unit(plus(sideways, up, (marks.clientHeight / 2 - y) / focal))];
+function rayThrough(pixel) {
+  const eye = apply(pose(), [0, 0, 0]);
+  return [eye, unit(minus(apply(toPixels().inverse(), [...pixel, 1]), eye))];
 }
 
 // -- the scene ------------------------------------------------------------------------------------
 
 const marks = element("marks");
 const gl = element("scene").getContext("webgl2", { antialias: true });
-const NO_WEBGL = "This browser draws no scene: it lacks WebGL 2. The sliders work.";
-const things = {}; // by name: vertices, faces and their count, and a texture for an image
+const NO_WEBGL = "This browser lacks WebGL 2, so the page cannot draw the scene. The sliders work.";
+const meshes = {}; // by name: buffers, the count of indices, and a texture or a colour
 const latest = {}; // image by name, which may not be decoded yet
 let program;
 
 const VERTEX = `#version 300 es
-uniform mat4 view; in vec3 point; in vec2 place; out vec3 world; out vec2 uv;
-void main() { world = point; uv = place; gl_Position = view * vec4(point, 1.0); }`;
+uniform mat4 view; uniform ivec2 lines; in vec3 point; out vec3 world; out vec2 uv;
+void main() {
+  world = point;
+  uv = vec2(gl_VertexID % lines.x, gl_VertexID / lines.x) / vec2(lines - 1);
+  gl_Position = view * vec4(point, 1.0);
+}`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform sampler2D image, hatching; uniform bool textured; uniform vec3 eye;
-in vec3 world; in vec2 uv; out vec4 colour;
+uniform sampler2D image; uniform bool textured; uniform vec3 colour, eye; uniform float darkest;
+in vec3 world; in vec2 uv; out vec4 pixel;
 void main() {
-  if (textured) {
-    colour = texture(image, uv);
-    if (colour.a < 0.5) { // the tile's first row is above, as on the page
-      colour = texture(hatching, vec2(gl_FragCoord.x, -gl_FragCoord.y) / vec2(textureSize(hatching, 0)));
-    }
-    return;
-  }
   // A face is as bright as it turns towards the eye, flat and alike from both sides.
   vec3 normal = normalize(cross(dFdx(world), dFdy(world)));
   float facing = abs(dot(normal, normalize(eye - world)));
-  colour = vec4(vec3(0.59, 0.44, 0.31) * (0.45 + 0.55 * facing), 1.0);
+  pixel = vec4(colour * mix(darkest, 1.0, facing), 1.0);
+  if (textured) pixel = texture(image, uv);
+  pixel = pixel.a < 0.5 ? vec4(0.0) : vec4(pixel.rgb, 1.0); // through holes, the hatching behind
 }`;
 
 function compile() {
@@ -238,92 +228,73 @@ function compile() {
     gl.attachShader(program, shader);
   }
   gl.bindAttribLocation(program, 0, "point");
-  gl.bindAttribLocation(program, 1, "place");
   gl.linkProgram(program);
   gl.useProgram(program);
   gl.enable(gl.DEPTH_TEST);
-  gl.clearColor(1, 1, 1, 1);
 }
 if (gl) compile();
+else element("scene").hidden = true;
 
-function buffer(name, target, values) {
-  const thing = (things[name] ??= {});
-  thing[target] ??= gl.createBuffer();
-  gl.bindBuffer(target, thing[target]);
-  gl.bufferData(target, values, gl.DYNAMIC_DRAW);
-  return thing;
-}
-
-function setMesh(name, vertices, faces) {
-  buffer(name, gl.ARRAY_BUFFER, new Float32Array(vertices));
-  buffer(name, gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces)).count = faces.length;
-}
-
-function fill(texture, picture, wraps) {
-  gl.bindTexture(gl.TEXTURE_2D, texture);
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
-  const settings = { MIN_FILTER: gl.LINEAR, MAG_FILTER: gl.NEAREST, ...wraps };
-  for (const key in settings) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${key}`], settings[key]);
-}
-
-/** Fill what is transparent in images with a tile. */
-function setHatching(source) {
+function setMesh(name, vertices, faces, look) {
   if (!gl) return;
-  const tile = new Image();
-  tile.onload = () => {
-    gl.activeTexture(gl.TEXTURE1);
-    fill(gl.createTexture(), tile, {});
-    gl.activeTexture(gl.TEXTURE0);
-    gl.uniform1i(gl.getUniformLocation(program, "hatching"), 1);
-    redraw();
-  };
-  tile.src = source;
+  meshes[name] ??= { array: gl.createVertexArray(), points: gl.createBuffer(), faces: gl.createBuffer() };
+  const mesh = Object.assign(meshes[name], look, { count: faces.length });
+  gl.bindVertexArray(mesh.array);
+  gl.bindBuffer(gl.ARRAY_BUFFER, mesh.points);
+  gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(vertices), gl.DYNAMIC_DRAW);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, mesh.faces);
+  gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(faces), gl.DYNAMIC_DRAW);
+  gl.enableVertexAttribArray(0);
+  gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
 }
 
-/** Show an image on a surface, whose grid of points begins at the image's upper left. */
+/** Show a surface, whose grid of points begins at its upper left. */
+function setSurface(name, grid, look) {
+  const [rows, columns] = [grid.length, grid[0].length];
+  const faces = [];
+  for (let i = 1; i < rows; i++) for (let j = 1; j < columns; j++) {
+    const [beneath, above] = [i * columns + j, (i - 1) * columns + j];
+    faces.push(above - 1, beneath - 1, above, above, beneath - 1, beneath);
+  }
+  setMesh(name, grid.flat(2), faces, { ...look, lines: [columns, rows] });
+}
+
 function setImage(name, { grid, source }) {
   if (!gl) return;
   const picture = (latest[name] = new Image());
   picture.onload = () => {
     if (latest[name] !== picture) return; // a newer one was decoded before
-    const [rows, columns] = [grid.length - 1, grid[0].length - 1];
-    const vertices = grid.flatMap((row, i) => row.flatMap((point, j) => [...point, j / columns, i / rows]));
-    const faces = [];
-    for (let i = 0; i < rows; i++) for (let j = 0; j < columns; j++) {
-      const [above, beneath] = [i, i + 1].map((row) => row * (columns + 1) + j);
-      faces.push(above, beneath, above + 1, above + 1, beneath, beneath + 1);
-    }
-    setMesh(name, vertices, faces);
-    things[name].texture ??= gl.createTexture();
-    fill(things[name].texture, picture, { WRAP_S: gl.CLAMP_TO_EDGE, WRAP_T: gl.CLAMP_TO_EDGE });
+    const texture = meshes[name]?.texture ?? gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    const [LINEAR, NEAREST, EDGE] = [gl.LINEAR, gl.NEAREST, gl.CLAMP_TO_EDGE];
+    const settings = { MIN_FILTER: LINEAR, MAG_FILTER: NEAREST, WRAP_S: EDGE, WRAP_T: EDGE };
+    for (const key in settings) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${key}`], settings[key]);
+    setSurface(name, grid, { texture });
     redraw();
   };
   picture.src = source;
 }
 
-function setMeshes(occluders) {
-  if (gl) occluders.forEach(({ vertices, faces }, i) => setMesh(`occluder ${i}`, vertices, faces));
-}
+/** A colour of the style sheet, which follows the reader's system: its text. */
+const colourOf = (name) => getComputedStyle(document.body).getPropertyValue(`--${name}`);
+const channels = (colour) => [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255);
 
 function drawScene() {
-  const size = [gl.canvas.width, gl.canvas.height];
-  gl.viewport(0, 0, ...size);
+  const uniform = (name) => gl.getUniformLocation(program, name);
+  gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
+  gl.clearColor(...channels(colourOf("page")), 1);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-  gl.uniformMatrix4fv(gl.getUniformLocation(program, "view"), false, projection());
-  gl.uniform3fv(gl.getUniformLocation(program, "eye"), pose().eye);
-  for (const thing of Object.values(things)) {
-    const floats = thing.texture ? 5 : 3; // a point, and its place in the image
-    gl.bindBuffer(gl.ARRAY_BUFFER, thing[gl.ARRAY_BUFFER]);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, thing[gl.ELEMENT_ARRAY_BUFFER]);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 4 * floats, 0);
-    if (thing.texture) {
-      gl.enableVertexAttribArray(1);
-      gl.vertexAttribPointer(1, 2, gl.FLOAT, false, 4 * floats, 12);
-      gl.bindTexture(gl.TEXTURE_2D, thing.texture);
-    } else gl.disableVertexAttribArray(1);
-    gl.uniform1i(gl.getUniformLocation(program, "textured"), thing.texture ? 1 : 0);
-    gl.drawElements(gl.TRIANGLES, thing.count, gl.UNSIGNED_INT, 0);
+  gl.uniformMatrix4fv(uniform("view"), false, projection().toFloat32Array());
+  gl.uniform3fv(uniform("eye"), apply(pose(), [0, 0, 0]));
+  for (const { array, texture, colour, darkest, lines, count } of Object.values(meshes)) {
+    gl.bindVertexArray(array);
+    gl.bindTexture(gl.TEXTURE_2D, texture ?? null);
+    gl.uniform1i(uniform("textured"), texture ? 1 : 0);
+    gl.uniform2iv(uniform("lines"), lines ?? [2, 2]);
+    gl.uniform3fv(uniform("colour"), channels(colourOf(colour ?? "page")));
+    gl.uniform1f(uniform("darkest"), darkest ?? 1);
+    gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
   }
 }
 
@@ -333,13 +304,40 @@ const COLOURS = ["#d62728", "#2ca02c", "#1f77b4"]; // of arrows along x, y and z
 const REACH = 9; // pixels within which the pointer grips an arrow or a centre
 let grip; // what is dragged: a handle's name, its position, and where a ray takes it
 
-/** The arrows of a handle: axis, its number, and both ends on the screen. */
+/** The arrows of a handle: the number of their axis, and both ends on the screen. */
 function arrows(handle) {
   const from = handle.name === grip?.name ? grip.position : handle.position;
-  return [0, 1, 2].filter((i) => handle.axes[i]).map((i) => {
-    const axis = [0, 0, 0].with(i, 1);
-    return { i, axis, start: onScreen(from), end: onScreen(plus(from, axis, state.room.arrow)) };
+  return [0, 1, 2].filter((axis) => handle.axes[axis]).map((axis) => {
+    const to = from.with(axis, from[axis] + state.room.arrow);
+    return { axis, start: onScreen(from), end: onScreen(to) };
   });
+}
+
+/** Draw a handle; with an edge, in pixels, the outline that keeps it legible before everything. */
+function drawHandle(pen, handle, edge) {
+  const ink = (colour, width) => {
+    pen.strokeStyle = pen.fillStyle = edge ? colourOf("page") : colour;
+    pen.lineWidth = width + edge;
+  };
+  const drawn = arrows(handle);
+  for (const { axis, start, end } of drawn) {
+    const along = unit(minus(end, start));
+    const tip = (t, s) => plus(plus(end, along, t), [-along[1], along[0]], s);
+    const arrow = new Path2D();
+    for (const point of [start, end, tip(0, 4), tip(8, 0), tip(0, -4), end]) arrow.lineTo(...point);
+    ink(COLOURS[axis], 2);
+    pen.stroke(arrow);
+    pen.fill(arrow);
+  }
+  const [x, y] = drawn[0].start;
+  ink(colourOf("text"), 1);
+  pen.beginPath();
+  pen.arc(x, y, 4, 0, 2 * Math.PI);
+  pen.stroke();
+  pen.fill();
+  const label = [handle.name, x, Math.min(...drawn.map(({ end }) => end[1])) - 18];
+  if (edge) pen.strokeText(...label);
+  pen.fillText(...label);
 }
 
 function drawHandles() {
@@ -347,75 +345,48 @@ function drawHandles() {
   const scale = marks.width / marks.clientWidth;
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, marks.clientWidth, marks.clientHeight);
-  pen.font = "13px sans-serif";
-  pen.textAlign = "center";
-  for (const handle of state.handles ?? []) {
-    const drawn = arrows(handle);
-    for (const { i, start, end } of drawn) {
-      const along = unit(minus(end, start));
-      const tip = (t, s) => plus(plus(end, along, t), [-along[1], along[0]], s);
-      pen.strokeStyle = pen.fillStyle = COLOURS[i];
-      pen.lineWidth = 3;
-      pen.beginPath();
-      pen.moveTo(...start);
-      pen.lineTo(...end);
-      pen.stroke();
-      pen.beginPath();
-      [tip(10, 0), tip(0, 5), tip(0, -5)].forEach((corner) => pen.lineTo(...corner));
-      pen.fill();
-    }
-    const [x, y] = drawn[0].start;
-    pen.fillStyle = "#222";
-    pen.beginPath();
-    pen.arc(x, y, 5, 0, 2 * Math.PI);
-    pen.fill();
-    pen.fillText(handle.name, x, Math.min(...drawn.map(({ end }) => end[1])) - 18);
-  }
+  Object.assign(pen, { font: "13px sans-serif", textAlign: "center", lineJoin: "round" });
+  for (const edge of [3, 0]) state.handles?.forEach((handle) => drawHandle(pen, handle, edge));
 }
 
-/** The way from the grip's start that a ray asks for: along one axis, or in the screen's plane. */
-function along(axis, center) {
-  return ([eye, direction]) => {
-    const [w, b] = [minus(center, eye), dot(axis, direction)];
-    return plus([0, 0, 0], axis, (b * dot(direction, w) - dot(axis, w)) / (1 - b * b));
-  };
-}
-
-function acrossScreen(axes, center) {
-  const { back } = pose();
-  return ([eye, direction]) => {
-    const hit = plus(eye, direction, dot(minus(center, eye), back) / dot(direction, back));
-    return minus(hit, center).map((x, i) => (axes[i] ? x : 0));
-  };
-}
-
-/** The grip on the handle under a pixel; none where there is no handle. */
+/** The grip on the handle under a pixel: on an arrow or on the centre; none where there is no handle. */
 function gripAt(pixel) {
-  for (const handle of state.handles ?? []) {
-    const drawn = arrows(handle);
-    let way;
-    if (drawn.length > 1 && Math.hypot(...minus(pixel, drawn[0].start)) < REACH) {
-      way = acrossScreen(handle.axes, handle.position);
-    }
-    for (const { axis, start, end } of way ? [] : drawn) {
+  const isNear = (point) => Math.hypot(...minus(pixel, point)) < REACH;
+  for (const { name, axes, position } of state.handles ?? []) {
+    const drawn = arrows({ name, axes, position });
+    const onCenter = drawn.length > 1 && isNear(drawn[0].start);
+    const arrow = drawn.findLast(({ start, end }) => {
       const line = minus(end, start);
       const t = Math.min(Math.max(dot(minus(pixel, start), line) / dot(line, line), 0), 1.1);
-      if (Math.hypot(...minus(pixel, plus(start, line, t))) < REACH) way = along(axis, handle.position);
-    }
-    if (way) {
-      const start = way(rayThrough(pixel));
-      const from = handle.position;
-      return { name: handle.name, position: from, follow: (ray) => plus(from, minus(way(ray), start)) };
-    }
+      return isNear(plus(start, line, t));
+    });
+    if (!onCenter && !arrow) continue;
+    // It follows the ray in a plane: that of the screen, or the one along the arrow that faces it most.
+    const free = onCenter ? axes : axes.map((_, i) => i === arrow.axis);
+    const normal = apply(pose(), [0, 0, 1], 0).map((x, i) => (onCenter || !free[i] ? x : 0));
+    const way = ([eye, direction]) => {
+      const hit = plus(eye, direction, dot(minus(position, eye), normal) / dot(direction, normal));
+      return minus(hit, position).map((x, i) => (free[i] ? x : 0));
+    };
+    const start = way(rayThrough(pixel));
+    return { name, position, follow: (ray) => plus(position, minus(way(ray), start)) };
   }
 }
 
 const drag = (ends) => send({ handle: grip.name, position: grip.position, ends });
 
-// -- pointer --------------------------------------------------------------------------------------
+// -- pointer and keys -----------------------------------------------------------------------------
 
 let pressed; // the last place of a pointer that turns or shifts the view
 const placeOf = (event) => [event.offsetX, event.offsetY];
+
+/** Turn the view, as a pointer does that moves by some pixels, and zoom by some steps. */
+function look(x, y, steps) {
+  camera.azimuth -= 0.3 * x;
+  camera.elevation = Math.min(Math.max(camera.elevation + 0.3 * y, -86), 86);
+  camera.distance *= Math.exp(0.1 * steps);
+  redraw();
+}
 
 marks.onpointerdown = (event) => {
   if (grip) return; // of a second finger: the server waits until the handle is let go
@@ -427,19 +398,15 @@ marks.onpointermove = (event) => {
   if (grip) {
     grip.position = grip.follow(rayThrough(placeOf(event)));
     drag(false);
+    redraw();
   } else if (pressed) {
     const [x, y] = minus(placeOf(event), pressed);
     pressed = placeOf(event);
-    if (event.buttons & 1 && !event.shiftKey) {
-      camera.azimuth -= x / 200;
-      camera.elevation = Math.min(Math.max(camera.elevation + y / 200, -1.5), 1.5);
-    } else {
-      const { right, up } = pose();
-      const metres = camera.distance / focalLength();
-      camera.target = plus(plus(camera.target, right, -x * metres), up, y * metres);
-    }
+    if (event.buttons & 1 && !event.shiftKey) return look(x, y, 0);
+    const metres = camera.distance / focalLength();
+    camera.target = minus(camera.target, apply(pose(), [x * metres, -y * metres, 0], 0));
+    redraw();
   }
-  if (grip || pressed) redraw();
 };
 marks.onpointerup = marks.onpointercancel = () => {
   if (grip) drag(true);
@@ -447,18 +414,21 @@ marks.onpointerup = marks.onpointercancel = () => {
 };
 marks.onwheel = (event) => {
   event.preventDefault();
-  camera.distance *= Math.exp(Math.sign(event.deltaY) * 0.1);
-  redraw();
+  look(0, 0, Math.sign(event.deltaY));
 };
 marks.oncontextmenu = (event) => event.preventDefault();
 
-// Undo a move, but not what is being typed.
+const KEYS = {
+  ArrowLeft: [20, 0, 0], ArrowRight: [-20, 0, 0], ArrowUp: [0, 20, 0], ArrowDown: [0, -20, 0],
+  "+": [0, 0, -1], "-": [0, 0, 1],
+};
 document.onkeydown = (event) => {
-  const typing = event.target.type === "number";
-  if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing) {
-    event.preventDefault();
-    send({ control: "undo", value: true });
-  }
+  const isCommand = event.ctrlKey || event.metaKey;
+  const undoes = isCommand && event.key === "z" && event.target.type !== "number"; // not what is typed
+  const views = !isCommand && event.target === marks && event.key in KEYS;
+  if (undoes || views) event.preventDefault();
+  if (undoes) send({ control: "undo", value: true });
+  if (views) look(...KEYS[event.key]);
 };
 
 // -- frames ---------------------------------------------------------------------------------------
@@ -479,5 +449,5 @@ function redraw() {
     if (camera.distance) drawHandles();
   });
 }
-window.onresize = redraw;
+window.onresize = matchMedia("(prefers-color-scheme: dark)").onchange = redraw;
 connect();

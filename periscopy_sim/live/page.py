@@ -139,13 +139,13 @@ class Page:
         """Return the page's controls, by the names in its messages, from top to bottom."""
         first = self.choice
 
-        def chosen(label: str, field: str, options: Mapping[str, Any]) -> Control:
-            names = {each: name for name, each in options.items()}
+        def chosen(label: str, field: str, *offered: str | float) -> Control:
+            options = {str(each) or "none": each for each in offered}
             return Control(
                 {"kind": "choice", "label": label, "options": list(options)},
                 lambda value: isinstance(value, str) and value in options,
                 lambda value: self._change(0.0, **{field: options[value]}),
-                lambda: names[getattr(self.choice, field)],
+                lambda: str(getattr(self.choice, field)) or "none",
             )
 
         def placed(number: Movable, group: str) -> Control:
@@ -153,31 +153,26 @@ class Page:
             set_value = lambda value: self._set({name: value}, REST["slider"])  # noqa: E731
             return slider(number, group, set_value, lambda: self.choice.values[name])
 
-        def itself(*names: str) -> dict[str, str]:
-            return {name: name for name in names}
-
-        controls = {"method": chosen("Method", "method", itself(*methods, first.method))}
+        controls = {"method": chosen("Method", "method", *methods, first.method)}
         if images:
-            offered = itself(*images, first.image)
-            controls["image"] = chosen("Hidden image", "image", offered)
+            controls["image"] = chosen("Hidden image", "image", *images, first.image)
             controls["snr"] = slider(
                 Movable("SNR", first.snr, 20.0, 80.0, 1.0, "dB"), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
             )  # fmt: skip
         if first.place:
-            offered = itself(first.place) | {"none": ""}
-            controls["place"] = chosen("Ambient light", "place", offered)
-            controls["sbr"] = chosen("SBR", "sbr", {str(sbr): sbr for sbr in SBRS})
+            controls["place"] = chosen("Ambient light", "place", first.place, "")
+            controls["sbr"] = chosen("SBR", "sbr", *SBRS)
         placing = {name for handle in self.handles.values() for name in handle.names}
         others = self._movables.keys() - placing
-        for group, names in ("places", placing), ("other parameters", others):
+        for group, names in ("Positions", placing), ("Other parameters", others):
             for name in filter(names.__contains__, self._movables):
                 controls[f"value {name}"] = placed(self._movables[name], group)
         return {
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
             "reset": button(
-                lambda: "Back to the file's values", lambda: self._set(first.values, 0.0)
+                lambda: "Reset to the file's values", lambda: self._set(first.values, 0.0)
             ),
             **more,
             "save": button(lambda: "Set: write scene and pictures", lambda: self.save()),

@@ -1,7 +1,7 @@
 """The panels of a laboratory: pictures with their captions and the scales of false colours."""
 
 from base64 import b64encode
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any
@@ -21,24 +21,24 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture, or None, and the text beneath it.
+    """Pictures side by side, on one scale, and the text beneath them.
 
     `scale` is that of false colours: the name of matplotlib's colormap, and its ends as text.
     """
 
     caption: str
-    pixels: Pixels | None
+    pictures: Sequence[Pixels] = ()
     scale: tuple[str, str, str] | None = None
 
     def look(self) -> dict[str, Any]:
         """Return what `page.js` draws."""
-        source = None if self.pixels is None else as_source(self.pixels)
+        pictures = [{"source": as_source(p), "columns": p.shape[1]} for p in self.pictures]
         scale = None
         if self.scale is not None:
             name, low, high = self.scale
             stops = [mpl.colors.to_hex(each) for each in mpl.colormaps[name](np.linspace(0, 1, 9))]
             scale = {"colours": stops, "low": low, "high": high}
-        return {"caption": self.caption, "source": source, "scale": scale}
+        return {"caption": self.caption, "pictures": pictures, "scale": scale}
 
 
 def as_source(pixels: Pixels) -> str:
@@ -68,18 +68,6 @@ def _bytes(picture: Array) -> Pixels:
     return np.rint(255 * picture).astype(np.uint8)
 
 
-def _side_by_side(images: Iterable[Pixels]) -> Pixels:
-    """Return images of several surfaces as one, on white, a column apart."""
-    shown = list(images)
-    rows = max(each.shape[0] for each in shown)
-    columns = []
-    for each in shown:
-        above, right = rows - each.shape[0], int(each is not shown[-1])
-        padding = (above, 0), (0, right), (0, 0)
-        columns.append(np.pad(each, padding, constant_values=255))
-    return np.concatenate(columns, axis=1)
-
-
 def panels_of(pictures: LivePictures) -> list[Panel]:
     """Return the panels: photograph, reconstruction, and what is known of their errors.
 
@@ -93,46 +81,43 @@ def _photograph(pictures: LivePictures) -> Panel:
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape
     lit = f", SBR {choice.sbr:g}" if choice.place else ""
     made = f"{lit}, {choice.snr:g} dB" if pictures.report.residual is None else ""
-    return Panel(f"Photograph: {rows} x {columns}{made}", photograph_pixels(pictures))
+    return Panel(f"Photograph: {rows} x {columns} pixels{made}", [photograph_pixels(pictures)])
 
 
 def _reconstruction(pictures: LivePictures) -> Panel:
-    hidden = pictures.scenario.hidden
-    sizes = {name: "{} x {}".format(*size) for name, size in hidden.shapes.items()}
-    each = [f"{name} {size}" for name, size in sizes.items()]
-    caption = f"Reconstruction: {', '.join(each if len(each) > 1 else sizes.values())}"
+    sizes = {n: "{} x {}".format(*shape) for n, shape in pictures.scenario.hidden.shapes.items()}
+    each = sizes.values() if len(sizes) == 1 else map(" ".join, sizes.items())
+    caption = f"Reconstruction: {', '.join(each)} patches"
     if pictures.psnr is not None:
         caption += f", PSNR {pictures.psnr:.1f} dB"
-    shown = hidden_pixels(replace(pictures, truth=None))
-    return Panel(caption, _side_by_side(shown.values()))
+    return Panel(caption, [*hidden_pixels(replace(pictures, truth=None)).values()])
 
 
 def _third(pictures: LivePictures) -> Panel:
     """Return the residual of a given photograph, or else the hidden image."""
     residual = pictures.report.residual
     if residual is None:
-        known = pictures.truth is not None
-        shown = _side_by_side(hidden_pixels(pictures).values()) if known else None
-        return Panel("Hidden image", shown)
+        shown = [] if pictures.truth is None else hidden_pixels(pictures).values()
+        return Panel("Hidden image", [*shown])
     caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
         caption += f", noise alone {100 * residual.noise_alone:.2f} %"
     light, bound, unit = residual_map(residual)
     unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
     scale = "RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}"
-    return Panel(caption, _colours("RdBu_r", light / bound / 2 + 0.5), scale)
+    return Panel(caption, [_colours("RdBu_r", light / bound / 2 + 0.5)], scale)
 
 
 def _errors(pictures: LivePictures) -> Panel:
     errors, hidden = pictures.report.standard_errors, pictures.scenario.hidden
     if errors is None:
-        return Panel(f"Standard error: {pictures.choice.method} reports none", None)
+        return Panel(f"Standard error: {pictures.choice.method} reports none")
     white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
     percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
     caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
-    shown = hidden.split(percent / (percent.max() or 1.0))
-    pixels = _side_by_side(_colours("magma", each) for each in shown.values())
-    return Panel(caption, pixels, ("magma", "0 %", f"{percent.max():.2g} % of white"))
+    maps = hidden.split(percent / (percent.max() or 1.0)).values()
+    scale = "magma", "0 %", f"{percent.max():.2g} % of white"
+    return Panel(caption, [_colours("magma", each) for each in maps], scale)
 
 
 def _colours(name: str, values: Array) -> Pixels:

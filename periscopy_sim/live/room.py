@@ -13,8 +13,6 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder
 from periscopy_sim.view import View
 
-COLOURS = {"wall": (236, 236, 232), "floor": (222, 222, 222)}
-
 LINES = 17
 """Rows and columns of points, at most, by which a surface is drawn."""
 
@@ -31,20 +29,24 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     width, depth, _ = high - low + MARGIN * size
-    # The wall is an image, which no lamp shades, just behind everything.
+    # The wall is just behind everything.
     axes = np.stack([frame.across, frame.up])
     local = (points - frame.center) @ axes.T
     left, right = local.min(axis=0) - [MARGIN * size, 0], local.max(axis=0) + MARGIN * size
     center = frame.center + (left + right) / 2 @ axes - AHEAD * frame.normal
     # The first view: from beside the viewer of the wall, and from above.
-    back = 0.7 * frame.normal + 0.6 * frame.across + np.array([0, 0, 0.35])
+    x, y, z = back = 0.7 * frame.normal + 0.6 * frame.across + np.array([0, 0, 0.35])
+    length = float(np.linalg.norm(back))
     return {
-        "wall": _plain("wall", center, *((right - left)[:, np.newaxis] * axes)),
-        "floor": _plain("floor", np.array([*middle[:2], low[2]]), *np.diag([width, depth, 0])[:2]),
+        "wall": _rectangle(center, *((right - left)[:, np.newaxis] * axes)),
+        "floor": _rectangle(np.array([*middle[:2], low[2]]), *np.diag([width, depth, 0])[:2]),
         "hatching": as_source(hatching()),
         "arrow": MARGIN * size,
-        "view": {"target": middle.tolist(), "eye": (middle + 0.8 * size * back).tolist()},
-    }
+        "view": {
+            "target": middle.tolist(), "distance": 0.85 * size * length,
+            "azimuth": np.degrees(np.arctan2(y, x)), "elevation": np.degrees(np.arcsin(z / length)),
+        },
+    }  # fmt: skip
 
 
 def occluders_in(pictures: LivePictures) -> dict[str, Any]:
@@ -76,10 +78,9 @@ def _on_grid(pixels: Pixels, corners: Array) -> dict[str, Any]:
     return {"source": as_source(pixels), "grid": corners[np.ix_(*lines)].tolist()}
 
 
-def _plain(colour: str, center: Array, across: Array, up: Array) -> dict[str, Any]:
-    """Return a rectangle of one colour."""
-    corners = [[center + x * across + y * up for x in (-0.5, 0.5)] for y in (0.5, -0.5)]
-    return _on_grid(np.full((1, 1, 3), COLOURS[colour], np.uint8), np.array(corners))
+def _rectangle(center: Array, across: Array, up: Array) -> Any:
+    """Return the corners of a rectangle, from the upper left."""
+    return [[(center + x * across + y * up).tolist() for x in (-0.5, 0.5)] for y in (0.5, -0.5)]
 
 
 def _mesh(occluder: Occluder) -> dict[str, Any]:

@@ -1,8 +1,10 @@
 import shutil
 import time
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
@@ -93,6 +95,54 @@ def test_a_phone_shows_the_scene_and_every_control_whole(page):
     left, right = np.transpose(page.evaluate(edges))
     page.set_viewport_size(before)
     assert (left >= 0).all() and (right <= 390).all() and (right - left > 40).all()
+
+
+def test_undo_takes_back_what_a_key_did_to_a_slider(session, page):
+    slider, field = (page.get_by_label("occluder_dy").nth(k) for k in (0, 1))
+    before = slider.input_value(), field.input_value()
+    slider.press("ArrowRight")
+    assert slider.input_value() != before[0] and field.input_value() != before[1]
+    slider.press("Control+z")
+    page.wait_for_timeout(1000)
+    assert session.page.choice.values["occluder_dy"] == 0
+    assert (slider.input_value(), field.input_value()) == before
+
+
+def test_keys_turn_the_view(page):
+    before = page.evaluate("camera.azimuth")
+    page.locator("#marks").press("ArrowLeft")
+    assert page.evaluate("camera.azimuth") != before
+
+
+CONTRAST = """() => {
+    const luminance = (colour) => colour.match(/[\\d.]+/g).slice(0, 3)
+        .map((x) => x / 255).map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, x, i) => sum + x * [0.2126, 0.7152, 0.0722][i], 0);
+    const ground = (each) => {
+        const colour = getComputedStyle(each).backgroundColor;
+        return colour === "rgba(0, 0, 0, 0)" ? ground(each.parentElement) : colour;
+    };
+    return [...document.querySelectorAll("span, div, summary, select, input[type=number], button")]
+        .filter((each) => each.checkVisibility())
+        .map((each) => [getComputedStyle(each).color, ground(each)].map(luminance))
+        .map(([a, b]) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05));
+}"""
+"""Contrast of each text of the page, by WCAG 2."""
+
+
+def test_both_themes_are_legible_and_keep_the_photographs_values(session, page):
+    wait_for_full(session, lambda each: each.choice == session.page.choice)
+    looks = {}
+    for scheme in "light", "dark":
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_timeout(1000)
+        assert min(page.evaluate(CONTRAST)) >= 4.5
+        corners = page.evaluate("[[0, 0], [2, 2]].map(([i, j]) => state.photograph.grid[i][j])")
+        x, y = page.evaluate("onScreen", np.mean(corners, axis=0).tolist())
+        view = np.asarray(Image.open(BytesIO(page.locator("#scene").screenshot())).convert("RGB"))
+        looks[scheme] = view[5, 5], view[round(y), round(x)]
+    assert looks["light"][0].min() == 255 and looks["dark"][0].max() < 64
+    np.testing.assert_array_equal(looks["light"][1], looks["dark"][1])
 
 
 def test_no_text_of_the_page_is_markup(page):

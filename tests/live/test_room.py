@@ -54,14 +54,18 @@ def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     for (name, surface), shown in zip(scene.hidden.items(), things, strict=True):
         np.testing.assert_allclose(shown["grid"], surface.vertices)
         assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
-    panel = panels_of(pictures)[1]
-    assert panel.pixels.ndim == 3 and "monitor 3 x 4, hidden_card 3 x 2" in panel.caption
+    for panel in panels_of(pictures)[1:]:
+        assert [each.shape[:2] for each in panel.pictures] == [*SIZES.values()]
+    assert "monitor 3 x 4, hidden_card 3 x 2 patches" in panels_of(pictures)[1].caption
 
 
 def test_the_first_view_sees_the_wall_from_its_front():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
     view = room_of(scene)["view"]
-    assert (np.subtract(view["eye"], scene.view.centers) @ scene.view.frame.normal > 0).all()
+    azimuth, elevation = np.radians([view["azimuth"], view["elevation"]])
+    x, y = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    eye = np.array(view["target"]) + view["distance"] * np.array([x, y, np.sin(elevation)])
+    assert ((eye - scene.view.centers) @ scene.view.frame.normal > 0).all()
 
 
 def test_a_source_holds_the_image():
