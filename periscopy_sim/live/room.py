@@ -34,16 +34,17 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
     local = (points - frame.center) @ axes.T
     left, right = local.min(axis=0) - [MARGIN * size, 0], local.max(axis=0) + MARGIN * size
     center = frame.center + (left + right) / 2 @ axes - AHEAD * frame.normal
-    # The first view: from beside the viewer of the wall, and from above.
+    # The first view, of the floor's middle: from beside the viewer of the wall, and from above.
     x, y, z = back = 0.7 * frame.normal + 0.6 * frame.across + np.array([0, 0, 0.35])
     length = float(np.linalg.norm(back))
+    floor = np.array([*middle[:2], low[2]])
     return {
         "wall": _rectangle(center, *((right - left)[:, np.newaxis] * axes)),
-        "floor": _rectangle(np.array([*middle[:2], low[2]]), *np.diag([width, depth, 0])[:2]),
+        "floor": _rectangle(floor, *np.diag([width, depth, 0])[:2]),
         "hatching": as_source(hatching()),
         "arrow": MARGIN * size,
         "view": {
-            "target": middle.tolist(), "distance": 0.85 * size * length,
+            "target": floor.tolist(), "distance": 0.95 * size * length,
             "azimuth": np.degrees(np.arctan2(y, x)), "elevation": np.degrees(np.arcsin(z / length)),
         },
     }  # fmt: skip
