@@ -1,6 +1,5 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -158,48 +157,6 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
     for place, (name, text) in enumerate(notes.items(), table.columns.get_loc("mean")):
         table.insert(place, name, text)
     return table
-
-
-def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
-    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
-
-    The table has a label, and needs the package booktabs.
-    """
-    from periscopy_sim.evaluation.statistics import LEVEL, interval
-
-    surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
-    table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
-    middle = table[half].median()
-    digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
-
-    def text(row: Any) -> str:
-        within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
-        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
-
-    axes = [*table.columns[: table.columns.get_loc("metric")]]
-    cells = table.assign(text=[text(row) for _, row in table.iterrows()])
-    cells[axes] = cells[axes].map(_escaped)
-    cells = cells.set_index(axes)["text"]
-    cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
-    cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
-    words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
-    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
-    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
-    sides = ("rl"[name in axes and cells[name].dtype.kind not in "if"] for name in cells)
-    latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
-        index=False, na_rep="", float_format="%g", escape=False, position="tb",
-        column_format="".join(sides),
-        caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
-    )  # fmt: skip
-    return f"% needs \\usepackage{{booktabs}}\n{latex}"
-
-
-def _escaped(text: Any) -> Any:
-    """Return text whose characters mean themselves to LaTeX; other things as they are."""
-    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    if not isinstance(text, str):
-        return text
-    return re.sub(r"[\\~^%_&#${}]", lambda each: signs.get(each[0], rf"\{each[0]}"), text)
 
 
 def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
