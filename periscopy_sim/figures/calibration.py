@@ -39,7 +39,7 @@ def draw_calibration(
 
     `units` are those of the parameters that have one.
     """
-    doubts = wrapped("\n".join(["NOT TO BE TRUSTED", *calibration.doubts]), COLUMN)
+    doubts = wrapped("\n".join(["DO NOT TRUST THIS CALIBRATION", *calibration.doubts]), COLUMN)
     doubts = doubts if calibration.doubts else ""
     images = _images(calibration)
     heights = [1.3 + LINE * len(doubts.split("\n"))]
